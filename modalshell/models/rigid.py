@@ -110,7 +110,7 @@ class RigidShell(FrameModel):
         faster = np.linalg.solve(self._inertias(turn), first)
         change = dt * (rates + 0.5 * dt * faster)
         ahead = np.concatenate([z[:3] + change[:3], (Rotation.from_rotvec(change[3:]) * turn).as_rotvec()])
-        expected = MotionState(ahead, rates + dt * faster)
+        expected = MotionState(ahead, np.asarray(rates + dt * faster))
         load, drag = load_at(expected, 1.0)
         last = self._wrench(expected, load)
         momenta = self._inertias(turn) @ rates
@@ -124,14 +124,15 @@ class RigidShell(FrameModel):
             end = end - c.b2 * (fall @ missed)
         moved = c.e12 * momenta + c.a1 * first + c.a2 * (last - first)
         impulse = turn.inv().apply(moved[3:])
-        guess = np.linalg.solve(self._inertia, impulse)
+        guess = np.asarray(np.linalg.solve(self._inertia, impulse), dtype=np.float64)
         step, found = turn_keeping(self._moments, impulse, guess)
         # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
         # turn then is that of the angular velocity, and the step is not converged.
         after = turn * (Rotation.from_matrix(step) if found else Rotation.from_rotvec(guess))
         coordinates = np.concatenate([z[:3] + moved[:3] / self._mass, after.as_rotvec()])
         kept = {"wrench": last, "known": np.ones(1)}
-        return MotionState(coordinates, np.linalg.solve(self._inertias(after), end), kept), found
+        rates = np.asarray(np.linalg.solve(self._inertias(after), end), dtype=np.float64)
+        return MotionState(coordinates, rates, kept), found
 
     def _inertias(self, turn: Rotation) -> Array:
         """Mass and inertia (6, 6) of the turned body, in the world's frame."""

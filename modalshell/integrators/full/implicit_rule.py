@@ -6,7 +6,7 @@ Every rule here asks for such steps alone, so that one solver serves them all, s
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol, final
 
@@ -69,12 +69,14 @@ class EulerStart:
         return MotionState(coordinates, (coordinates - self.origin) / self.dt)
 
 
-class EulerSteps(Protocol):
+class EulerSteps(ABC):
     """Steps of implicit Euler of one model within one step of a rule."""
 
+    @abstractmethod
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
 
+    @abstractmethod
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
 
@@ -170,8 +172,16 @@ class StageOf(Protocol):
         """Body, dead load (n, 3) [N], and places (h, 3) [m] of the held vertices, at the end of a step."""
 
 
+class LoadedSteps(EulerSteps):
+    """Steps of implicit Euler that know the load that they took."""
+
+    @abstractmethod
+    def load_on(self, x: Array) -> Array:
+        """Load [N] of the last step on every vertex, at its end x."""
+
+
 @final
-class ShellSteps(EulerSteps):
+class ShellSteps(LoadedSteps):
     """Steps of implicit Euler of a shell whose unknowns are its vertices."""
 
     def __init__(self, body: Body, at: StageOf, damping: Damping) -> None:
@@ -210,13 +220,6 @@ class ShellSteps(EulerSteps):
         assert self._felt is not None
         load, live = self._felt
         return load if live is None else load + live.force(x)
-
-
-class LoadedSteps(EulerSteps, Protocol):
-    """Steps of implicit Euler that know the load that they took."""
-
-    def load_on(self, x: Array) -> Array:
-        """Load [N] of the last step on every vertex, at its end x."""
 
 
 class Floating(Protocol):

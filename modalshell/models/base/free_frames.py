@@ -284,7 +284,7 @@ class FreeFrames:
         whole = Rotation.from_matrix(turn @ _turn(own)).as_rotvec()
         rows = turn @ left_jacobian(own) @ rows
         rows[:, : self._count] += left_jacobian(vector) @ self._to[6 * number + 3 : 6 * number + 6]
-        return whole, np.linalg.solve(left_jacobian(whole), rows)
+        return whole, np.asarray(np.linalg.solve(left_jacobian(whole), rows), dtype=np.float64)
 
     # ---- motion
 
@@ -292,6 +292,10 @@ class FreeFrames:
         """Angular velocities (P, 3) [rad/s] in the frames' own axes."""
         poses, speeds = self.poses(q), self.poses(rates)
         return np.array([left_jacobian(-vector) @ speed for (_, vector), (_, speed) in zip(poses, speeds, strict=True)])
+
+    def fastest_spin(self, state: MotionState) -> float:
+        """Largest angular velocity [rad/s] of a frame."""
+        return float(np.linalg.norm(self._spins(state.coordinates, state.rates), axis=1).max())
 
     def predicted(self, q: Array, before: MotionState, time: float) -> Array:
         """Expected coordinates (m,) a ``time`` [s] after a state: frames also turn back what the shape turns."""

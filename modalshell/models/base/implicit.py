@@ -12,7 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
-from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, Floating, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart, Floating, LoadedSteps, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.model import Drag, FrameModel, Stepper
 
@@ -80,7 +80,7 @@ class ImplicitModel(FrameModel):
 
 
 @final
-class ModelSteps(EulerSteps):
+class ModelSteps(LoadedSteps):
     """Steps of implicit Euler of a model."""
 
     def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:

@@ -6,24 +6,24 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import cast
+from typing import cast, final
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.constraints.constraints import Constraint
-from modalshell.constraints.manipulation import meet
+from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, ModalMotion
-from modalshell.models.base.model import Model
+from modalshell.models.base.model import LEAD, Model, Stepper
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
 from modalshell.modes import Basis
@@ -192,6 +192,10 @@ class ModalModel(ModalMotion):
             lambda q, force: self.modal_force(q, force),
         )
 
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; constraints are met by the modal forces of least work."""
+        return ModalStepper(self, setup)
+
     def rigid_load(self, load: Array) -> float:
         """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
         if self.basis.rigid_modes == 0 or not load.any():
@@ -204,6 +208,64 @@ class ModalModel(ModalMotion):
             return None
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
         return float(scipy.linalg.eigvals(tangent).real.min())
+
+
+@final
+class ModalStepper(Stepper):
+    """Steps under loads at few points where these serve, and onto constraints."""
+
+    model: ModalModel
+
+    def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
+        super().__init__(model, setup, in_frame=True)
+        # Points serve warps about supports that rest, not frames that fly.
+        still = setup.supports is None and self.model.frames is None
+        self._quadrature = self.model.load_quadrature(setup.loading) if still else None
+
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model's rule, onto the constraints."""
+        model, damping = self.model, self.setup.damping
+        last: list[tuple[Array, Array]] = []
+
+        def force(q: Array, rates: Array, share: float) -> Array:
+            pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
+            last[:] = [] if drag is None else [(rates, drag)]
+            return pushed
+
+        after, solved = model.march(state, dt, force, damping)
+        if last:
+            after = model.slowed(after, last[0][0], dt, damping, last[0][1])
+        if self.setup.constraints:
+            after = self._met(begin, dt, state, after)
+            if "force" in after.memory:
+                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
+        return after, solved
+
+    def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:
+        """Modal force (m,) of all loads on a state, and how it falls with the rates (m, m)."""
+        q, model = state.coordinates, self.model
+        if self._quadrature is None:
+            load, drag = self.felt(time, load, state)
+            pushed = model.push(q, state.rates, load, self.setup.dt)
+            return pushed, None if drag is None else model.drag_at(q, *drag)
+        own, lead = self.own_positions(state), LEAD * self.setup.dt
+        by_velocity = self.setup.loading.by_velocity
+        last = own - lead * model.velocities(state, lead) if by_velocity else own
+        push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
+        push += model.modal_force(q, self._quadrature.dead(load, time))
+        return push, slope if by_velocity else None
+
+    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
+        """``free``, the state after a step from ``state``, moved onto the constraints."""
+        setup = self.setup
+
+        def targets_at(share: float) -> PatchTargets:
+            time = begin + share * dt
+            pose = None if self._frame is None else self._frame.at(time)
+            return self.model._targets(setup.constraints, state.coordinates, time, pose)
+
+        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
+        return after
 
 
 def as_modal(model: Model) -> ModalModel | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import final
 
 import numpy as np
 import scipy.linalg.lapack
@@ -18,10 +17,10 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.model import LEAD, FrameModel, Stepper, probes
+from modalshell.models.base.model import LEAD, FrameModel, probes
 from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
@@ -30,6 +29,13 @@ from modalshell.supports import Pose
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
+
+FAST_SPIN = 0.3
+"""Spin, as a share of the lowest elastic frequency, from which what it does to stiffness counts: a tenth."""
+FAST = (
+    f"a part without supports spins faster than {FAST_SPIN:g} of its lowest elastic frequency: linear modes lack the "
+    "stiffness that spin gives; take DS"
+)
 
 
 class ModalMotion(Warp, FrameModel):
@@ -176,10 +182,6 @@ class ModalMotion(Warp, FrameModel):
 
     def _projected(self, displacement: Array) -> Array:
         return np.asarray(self.basis.modes.T @ (self._mass * displacement.ravel()))
-
-    def stepper(self, setup: MotionSetup) -> Stepper:
-        """What takes the steps of one motion; constraints are met by the modal forces of least work."""
-        return ModalStepper(self, setup)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""
@@ -330,66 +332,21 @@ class ModalMotion(Warp, FrameModel):
         """Elastic energy ``q^T Lambda q / 2`` [J]."""
         return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
 
+    def remark(self, state: MotionState) -> str:
+        """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""
+        if self.frames is None or self._slowest is None:
+            return ""
+        fast = self.frames.fastest_spin(state) > FAST_SPIN * self._slowest
+        return FAST if fast else ""
+
+    @cached_property
+    def _slowest(self) -> float | None:
+        """Lowest angular frequency [rad/s] of an elastic mode."""
+        elastic = self.basis.eigenvalues[self.basis.rigid_modes :]
+        return float(np.sqrt(max(elastic[0], 0.0))) if elastic.size else None
+
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J] of the modal rates, and of the frames of free parts."""
         if self.frames is not None:
             return self.frames.kinetic_energy(state, self.warped_positions)
         return float(0.5 * state.rates @ state.rates)
-
-
-@final
-class ModalStepper(Stepper):
-    """Steps under loads at few points where these serve, and onto constraints."""
-
-    model: ModalMotion
-
-    def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
-        super().__init__(model, setup, in_frame=True)
-        # Points serve warps about supports that rest, not frames that fly.
-        still = setup.supports is None and self.model.frames is None
-        self._quadrature = self.model.load_quadrature(setup.loading) if still else None
-
-    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """One step of the model's rule, onto the constraints."""
-        model, damping = self.model, self.setup.damping
-        last: list[tuple[Array, Array]] = []
-
-        def force(q: Array, rates: Array, share: float) -> Array:
-            pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
-            last[:] = [] if drag is None else [(rates, drag)]
-            return pushed
-
-        after, solved = model.march(state, dt, force, damping)
-        if last:
-            after = model.slowed(after, last[0][0], dt, damping, last[0][1])
-        if self.setup.constraints:
-            after = self._met(begin, dt, state, after)
-            if "force" in after.memory:
-                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-        return after, solved
-
-    def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:
-        """Modal force (m,) of all loads on a state, and how it falls with the rates (m, m)."""
-        q, model = state.coordinates, self.model
-        if self._quadrature is None:
-            load, drag = self.felt(time, load, state)
-            pushed = model.push(q, state.rates, load, self.setup.dt)
-            return pushed, None if drag is None else model.drag_at(q, *drag)
-        own, lead = self.own_positions(state), LEAD * self.setup.dt
-        by_velocity = self.setup.loading.by_velocity
-        last = own - lead * model.velocities(state, lead) if by_velocity else own
-        push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
-        push += model.modal_force(q, self._quadrature.dead(load, time))
-        return push, slope if by_velocity else None
-
-    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
-        """``free``, the state after a step from ``state``, moved onto the constraints."""
-        setup = self.setup
-
-        def targets_at(share: float) -> PatchTargets:
-            time = begin + share * dt
-            pose = None if self._frame is None else self._frame.at(time)
-            return self.model._targets(setup.constraints, state.coordinates, time, pose)
-
-        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
-        return after
