@@ -38,6 +38,32 @@ def exponential(vector, out):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def rotation_vector(turn, out):  # type: ignore[no-untyped-def]
+    """Write the rotation vector (3,) of a rotation (3, 3), of at most half a turn, into ``out``; by its quaternion."""
+    # Four times the square of each part of the quaternion: the largest is divided by.
+    trace = turn[0, 0] + turn[1, 1] + turn[2, 2]
+    largest, squared = 3, 1.0 + trace
+    for i in range(3):
+        if 1.0 + 2.0 * turn[i, i] - trace > squared:
+            largest, squared = i, 1.0 + 2.0 * turn[i, i] - trace
+    scale = 0.5 / math.sqrt(squared)
+    scalar = 0.5 * math.sqrt(squared)
+    if largest == 3:
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            out[i] = scale * (turn[k, j] - turn[j, k])
+    else:
+        j, k = (largest + 1) % 3, (largest + 2) % 3
+        out[largest] = scalar
+        out[j] = scale * (turn[j, largest] + turn[largest, j])
+        out[k] = scale * (turn[k, largest] + turn[largest, k])
+        scalar = scale * (turn[k, j] - turn[j, k])
+    length = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    factor = 2.0 * math.atan2(length, abs(scalar)) / length if length > 1e-12 else 2.0
+    out *= factor if scalar >= 0.0 else -factor
+
+
+@_kernel
 def keeping_turn(moments, impulse, guess, turn):  # type: ignore[no-untyped-def]
     """Write into ``turn`` (3, 3) the rotation F with ``sum m a x F b = impulse``; whether there is one, by Newton.
 

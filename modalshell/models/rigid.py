@@ -13,7 +13,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_keeping
-from modalshell.integrators.modal.flow import flow
+from modalshell.integrators.modal.flow import free_flow
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Drag, FrameModel, Stepper
@@ -102,7 +102,7 @@ class RigidShell(FrameModel):
         """One step under loads that are asked for where they are needed."""
         if not self._free:
             return state, True
-        z, rates, c = state.coordinates, state.rates, flow(0.0, damping.mass_factor, dt)
+        z, rates, c = state.coordinates, state.rates, free_flow(damping.mass_factor, dt)
         turn = Rotation.from_rotvec(z[3:])
         memory = state.memory
         known = "known" in memory and bool(memory["known"][0])

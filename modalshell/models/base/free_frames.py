@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts, axial, inertia_of, turn_keeping
-from modalshell.integrators.modal.flow import flow
+from modalshell.integrators.modal.flow import free_flow
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
+from modalshell.kernels.momentum import exponential, rotation_vector
 from modalshell.modes import Basis
 from modalshell.modes.modal_rotation import cross_matrices
 
@@ -182,7 +183,7 @@ class FreeFrames:
             inertia = inertia_of(part.moments(arms, arms))
             twist = _turn(pose[1]).T @ torque
             faster = np.linalg.solve(inertia, twist - np.cross(spin, inertia @ spin))
-            felt = np.cross(faster, arms) + np.cross(spin, np.cross(spin, arms) + 2.0 * v)
+            felt = _crossed(faster, arms) + _crossed(spin, _crossed(spin, arms) + 2.0 * v)
             own[part.vertices] -= part.mass[:, None] * felt
 
     def _speeds(self, q: Array, rates: Array, lead: float, shape: Shape) -> Array:
@@ -194,7 +195,7 @@ class FreeFrames:
             arms, v = x[part.vertices], speed[part.vertices]
             v = v - part.mean(v)
             own = np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(part.moments(arms, v)))
-            speed[part.vertices] = v - np.cross(own, arms)
+            speed[part.vertices] = v - _crossed(own, arms)
         return speed
 
     def _joined(self, elastic: Array, forces: Array) -> Array:
@@ -281,7 +282,7 @@ class FreeFrames:
             return own, rows
         vector = self.poses(q)[number, 1]
         turn = _turn(vector)
-        whole = Rotation.from_matrix(turn @ _turn(own)).as_rotvec()
+        whole = _vector(turn @ _turn(own))
         rows = turn @ left_jacobian(own) @ rows
         rows[:, : self._count] += left_jacobian(vector) @ self._to[6 * number + 3 : 6 * number + 6]
         return whole, np.asarray(np.linalg.solve(left_jacobian(whole), rows), dtype=np.float64)
@@ -315,7 +316,7 @@ class FreeFrames:
         ``ends`` are the modal forces (m,) at the step's beginning and end, ``drag`` [1/s] is the mass's damping. A
         frame that would turn by more than about a radian in the step has no such turn, and goes by its spin.
         """
-        c = flow(0.0, drag, dt)
+        c = free_flow(drag, dt)
         first, last = ((self._from.T @ end[: self._count]).reshape(-1, 2, 3) for end in ends)
         x0, x1 = self._shaped(before.coordinates, shape), self._shaped(after.coordinates, shape)
         poses, speeds = self.poses(before.coordinates), self.poses(before.rates)
@@ -335,11 +336,11 @@ class FreeFrames:
             if not found:
                 step, solved = _turn(guess), False
             turn = turn @ step
-            pose[1] = Rotation.from_matrix(turn).as_rotvec()
+            pose[1] = _vector(turn)
             spin = np.linalg.solve(inertia_of(part.moments(y1, y1)), turn.T @ momenta[1])
             own = left_jacobian(-pose[1])
             speed[1] = np.linalg.solve(own, spin)
-            turned = Rotation.from_matrix(step).as_rotvec() / dt - 0.5 * (spins[number] + spin)
+            turned = _vector(step) / dt - 0.5 * (spins[number] + spin)
             back[number] = np.linalg.solve(own, turned)
         memory = after.memory | {"turn_back": back}
         q, rates = self.with_poses(after.coordinates, poses), self.with_poses(after.rates, speeds)
@@ -351,7 +352,7 @@ class FreeFrames:
         own, found = self._shaped(q, shape), self._speeds(q, rates, lead, shape)
         spins, poses, speeds = self._spins(q, rates), self.poses(q), self.poses(rates)
         for part, spin, pose, speed in zip(self._parts.parts, spins, poses, speeds, strict=True):
-            turning = found[part.vertices] + np.cross(spin, own[part.vertices])
+            turning = found[part.vertices] + _crossed(spin, own[part.vertices])
             found[part.vertices] = turning @ _turn(pose[1]).T + speed[0]
         return found
 
@@ -374,4 +375,19 @@ class FreeFrames:
 
 def _turn(vector: Array) -> Array:
     """Rotation (3, 3) of a rotation vector (3,)."""
-    return np.eye(3) if not vector.any() else np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    found = np.empty((3, 3))
+    exponential(vector, found)
+    return found
+
+
+def _vector(turn: Array) -> Array:
+    """Rotation vector (3,) of a rotation (3, 3)."""
+    found = np.empty(3)
+    rotation_vector(turn, found)
+    return found
+
+
+def _crossed(vector: Array, arms: Array) -> Array:
+    """``vector x arms`` of one vector (3,) and many (k, 3)."""
+    x, y, z = vector
+    return np.asarray(arms @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]))
