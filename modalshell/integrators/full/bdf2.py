@@ -60,10 +60,15 @@ class BDF2(ImplicitRule, key="bdf2"):
             move, gain = ratio * memory["move"], ratio * memory["gain"]
             if euler.turn(x, dt * gain) <= VIOLENT:
                 ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-                start = EulerStart(x + ahead * move, v + ahead * gain, length, 1.0, v + gain, x, x + move, 1.0)
+                earlier = MotionState(x - memory["move"], v - memory["gain"])
+                lead = ahead * ratio
+                start = EulerStart(
+                    x + ahead * move, v + ahead * gain, length, 1.0, v + gain, x, x + move, 1.0,
+                    ((1.0 + lead, state), (-lead, earlier)),
+                )  # fmt: skip
                 after, solved = euler.solve(start)
                 order = 2
         if not solved:
             after, solved = euler_step(euler, state, dt, 0.0, 1.0)
             order = 1
-        return kept(state, after, dt, order), solved
+        return kept(state, euler.landed(state, after, dt), dt, order), solved

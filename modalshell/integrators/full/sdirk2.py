@@ -55,14 +55,16 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
         solved, order = False, 2
         if memory["order"][0] and euler.turn(x, dt * (gain := dt / memory["step"][0] * memory["gain"])) <= VIOLENT:
             part, middle = GAMMA * dt, x + 0.5 * dt * v
-            half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5))
+            half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5, ((1.0, state),)))
             if solved:
                 w, rest = half.rates, (1.0 - GAMMA) * dt
-                change = rest * (w - v) / part
+                lead, near = rest / part, half.coordinates
+                made_of = (1.0 - lead, state), (lead, half)
+                change, expected = rest * (w - v) / part, v + (w - v) / GAMMA
                 after, solved = euler.solve(
-                    EulerStart(x + rest * w, v + change, part, 1.0, v + (w - v) / GAMMA, half.coordinates, middle, 0.5)
+                    EulerStart(x + rest * w, v + change, part, 1.0, expected, near, middle, 0.5, made_of)
                 )
         if not solved:
             after, solved = two_euler_steps(euler, state, dt)
             order = 1
-        return kept(state, after, dt, order), solved
+        return kept(state, euler.landed(state, after, dt), dt, order), solved

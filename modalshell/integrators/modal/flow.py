@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,12 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     e11, e12 = 1.0 - x * second, step * first
     a1, a2 = step**2 * second, step**2 * third
     return Flow(e11, e12, -stiff * e12, e11 - y * first, a1, a2, e12, step * second)
+
+
+@lru_cache(maxsize=64)
+def free_flow(damp: float, h: float) -> Flow:
+    """The coefficients of a mode without stiffness, as numbers; kept, as every free part takes the same."""
+    return Flow(*(float(part) for part in flow(0.0, damp, h)))  # type: ignore[arg-type]
 
 
 def _by_series(x: Array, y: Array) -> Array:

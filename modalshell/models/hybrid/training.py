@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import BDF2
-from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -251,7 +251,7 @@ def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
 
 
 @final
-class _ReducedSteps:
+class _ReducedSteps(EulerSteps):
     """Steps of implicit Euler of the reduced shell, under a force ``push`` (m,) on its coordinates."""
 
     def __init__(self, found: Trained, reduced: ReducedStress, coarse: Shell, damping: Damping) -> None:
