@@ -11,8 +11,11 @@ from scipy.sparse.csgraph import connected_components
 
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionState
-from modalshell.kernels.momentum import keeping_turn
+from modalshell.kernels.momentum import exponential, keeping_turn
 from modalshell.shell import Shell
+
+_STRETCHED, _ANCHORED = 1.01, 1e-6
+"""A stretch, and the share of its energy that a rigid motion costs from which something holds a shell."""
 
 
 def inertia_of(moments: Array) -> Array:
@@ -66,6 +69,16 @@ class FreePart:
         return np.asarray((self.mass[:, None] * b).T @ a)
 
 
+def _anchored(shell: Shell) -> bool:
+    """Whether a rigid motion of the whole shell costs energy, as a share of that of a small stretch."""
+    rest = shell.rest_positions
+    turn = np.empty((3, 3))
+    exponential(np.array([0.4, 0.3, -0.2]), turn)
+    moved = rest @ turn.T + shell.size * np.array([0.3, -0.2, 0.1])
+    least, rigid, stretched = (shell.raw_energy(x) for x in (rest, moved, _STRETCHED * rest))
+    return abs(rigid - least) > _ANCHORED * abs(stretched - least)
+
+
 class RigidMove(NamedTuple):
     """A turn about a centre that moves, and a change of velocity and spin.
 
@@ -101,9 +114,14 @@ class FreeParts:
 
     @classmethod
     def of(cls, shell: Shell) -> FreeParts | None:
-        """The parts that no support holds, and that no element joins to one that is held; None without any."""
+        """The parts that no support holds, and that no element joins to one that is held; None without any.
+
+        Nor where an energy does not leave rigid motions free, such as that of a foundation.
+        """
         supported, labels = shell.unknowns.supported, shell.mesh.components
         if supported.any() and not np.setdiff1d(labels, labels[supported]).size:
+            return None
+        if _anchored(shell):
             return None
         pattern = shell.pattern
         blocks = pattern.matrix(np.ones(pattern.indices.size))[::3, ::3]

@@ -13,13 +13,10 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import LARGEST, checked_kind
+from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
-from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
-from modalshell.files.archive import Archive, Field
-from modalshell.files.atomic_io import write_npz
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping, MotionState
@@ -34,6 +31,7 @@ from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
+from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
@@ -47,22 +45,6 @@ _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_HYBRID = Archive(
-    "a trained hybrid",
-    "modalshell_hybrid",
-    {
-        "basis": Field("f", ("N", "m"), "1/sqrt(kg)"),
-        "stresses": Field("f", ("e", "K")),
-        "viscous": Field("f", ("e", "L")),
-        "held_out_error": Field("f", (), ""),
-        "strain_limit": Field("f", (), ""),
-        "energy": Field("f", (), "J"),
-        "description": Field("U"),
-        "coarse_errors": Field("f", ("c", 2), ""),
-        "rest": Field("f", ("n", 3), "m"),
-    },
-    most=LARGEST,
-)
 
 
 @final
@@ -194,8 +176,7 @@ class HybridStress(ImplicitModel):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained data to an ``.npz`` file (no pickle)."""
-        values = {name: getattr(self._trained, name) for name in _HYBRID.fields if name != "rest"}
-        write_npz(path, **_HYBRID.arrays(values | {"rest": self.coarse.coarse.shell.rest_positions}))
+        write_trained(path, self._trained, self.coarse.coarse.shell)
 
     @classmethod
     def load(
@@ -208,15 +189,7 @@ class HybridStress(ImplicitModel):
     ) -> HybridStress:
         """Read what :meth:`save` wrote, for the same shells; FileFormatError if it is damaged or of other shells."""
         small = coarse or shell
-        with _HYBRID.read(path) as data:
-            if not np.array_equal(data["rest"], small.rest_positions):
-                raise ValueError("it was trained on another coarse shell")
-            elements = sum(e.rest.size for e in trainable(small).elements[:2])
-            if len(data["basis"]) != small.rest_positions.size or len(data["stresses"]) != elements:
-                raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
-            arrays = data["basis"], data["stresses"], data["viscous"]
-            numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
-            trained = Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"])
+        trained = read_trained(path, trainable(small))
         return cls(shell, small, trained, integrator=integrator)
 
     def centred(self) -> tuple[Self, Array]:
@@ -411,19 +384,6 @@ def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[
     shape = state.rates.shape
     memory = {name: turn(kept) if kept.shape == shape else kept for name, kept in state.memory.items()}
     return MotionState(place(state.coordinates), turn(state.rates), memory)
-
-
-def trainable(coarse: Shell) -> Shell:
-    """``coarse`` itself; an error if no hybrid can be made of it."""
-    checked_kind("coarse", coarse, Shell)
-    _ = coarse.elements
-    if len(coarse.elements) != 3 or coarse.energies:
-        raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
-    if coarse.has_dashpots:
-        raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
-    if not coarse.clamped.any():
-        raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
-    return coarse
 
 
 def trained_on_load(

@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.models.base.modal import as_modal
-from modalshell.models.base.model import Stepper
+from modalshell.models.base.stepper import Stepper
 
 _SEEN = 8
 """Steps from one look at the motion's size to the next."""

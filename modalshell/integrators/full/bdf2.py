@@ -13,6 +13,7 @@ from modalshell.integrators.full.implicit_rule import (
     ImplicitRule,
     euler_step,
     kept,
+    remembering,
     second_order_at_rest,
     second_order_error,
     two_euler_steps,
@@ -51,6 +52,7 @@ class BDF2(ImplicitRule, key="bdf2"):
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """One solve, or steps of implicit Euler instead."""
+        state = remembering(state)
         x, v, memory = state.coordinates, state.rates, state.memory
         solved, order = False, 1
         if not memory["order"][0]:

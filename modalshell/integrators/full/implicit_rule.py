@@ -144,6 +144,13 @@ def second_order_at_rest(coordinates: Array) -> MotionState:
     return MotionState(coordinates, none, memory | {"step": np.zeros(1), "order": np.zeros(1)})
 
 
+def remembering(state: MotionState) -> MotionState:
+    """``state``, with an empty memory if it has none: one that was not made by the rule is taken for a start."""
+    if "order" in state.memory:
+        return state
+    return MotionState(state.coordinates, state.rates, second_order_at_rest(state.coordinates).memory)
+
+
 def second_order_error(constant: float, after: MotionState, dt: float) -> Array:
     """Error of a step: ``constant h^3 v''`` of a rule of order two, and that of implicit Euler where it stood in."""
     memory = after.memory

@@ -13,6 +13,7 @@ from modalshell.integrators.full.implicit_rule import (
     EulerSteps,
     ImplicitRule,
     kept,
+    remembering,
     second_order_at_rest,
     second_order_error,
     two_euler_steps,
@@ -51,6 +52,7 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Two solves, or two half steps of implicit Euler instead."""
+        state = remembering(state)
         x, v, memory = state.coordinates, state.rates, state.memory
         solved, order = False, 2
         if memory["order"][0] and euler.turn(x, dt * (gain := dt / memory["step"][0] * memory["gain"])) <= VIOLENT:

@@ -47,7 +47,8 @@ class Exponential(ModalIntegrator, key="exponential"):
         self, state: MotionState, force: ForceInTime, stiffness: Array, damp: Array, h: float, size: float
     ) -> MotionState:
         """State after a step."""
-        q, v, memory = state.coordinates, state.rates, state.memory
+        # A state that was not made by the rule is taken for a start.
+        q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
         coefficients, reach = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         kept = memory["force"] if last else force(q, v, 0.0)

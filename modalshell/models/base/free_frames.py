@@ -194,7 +194,7 @@ class FreeFrames:
         for part in self._parts.parts:
             arms, v = x[part.vertices], speed[part.vertices]
             v = v - part.mean(v)
-            own = np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(part.moments(arms, v)))
+            own = np.asarray(np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(part.moments(arms, v))))
             speed[part.vertices] = v - _crossed(own, arms)
         return speed
 

@@ -23,8 +23,9 @@ from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, st
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import LEAD, Model, Stepper
+from modalshell.models.base.model import Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free

@@ -14,7 +14,8 @@ from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart, Floating, LoadedSteps, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
-from modalshell.models.base.model import Drag, FrameModel, Stepper
+from modalshell.models.base.model import FrameModel
+from modalshell.models.base.stepper import Drag, Stepper
 
 LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
 """The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""

@@ -23,9 +23,10 @@ from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, ModalMotion
-from modalshell.models.base.model import LEAD, Model, Stepper
+from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential

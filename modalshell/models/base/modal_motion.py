@@ -20,7 +20,8 @@ from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.model import LEAD, FrameModel, probes
+from modalshell.models.base.model import FrameModel, probes
+from modalshell.models.base.stepper import LEAD
 from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
