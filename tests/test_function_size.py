@@ -8,7 +8,6 @@ from test_layering import REPOSITORY, ROOT
 MOST_LINES, MOST_ARGUMENTS = 80, 8
 OPTIONS = "public function of many keyword options, most with a default"
 DOCUMENTED = "half of its lines are the docstring of its options"
-ARRAYS = "compiled function that takes raw arrays"
 KERNEL = "kernel whose numbers stay in registers from line to line"
 INTERFACE = "arguments of the generated kernels in whose place it stands"
 REASONS = {
@@ -24,7 +23,6 @@ REASONS = {
     "springs.spring_sheet.SpringSheet.__init__": OPTIONS,
     "sweep.driver.run_sweep": OPTIONS,
     "linalg.profile.factorise": KERNEL,
-    "models.coarse.profile_newton.implicit_step": ARRAYS,
     "shell.mirrored_hinges.MirroredFlexure.add_stiffness": INTERFACE,
 }
 """Why each function is longer than MOST_LINES or has more than MOST_ARGUMENTS; kernels' files take raw arrays."""

@@ -59,8 +59,8 @@ class FullModel(Model):
     step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
     shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch, which is
     located on the path of equilibria. A saddle on the way is left along its unstable mode, to the lower of both sides,
-    and ``message`` says so. Patches under constraints are led to their targets
-    as moving boundaries; ``residual`` there is relative to load and reactions.
+    and ``message`` says so. Patches under constraints are led to their targets as moving boundaries; ``residual`` there
+    is relative to load and reactions.
 
     Parameters
     ----------
@@ -106,8 +106,7 @@ class FullModel(Model):
     def _solve_constrained(
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        load = loading.dead
-        before = dict(self.costs)
+        load, before = loading.dead, dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
         first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)

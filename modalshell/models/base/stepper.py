@@ -4,22 +4,33 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, final
+from typing import Any, Protocol, final
 
 import numpy as np
 
 from modalshell.constraints.constraints import HeldPatch
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
-
-if TYPE_CHECKING:
-    from modalshell.models.base.model import Model
 
 Drag = tuple[Index, Array]
 """Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
 LEAD = 1e-3
 """Share of a step over which velocities are differences of positions."""
+
+
+class Moving(Protocol):
+    """What a stepper needs of the model that it moves; see :class:`modalshell.models.Model`."""
+
+    shell: Shell
+
+    def centred(self) -> tuple[Any, Array]:
+        """The model to step, and where its origin lies (3,) [m]."""
+
+    def no_constraints(self) -> OptionError:
+        """The error of a model that takes no constraints."""
 
 
 class Stepper(ABC):
@@ -49,9 +60,10 @@ class Stepper(ABC):
     """
 
     def __init__(
-        self, model: Model, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
+        self, model: Moving, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
     ) -> None:
         self.shell, self.setup = model.shell, setup
+        self.model: Any
         self.model, self.origin = model.centred()
         self.residuals = np.zeros(len(setup.constraints))
         self._off_centre = bool(self.origin.any())
@@ -91,7 +103,7 @@ class Stepper(ABC):
             own = self._frame.at(time).to_world(own)
         return own + self.origin if self._off_centre else own
 
-    def model_at(self, time: float) -> Model:
+    def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
 
@@ -145,7 +157,7 @@ class Stepper(ABC):
 class DeadLoadStepper(Stepper):
     """Steps under loads as they are at the beginning of each, without constraints."""
 
-    def __init__(self, model: Model, setup: MotionSetup, *, in_frame: bool = False) -> None:
+    def __init__(self, model: Moving, setup: MotionSetup, *, in_frame: bool = False) -> None:
         if setup.constraints:
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=in_frame)
