@@ -54,13 +54,16 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
         x, v, memory = state.coordinates, state.rates, state.memory
         solved, order = False, 2
         if memory["order"][0] and euler.turn(x, dt * (gain := dt / memory["step"][0] * memory["gain"])) <= VIOLENT:
-            part, middle = GAMMA * dt, x + 0.5 * dt * v
-            half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5))
+            part, rest = GAMMA * dt, (1.0 - GAMMA) * dt
+            # The viscous matrix of each part is that of where it ends, else turning of a stiff sheet is resisted.
+            middle = x + part * (v + 0.5 * GAMMA * gain)
+            half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, GAMMA))
             if solved:
-                w, rest = half.rates, (1.0 - GAMMA) * dt
-                change = rest * (w - v) / part
+                w = half.rates
+                change, last = rest * (w - v) / part, v + (w - v) / GAMMA
+                end = x + 0.5 * dt * (v + last)
                 after, solved = euler.solve(
-                    EulerStart(x + rest * w, v + change, part, 1.0, v + (w - v) / GAMMA, half.coordinates, middle, 0.5)
+                    EulerStart(x + rest * w, v + change, part, 1.0, last, half.coordinates, end, 1.0)
                 )
         if not solved:
             after, solved = two_euler_steps(euler, state, dt)
