@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from abc import abstractmethod
 from typing import ClassVar, Protocol
 
@@ -73,7 +74,7 @@ class FullIntegrator(Integrator):
         return None
 
     def growth(self, rate: complex) -> complex:  # noqa: ARG002
-        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; not a number if not known."""
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN where it is not known."""
         return complex(np.nan)
 
     @abstractmethod
@@ -91,6 +92,11 @@ class FullIntegrator(Integrator):
         ``drag`` [1/s] is its damping by the mass, ``viscosity`` [1/s] that by strain rates.
         """
         return np.inf
+
+
+def oscillation(stiffness: float, damp: float, h: float) -> complex:
+    """``h lambda`` of ``q'' + damp q' + stiffness q = 0``: the root of positive imaginary part, or the slower one."""
+    return complex(h * (-0.5 * damp + cmath.sqrt(0.25 * damp**2 - stiffness)))
 
 
 def symplectic_limit(stiffness: float, damp: float) -> float:

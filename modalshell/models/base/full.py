@@ -17,7 +17,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator, ImplicitRule
-from modalshell.integrators.full.base import hold
+from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -257,6 +257,14 @@ class FullModel(Model):
     def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s]: the rates themselves."""
         return state.rates
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (n, 3) [m] that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, dt)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return self.integrator.growth(oscillation(stiffness, damp, dt))
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""

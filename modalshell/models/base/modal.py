@@ -25,7 +25,7 @@ from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper
+from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper, probes
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.warp import Warp
@@ -242,6 +242,22 @@ class ModalModel(Warp, FrameModel):
         """One step of the integrator under modal forces that are asked for where they are needed."""
         damp = self._modal_damping(damping)
         return self.integrator.advance(state, force, self.basis.eigenvalues, damp, dt, self._mass_size)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
+        return super().largest_move(self._probes @ change)
+
+    @cached_property
+    def _probes(self) -> Array:
+        return probes(self.basis.modes)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return complex(max(self.integrator.multipliers(stiffness, damp, dt)[0], key=abs))
 
     def _modal_damping(self, damping: Damping) -> Array:
         """Damping [1/s] of the modes (m,), kept from step to step."""
