@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -85,9 +86,16 @@ def order_of(rung: Rung, shell: ms.Shell, rule: str, counts: tuple[int, ...]) ->
         every = count // counts[0]
         run, took = moved(model, count, period / count, every, gravity=weight(shell, GAMMA), damping=damping)
         runs.append(run.positions)
-    changes = [float(np.abs(fine - coarse).max() / LENGTH) for coarse, fine in zip(runs, runs[1:], strict=False)]
+    changes = [float(np.abs(fine - coarse).max() / LENGTH) for coarse, fine in pairwise(runs)]
     order = float(np.log2(changes[0] / changes[1]))
-    return {"rung": rung.name, "rule": rule, "steps": counts, "changes": changes, "order": order, "status": took["status"]}
+    return {
+        "rung": rung.name,
+        "rule": rule,
+        "steps": counts,
+        "changes": changes,
+        "order": order,
+        "status": took["status"],
+    }
 
 
 def exact_linear(basis: ms.Basis, damping: ms.Damping, forces: np.ndarray, dt: float) -> np.ndarray:

@@ -55,18 +55,21 @@ def free_rungs(shell: ms.Shell) -> dict[str, Callable[[], ms.Model]]:
     }
 
 
-def invariants(model: ms.Model, **motion: Any) -> dict[str, float]:
-    """Largest wander of the centre [m], energy left, momentum and angular momentum over the sums of their parts' sizes.
+def invariants(model: ms.Model, **motion: Any) -> dict[str, float | None]:
+    """Wander of the centre, energies, momentum and angular momentum beyond what the load has given, at their largest.
 
-    Momentum is that beyond what the load has given.
+    The centre's is over its fall, or the shell's size; energies are over the start's; momenta over the sums of their
+    parts' sizes. What a couple has given is summed by the trapezoidal rule.
     """
     shell, count = model.shell, round(FREE_TIME / FREE_STEP)
     start, gravity = motion.pop("start", None), np.array(motion.pop("gravity", (0.0, 0.0, 0.0)))
-    loading = shell.loading(gravity, motion.pop("force", None))
+    force = motion.pop("force", np.zeros_like(shell.rest_positions))
+    loading = shell.loading(gravity, force)
     run = Motion(model, loading, dt=FREE_STEP, start=start)
     mass, total = shell.mass, shell.mass.sum()
     first, energy = mass @ run.positions() / total, run.energies().sum()
-    wander, momentum, spin, sizes, peak = 0.0, 0.0, np.zeros(3), np.zeros(2), 0.0
+    wander, momentum, spin, sizes, peak = 0.0, 0.0, 0.0, np.zeros(2), 0.0
+    given, pull = np.zeros(3), np.cross(run.positions() - first, force).sum(axis=0)
     for _ in range(count):
         run.advance()
         x, v = run.positions(), run.model.velocities(run.state, 1e-3 * FREE_STEP)
@@ -75,36 +78,42 @@ def invariants(model: ms.Model, **motion: Any) -> dict[str, float]:
         momentum = max(momentum, float(np.linalg.norm(moving - total * gravity * run.time)))
         arm, own = x - centre, v - moving / total
         turning = np.cross(arm, own) * mass[:, None]
-        if np.linalg.norm(turning.sum(axis=0)) > np.linalg.norm(spin):
-            spin = turning.sum(axis=0)
+        before, pull = pull, np.cross(arm, force).sum(axis=0)
+        given = given + 0.5 * FREE_STEP * (before + pull)
+        spin = max(spin, float(np.linalg.norm(turning.sum(axis=0) - given)))
         # Of the motion about the centre, so that a fall does not hide it.
-        sizes = np.maximum(sizes, [float(mass @ np.linalg.norm(v, axis=1)), float(np.linalg.norm(turning, axis=1).sum())])
-        peak = max(peak, float(run.energies().sum() / energy)) if energy else 0.0
+        sizes = np.maximum(
+            sizes, [float(mass @ np.linalg.norm(v, axis=1)), float(np.linalg.norm(turning, axis=1).sum())]
+        )
+        peak = max(peak, float(run.energies().sum() / energy)) if energy else peak
     left = float(run.energies().sum() / energy) if energy else 0.0
     size = 0.5 * float(np.linalg.norm(gravity)) * FREE_TIME**2
     return {
         "wander": wander / (size or shell.size),
         "momentum": momentum / sizes[0],
-        "angular_momentum": float(np.linalg.norm(spin)) / sizes[1],
-        "energy_left": left,
-        "largest_energy": peak,
+        "angular_momentum": spin / sizes[1],
+        "energy_left": left if energy else None,
+        "largest_energy": peak if energy else None,
     }
+
+
+def couple(shell: ms.Shell) -> np.ndarray:
+    """Forces (n, 3) [N] on two edges that would turn a rigid panel by TURN in the time, were their arm to stay."""
+    rest = shell.rest_positions
+    arm = rest[:, 0] - shell.mass @ rest[:, 0] / shell.mass.sum()
+    edge = np.abs(arm) > np.abs(arm).max() - 1e-9
+    force = np.zeros_like(rest)
+    wanted = float(shell.mass @ arm**2) * 2.0 * TURN / FREE_TIME**2
+    force[edge, 2] = np.sign(arm[edge]) * wanted / float(np.abs(arm[edge]).sum())
+    return force
 
 
 def free_rows() -> list[dict[str, Any]]:
     """A bent panel that is let go without a load; and a flat one that falls while a couple turns it."""
     shell = panel()
-    rest = shell.rest_positions
-    arm = rest[:, 0] - shell.mass @ rest[:, 0] / shell.mass.sum()
-    inertia = float(shell.mass @ arm**2)
-    # Forces that would turn a rigid panel by TURN in the time.
-    force = np.outer(shell.mass * arm, (0.0, 0.0, 2.0 * TURN / FREE_TIME**2)) * inertia / float(shell.mass @ arm**2)
-    edge = np.abs(arm) > np.abs(arm).max() - 1e-9
-    couple = np.zeros_like(force)
-    couple[edge, 2] = np.sign(arm[edge]) * float(arm @ force[:, 2]) / float(np.abs(arm[edge]).sum())
     scenes: dict[str, dict[str, Any]] = {
         "bent, let go": {"start": bent(shell, 0.0)},
-        "falls and turns": {"gravity": (0.0, 0.0, -9.81), "force": couple},
+        "falls and turns": {"gravity": (0.0, 0.0, -9.81), "force": couple(shell)},
     }
     rows = []
     for scene, motion in scenes.items():
@@ -129,7 +138,9 @@ def stiff_rows(rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
             run, took = moved(ms.DiscreteShell(sheet, integrator=rule), round(SHEET_TIME / dt), dt, start=start)
             energy = run.energies[:, :2].sum(axis=1)
             own = {"energy": float(energy[1:].max() / energy[0]), "left": float(energy[-1] / energy[0])}
-            rows.append({"scene": f"free sheet, {1e3 * dt:.3g} ms", "rule": rule, "steps": len(energy) - 1} | own | took)
+            rows.append(
+                {"scene": f"free sheet, {1e3 * dt:.3g} ms", "rule": rule, "steps": len(energy) - 1} | own | took
+            )
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
     for ratio, gamma, damped in STIFF_STRIPS:
         material = ms.Material(0.05 * ratio, 0.05 * ratio, 0.05, 0.2)

@@ -91,11 +91,18 @@ def rungs(shell: ms.Shell, gamma: float, *, with_hybrid: bool) -> list[Rung]:
         Rung("DS", FULL_RULES, lambda rule: ms.DiscreteShell(shell, integrator=rule)),
     ]
     if with_hybrid:
-        found.insert(5, Rung("hybrid", FULL_RULES, lambda rule: ms.HybridStress(shell, shell, trained(shell, gamma), integrator=rule)))
+        found.insert(
+            5,
+            Rung(
+                "hybrid", FULL_RULES, lambda rule: ms.HybridStress(shell, shell, trained(shell, gamma), integrator=rule)
+            ),
+        )
     return found
 
 
-def moved(model: ms.Model, steps: int, dt: float, every: int = 1, **motion: Any) -> tuple[ms.Trajectory, dict[str, Any]]:
+def moved(
+    model: ms.Model, steps: int, dt: float, every: int = 1, **motion: Any
+) -> tuple[ms.Trajectory, dict[str, Any]]:
     """A motion of so many steps, each ``every``-th stored, and what it took: counts of solves and reference seconds."""
     with counted() as work, warnings.catch_warnings():
         warnings.simplefilter("ignore", ms.ModalShellWarning)

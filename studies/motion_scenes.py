@@ -60,9 +60,7 @@ def plate_rows(energy: str, steps: tuple[int, ...], rules: tuple[str, ...] = FUL
     force[:, 2] = pressure / (PLATE["density"] * PLATE["thickness"]) * shell.mass
     centre = int(np.linalg.norm(rest - 0.5 * (rest.min(axis=0) + rest.max(axis=0)), axis=1).argmin())
     free = np.asarray(shell.free_unknowns)
-    square, shapes = eigh(
-        shell.stiffness().toarray()[np.ix_(free, free)], np.diag(np.repeat(shell.mass, 3)[free])
-    )
+    square, shapes = eigh(shell.stiffness().toarray()[np.ix_(free, free)], np.diag(np.repeat(shell.mass, 3)[free]))
     seen = shapes[np.searchsorted(free, 3 * centre + 2)] * (shapes.T @ force.ravel()[free]) / square
     rows = []
     for rule in rules:
@@ -70,7 +68,10 @@ def plate_rows(energy: str, steps: tuple[int, ...], rules: tuple[str, ...] = FUL
             dt = 2.0 * np.pi / (first * count)
             run, took = moved(ms.DiscreteShell(shell, integrator=rule), PLATE_PERIODS * count, dt, force=force)
             found = run.positions[:, centre, 2] - rest[centre, 2]
-            exact, series = (1.0 - np.cos(np.outer(run.times, np.sqrt(square)))) @ seen, plate_series(run.times, pressure)
+            exact, series = (
+                (1.0 - np.cos(np.outer(run.times, np.sqrt(square)))) @ seen,
+                plate_series(run.times, pressure),
+            )
             errors = [float(np.abs(found - other).max() / np.abs(other).max()) for other in (exact, series)]
             rows.append({"rule": rule, "steps": count, "error": errors[0], "against_series": errors[1]} | took)
     return rows
@@ -141,7 +142,13 @@ def pinned_ratio(energy: str, rule: str, amplitude: float, steps: int = 100, per
     share = height[before] / (height[before] - height[before + 1])
     half = float(np.diff(run.times[before] + share * np.diff(run.times)[before]).mean())
     exact = RATIOS_BY_AMPLITUDE.get(amplitude, 1.0)
-    found = {"energy": energy, "rule": rule, "steps": steps, "amplitude": amplitude, "ratio": float(np.pi / half / first)}
+    found = {
+        "energy": energy,
+        "rule": rule,
+        "steps": steps,
+        "amplitude": amplitude,
+        "ratio": float(np.pi / half / first),
+    }
     return found | {"exact": exact, "error": float(np.pi / half / first / exact - 1.0)} | took
 
 
