@@ -23,7 +23,7 @@ MOTIONS = 6
 MODAL_RULES = ("exponential", "implicit_midpoint", "implicit_euler")
 FULL_RULES = ("sdirk2", "bdf2", "implicit_euler")
 DEFAULTS = {"DS": "sdirk2", "coarse DS": "bdf2", "hybrid": "bdf2", "springs": "bdf2", "MD-ROM": "bdf2"}
-"""Rule that each rung of the issue of steps is held to; modal rungs are held to the exponential one."""
+"""Rule by which each full rung is judged; modal rungs are judged by the exponential one."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Rung:
 
     @property
     def default(self) -> str:
-        """The rule that it is held to."""
+        """The rule by which it is judged."""
         return "exponential" if self.modal else DEFAULTS[self.name]
 
 

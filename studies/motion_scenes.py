@@ -157,7 +157,7 @@ def spin_up(turns_a_second: float = 0.25, time: float = 4.0) -> ms.SupportPath:
     omega = 2.0 * np.pi * turns_a_second
 
     def angle(t: float) -> float:
-        # The rate rises as t - sin(2 pi t) / (2 pi) from 0 to 1 (Kane, Ryan and Banerjee 1987).
+        # The rate rises as t - sin(2 pi t) / (2 pi) from 0 to 1 [kane1987].
         s = min(t / time, 1.0)
         risen = 0.5 * s**2 + (np.cos(2.0 * np.pi * s) - 1.0) / (4.0 * np.pi**2)
         return omega * (time * risen + max(t - time, 0.0))

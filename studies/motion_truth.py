@@ -2,7 +2,7 @@
 
 Every rung with every rule of time is asked for a damping ratio and watched for what it shows. Then motions are compared
 with known answers: a plate under a sudden pressure with the exact modal answer of its own mesh and with Navier's
-series; a strip that is pinned at both ends with the frequencies of Woinowsky-Krieger (1950); LMA with the exponential
+series; a strip that is pinned at both ends with the frequencies of Woinowsky-Krieger [woinowsky1950]; LMA with the exponential
 of its matrix. Others are compared with fine steps: the V-beam through its snap, supports that spin up and shake. Free
 panels keep, or do not keep, their centre and momenta, and six stiff scenes their energy. Work is counted, and given in
 seconds of a reference machine. Motions of other engines are not compared.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import modalshell as ms
 from studies import motion_damping, motion_limits, motion_scenes
 from studies.motion_rungs import rungs, strip
 
@@ -21,7 +22,7 @@ def free_rung(name):
 def off(energy, name, rule, steps):
     """Largest relative error of three damping ratios at so many steps a period."""
     rung, shell = rung_of(energy, name)
-    basis = motion_damping.ms.solve_modes(shell, 1)
+    basis = ms.solve_modes(shell, 1)
     omega, shape = float(2.0 * np.pi * basis.frequencies[0]), basis.modes[:, 0].reshape(-1, 3)
     model = rung.make(rule)
     return max(abs(motion_damping.obtained(model, shape, omega, ratio, steps) / ratio - 1.0) for ratio in RATIOS)
@@ -101,8 +102,8 @@ def test_lma_follows_loads_of_straight_pieces_exactly(energy, steps):
 
 def test_a_stiff_sheet_that_is_damped_by_strain_rates_turns_freely():
     # The viscous matrix of a part of a step is that of where it ends: another one resists turning.
-    rung, shell = rung_of("Isotropic", "DS")
-    found = motion_damping.order_of(rung, shell, "sdirk2", (100, 200, 400))
+    rung, shell = rung_of("hinges", "coarse DS")
+    found = motion_damping.order_of(rung, shell, "sdirk2", (50, 100, 200))
     assert found["changes"][0] < 0.01
 
 
@@ -113,10 +114,9 @@ def test_plate_under_sudden_pressure_follows_its_own_exact_answer():
     assert rows[100]["against_series"] < 0.2  # of which the coarse mesh is 0.17
 
 
-def test_plate_series_is_the_static_deflection_twice_over():
-    # At half of a period of each term in turn the terms stand at twice their static value.
+def test_plate_series_swings_about_the_static_deflection():
     stiffness = motion_scenes.PLATE["young"] * motion_scenes.PLATE["thickness"] ** 3 / (12.0 * 0.91)
-    times = np.linspace(0.0, 200.0, 40001)
+    times = np.linspace(0.0, 200.0, 4001)
     mean = motion_scenes.plate_series(times, 1.0).mean()
     assert mean == pytest.approx(0.00406235 / stiffness, rel=2e-3)
 
@@ -131,7 +131,7 @@ def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, mo
     assert np.linalg.norm(tip - reference, axis=1).max() < most
 
 
-@pytest.mark.parametrize("amplitude", motion_scenes.RATIOS_BY_AMPLITUDE)
+@pytest.mark.parametrize("amplitude", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
 def test_pinned_strip_vibrates_faster_the_farther_it_goes(amplitude):
     found = motion_scenes.pinned_ratio("Isotropic", "sdirk2", amplitude, periods=2)
     assert found["error"] == pytest.approx(0.0, abs=0.003)
