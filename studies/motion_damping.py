@@ -37,7 +37,7 @@ def least_ratio(samples: np.ndarray, expected: complex, terms: int = 6) -> float
 
 
 def obtained(model: ms.Model, shape: np.ndarray, omega: float, ratio: float, steps: int) -> float:
-    """Damping ratio of a mode (n, 3) of ``omega`` [rad/s] that is let go, at so many steps a period.
+    """Damping ratio of a mode (n, 3) of ``omega`` [rad/s] that is let go, at ``steps`` a period.
 
     Half of the ratio is asked by the mass and half by the stiffness.
     """

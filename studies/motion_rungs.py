@@ -103,7 +103,7 @@ def rungs(shell: ms.Shell, gamma: float, *, with_hybrid: bool) -> list[Rung]:
 def moved(
     model: ms.Model, steps: int, dt: float, every: int = 1, **motion: Any
 ) -> tuple[ms.Trajectory, dict[str, Any]]:
-    """A motion of so many steps, each ``every``-th stored, and what it took: counts of solves and reference seconds."""
+    """A motion of ``steps``, each ``every``-th stored, and what it took: counts of solves and reference seconds."""
     with counted() as work, warnings.catch_warnings():
         warnings.simplefilter("ignore", ms.ModalShellWarning)
         run = ms.simulate(model, duration=steps * dt, dt=dt, store_every=every, **motion)

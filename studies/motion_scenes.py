@@ -1,4 +1,4 @@
-"""Scenes in motion with a known answer or a fine one: a plate, a snap, a pinned strip, and supports that move."""
+"""Scenes in motion with a known answer or a fine one: a plate, a snap, a strip held at its ends, and supports that move."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLATE_STEPS = (20, 50, 100, 200)
 SNAP_MATERIAL = ms.Material(2000.0, 2000.0, 0.05, 0.2)
 SNAP_CELLS, SNAP_GRAVITY, SNAP_DAMPING, SNAP_STEP = (16, 4), 50.0, (4.0, 0.0), 1.0 / 30.0
 SNAP_DIVISIONS, SNAP_FINE = (1, 2, 4, 8), 64
-PINNED: Sheet = {"young": 1e8, "poisson": 0.0, "thickness": 0.01, "density": 1000.0}
+HELD_STRIP: Sheet = {"young": 1e8, "poisson": 0.0, "thickness": 0.01, "density": 1000.0}
 RATIOS_BY_AMPLITUDE = {1.0: 1.0892, 3.0: 1.6257}
 """Frequency over that of small motion, by the amplitude over the radius of gyration [woinowsky1950]."""
 LED_STEP, LED_FINE = 1.0 / 30.0, 32
@@ -116,21 +116,21 @@ def snap_rows(
     return rows
 
 
-def pinned_strip(energy: str, cells: int = 40) -> ms.Shell:
-    """A narrow strip, pinned at both ends."""
+def held_strip(energy: str, cells: int = 40) -> ms.Shell:
+    """A narrow strip whose ends are held, but may turn."""
     mesh = ms.flat_beam(length=LENGTH, width=0.05, cells=(cells, 2), family="union-jack")
     x = mesh.vertices[:, 0]
-    return flat_shell(energy, mesh, PINNED, supports=[ms.Pin((x < 1e-9) | (x > LENGTH - 1e-9))])
+    return flat_shell(energy, mesh, HELD_STRIP, supports=[ms.Pin((x < 1e-9) | (x > LENGTH - 1e-9))])
 
 
-def pinned_ratio(energy: str, rule: str, amplitude: float, steps: int = 100, periods: int = 3) -> dict[str, Any]:
+def held_strip_ratio(energy: str, rule: str, amplitude: float, steps: int = 100, periods: int = 3) -> dict[str, Any]:
     """Frequency of the strip at an ``amplitude`` [radius of gyration], over that of a beam at small ones.
 
     It is let go from a sine with the displacements along it that leave the same tension everywhere.
     """
-    shell = pinned_strip(energy)
-    radius = PINNED["thickness"] / np.sqrt(12.0)
-    first = np.pi**2 * radius * np.sqrt(PINNED["young"] / PINNED["density"]) / LENGTH**2
+    shell = held_strip(energy)
+    radius = HELD_STRIP["thickness"] / np.sqrt(12.0)
+    first = np.pi**2 * radius * np.sqrt(HELD_STRIP["young"] / HELD_STRIP["density"]) / LENGTH**2
     s, start = shell.rest_positions[:, 0], np.array(shell.rest_positions)
     start[:, 2] = amplitude * radius * np.sin(np.pi * s)
     start[:, 0] = s - 0.125 * np.pi * (amplitude * radius) ** 2 * np.sin(2.0 * np.pi * s)
@@ -209,19 +209,19 @@ def led_rows(quick: bool) -> list[dict[str, Any]]:
 
 
 def scene_findings(quick: bool, on_step: Progress | None) -> dict[str, Any]:
-    """Plate, snap, pinned strip and moving supports."""
+    """Plate, snap, held strip and moving supports."""
     tasks: list[tuple[str, Callable[[], Any]]] = [
         ("plate", lambda: plate_rows("Isotropic", PLATE_STEPS[:2] if quick else PLATE_STEPS)),
         ("snap", lambda: snap_rows(SNAP_DIVISIONS[:2], fine=16) if quick else snap_rows()),
         ("led", lambda: led_rows(quick)),
     ]
-    found: dict[str, Any] = {"pinned": []}
+    found: dict[str, Any] = {"strip": []}
     for energy in ("Isotropic",) if quick else ("Isotropic", "hinges"):
         for rule in FULL_RULES[:1] if quick else FULL_RULES[:2]:
             for amplitude in (0.05, *RATIOS_BY_AMPLITUDE):
-                tasks.append(("pinned", partial(pinned_ratio, energy, rule, amplitude)))
+                tasks.append(("strip", partial(held_strip_ratio, energy, rule, amplitude)))
     for name, task in counted(tasks, on_step):
-        if name == "pinned":
+        if name == "strip":
             found[name].append(task())
         else:
             found[name] = task()

@@ -20,7 +20,7 @@ def free_rung(name):
 
 
 def off(energy, name, rule, steps):
-    """Largest relative error of three damping ratios at so many steps a period."""
+    """Largest relative error of three damping ratios at ``steps`` a period."""
     rung, shell = rung_of(energy, name)
     basis = ms.solve_modes(shell, 1)
     omega, shape = float(2.0 * np.pi * basis.frequencies[0]), basis.modes[:, 0].reshape(-1, 3)
@@ -132,8 +132,8 @@ def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, mo
 
 
 @pytest.mark.parametrize("amplitude", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
-def test_pinned_strip_vibrates_faster_the_farther_it_goes(amplitude):
-    found = motion_scenes.pinned_ratio("Isotropic", "sdirk2", amplitude, periods=2)
+def test_held_strip_vibrates_faster_the_farther_it_goes(amplitude):
+    found = motion_scenes.held_strip_ratio("Isotropic", "sdirk2", amplitude, periods=2)
     assert found["error"] == pytest.approx(0.0, abs=0.003)
 
 
