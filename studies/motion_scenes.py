@@ -1,4 +1,4 @@
-"""Scenes in motion with a known answer or a fine one: a plate, a snap, a strip held at its ends, and supports that move."""
+"""Scenes in motion with a known answer or a fine one: a plate, a snap, a held strip, and supports that move."""
 
 from __future__ import annotations
 
