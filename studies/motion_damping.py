@@ -121,7 +121,7 @@ def linear_exactness(energy: str, steps_a_period: float, count: int = 24) -> flo
     factors = np.random.default_rng(3).standard_normal(count + 1)
     damping = ms.Damping(0.03 * omega, 0.03 / omega)
     load = shell.gravity_force(weight(shell, 0.1))
-    piecewise = ms.Scaled(ms.SelfWeight(weight(shell, 0.1)), (dt * np.arange(count + 1), factors))
+    piecewise = ms.Scaled(ms.SelfWeight(tuple(weight(shell, 0.1).tolist())), (dt * np.arange(count + 1), factors))
     run, _ = moved(ms.LinearModal(basis), count, dt, loads=[piecewise], damping=damping)
     exact = exact_linear(basis, damping, np.outer(factors, load.ravel() @ basis.modes), dt) @ basis.modes.T
     found = (run.positions - shell.rest_positions).reshape(count + 1, -1)

@@ -130,7 +130,7 @@ def stiff_rows(rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
 
     Of strips, which start without energy, the largest rise over the largest work of their weight is added to 1.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     sheet = panel((8, 8))
     start = bent(sheet, STRETCH)
     for dt in SHEET_STEPS:
@@ -145,7 +145,10 @@ def stiff_rows(rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
     for ratio, gamma, damped in STIFF_STRIPS:
         material = ms.Material(0.05 * ratio, 0.05 * ratio, 0.05, 0.2)
         shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.075)
-        motion = {"gravity": weight(shell, gamma), "damping": (2.0 * damped * first_frequency(shell), 0.0)}
+        motion: dict[str, Any] = {
+            "gravity": weight(shell, gamma),
+            "damping": (2.0 * damped * first_frequency(shell), 0.0),
+        }
         for rule in rules:
             run, took = moved(ms.DiscreteShell(shell, integrator=rule), 120, 1.0 / 30.0, **motion)
             energy, work = run.energies.sum(axis=1), -float(run.energies[:, 2].min())

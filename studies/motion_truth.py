@@ -110,7 +110,7 @@ def damping_table(found: dict[str, Any]) -> str:
 def cost_sentence(found: dict[str, Any]) -> str:
     """What a rule costs and gives, for who passes by."""
     own = [row for row in found["cost"] if row["rung"] == "DS" and row["error"] <= 0.05]
-    first = {}
+    first: dict[str, dict[str, Any]] = {}
     for row in sorted(own, key=lambda row: row["cost"]):
         first.setdefault(row["rule"], row)
     told = [f"{rule} at {row['steps']} steps a period ({1e3 * row['cost']:.0f} ms)" for rule, row in first.items()]
