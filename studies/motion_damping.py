@@ -19,6 +19,8 @@ MODAL_STEPS = (3, 5, *FULL_STEPS)
 """Steps a period; at fewer than 10 full models are not asked."""
 AMPLITUDE = 1e-3
 """Largest displacement of the mode at the start [L]: motion is linear."""
+THIN = "Isotropic, thin"
+"""A strip so stiff in its plane that the order shows at smaller steps only."""
 GAMMA, ORDER_RATIO = 5.0, 0.03
 """Load and damping ratio of the motion that orders are read from."""
 ORDER_STEPS = {"modal": (40, 80, 160), "full": (100, 200, 400)}
@@ -140,6 +142,10 @@ def damping_findings(quick: bool, on_step: Progress | None) -> dict[str, Any]:
             counts = ORDER_STEPS["modal" if rung.modal or quick else "full"]
             for rule in rung.rules[:1] if rung.modal else rung.rules[:2]:
                 found["orders"].append({"energy": energy} | order_of(rung, shell, rule, counts))
+    if not quick:
+        thin, shell = next(pair for pair in damping_rungs(THIN) if pair[0].name == "DS")
+        for rule in thin.rules[:2]:
+            found["orders"].append({"energy": THIN} | order_of(thin, shell, rule, ORDER_STEPS["full"]))
     for energy in energies:
         for steps in (0.7, 3.0, 17.0):
             found["linear"].append({"energy": energy, "steps": steps, "error": linear_exactness(energy, steps)})
