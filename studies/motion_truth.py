@@ -39,6 +39,7 @@ HELD = {
     "iterations over implicit Euler's": 2.0,
 }
 """What is aimed at."""
+NAMES = {"sdirk2": "SDIRK2", "bdf2": "BDF2", "implicit_euler": "implicit Euler"}
 ROUNDING = 1e-9
 """Share by which an energy may exceed its bound."""
 
@@ -113,8 +114,10 @@ def cost_sentence(found: dict[str, Any]) -> str:
     first: dict[str, dict[str, Any]] = {}
     for row in sorted(own, key=lambda row: row["cost"]):
         first.setdefault(row["rule"], row)
-    told = [f"{rule} at {row['steps']} steps a period ({1e3 * row['cost']:.0f} ms)" for rule, row in first.items()]
-    missed = [rule for rule in ("sdirk2", "bdf2", "implicit_euler") if rule not in first]
+    told = [
+        f"{NAMES[rule]} at {row['steps']} steps a period ({1e3 * row['cost']:.0f} ms)" for rule, row in first.items()
+    ]
+    missed = [name for rule, name in NAMES.items() if rule not in first]
     most = max(row["steps"] for row in found["cost"])
     beyond = f"; {' and '.join(missed)} not with {most}" if missed else ""
     return (
@@ -192,9 +195,9 @@ def finding(result: StudyResult) -> str:
     asked = [row for row in result.findings["damping"] if row["rung"] == "DS" and row["asked"] == 0.03]
     at = {row["rule"]: dict(zip(row["steps"], row["obtained"], strict=True))[20] for row in asked}
     plate = {row["rule"]: percent(row["error"], ".2g") for row in result.findings["plate"] if row["steps"] == 20}
-    words = f"does not hold: {'; '.join(missed)}" if missed else "all that is aimed at holds"
+    words = f"these are missed: {'; '.join(missed)}" if missed else "none is missed"
     return (
         f"Asked for a damping ratio of 0.03, DS shows {at['sdirk2']:.4f} by SDIRK2, {at['bdf2']:.4f} by BDF2 and "
         f"{at['implicit_euler']:.3f} by implicit Euler at 20 steps a period; a plate under a sudden pressure is "
-        f"{plate['sdirk2']}, {plate['bdf2']} and {plate['implicit_euler']} off. Of {len(rows)} lines {words}."
+        f"{plate['sdirk2']}, {plate['bdf2']} and {plate['implicit_euler']} off. Of {len(rows)} aims {words}."
     )
