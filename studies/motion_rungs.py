@@ -19,7 +19,7 @@ LENGTH, WIDTH, CELLS, MODES = 1.0, 0.2, (12, 2), 8
 HINGES = ms.Material(200.0, 200.0, 0.05, 0.2)
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=0.02, density=1000.0)
 THIN = ms.Isotropic(young=1e7, poisson=0.3, thickness=4e-3, density=1000.0)
-ENERGIES = {"hinges": HINGES, "Isotropic": SHEET, "Isotropic, thin": THIN}
+ENERGIES: dict[str, ms.Material | ms.Isotropic] = {"hinges": HINGES, "Isotropic": SHEET, "Isotropic, thin": THIN}
 """Materials of the strip; the thin one's membrane is 25 times as stiff against its bending, 7.5e5 / L^2."""
 MOTIONS = 6
 """Motions that the hybrid is trained on."""
