@@ -79,11 +79,11 @@ class SummedWarp(ModalModel):
         super().__init__(basis, integrator=integrator)
         self.closed = ms.ModalWarping(basis, integrator=integrator)
 
-    def raw_displacement(self, q: np.ndarray) -> np.ndarray:
+    def warped(self, q: np.ndarray) -> np.ndarray:
         """Displacements (n, 3) [m] of the closed form, which every motion starts from."""
         return self.closed.raw_displacement(q)
 
-    def modal_force(self, q: np.ndarray, load: np.ndarray) -> np.ndarray:
+    def warped_force(self, q: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Modal force (m,) of the closed form."""
         return self.closed.modal_force(q, load)
 

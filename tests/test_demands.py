@@ -1,5 +1,6 @@
 """Work that needs more than the machine has is refused with its need; long work is announced or shows how far it is."""
 
+import json
 import shutil
 
 import numpy as np
@@ -97,6 +98,56 @@ def test_many_instances_of_a_gltf_are_announced(tmp_path, monkeypatch):
     (tmp_path / "many.glb").write_bytes(scene.export(file_type="glb"))
     with pytest.warns(ms.ModalShellWarning, match="places 6 meshes, which takes about 0 s to read"):
         assert len(ms.load_mesh(tmp_path / "many.glb").faces) == 6
+
+
+def test_more_instances_of_a_gltf_than_are_read_are_refused_at_once(tmp_path, monkeypatch):
+    nodes = [{"mesh": 0}] * 50_000
+    document = {"asset": {"version": "2.0"}, "nodes": nodes, "meshes": [{"primitives": []}]}
+    (tmp_path / "many.gltf").write_text(json.dumps(document), encoding="utf-8")
+    monkeypatch.setattr("modalshell.mesh.files._trimesh_load", lambda *_: pytest.fail("it was read"))
+    with pytest.raises(ms.MeshError, match="places 50000 meshes, more than the 20000 that are read; join them"):
+        ms.load_mesh(tmp_path / "many.gltf")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ".".join("a" * 20_000) + " = 1",
+        "[" + " . ".join("a" * 20_000) + "]",
+        "x = {" + ".".join(['"a.b"', "'c'"] * 10_000) + " = 1}",
+        "x = {a = 1, " + ".".join("a" * 60) + "=1}",
+    ],
+)
+def test_keys_of_many_parts_are_refused_before_they_are_parsed(text, tmp_path, monkeypatch):
+    monkeypatch.setattr("tomllib.loads", lambda _: pytest.fail("it was parsed"))
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ms.SceneError, match="nested deeper than 50 levels"):
+        ms.load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# " + ". " * 100 + "=",
+        'name = "' + "a." * 100 + '="',
+        "name = [" + ", ".join(["1.5"] * 100) + "]",
+        'x = """\n' + "a . " * 40 + '"""',
+        ".".join("a" * 40) + " = 1",
+    ],
+)
+def test_other_dots_are_no_long_keys(text, tmp_path):
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ms.SceneError) as refused:
+        ms.load_scene(tmp_path / "scene.toml")
+    assert "deeper" not in str(refused.value)
+
+
+def test_a_scene_that_does_not_fit_is_refused_before_its_mesh_is_made(little, scene_file, monkeypatch):
+    scene = ms.load_scene(scene_file(("cells = [12, 4]", "cells = [2000, 2000]")))
+    little(10**9)
+    monkeypatch.setattr("modalshell.scene.scene.build_mesh", lambda *_: pytest.fail("the mesh was made"))
+    with pytest.raises(ms.SceneError, match=r"mesh: a shell of 4004001 vertices needs about .* take a coarser mesh"):
+        scene.build()
 
 
 def test_a_sweep_tells_how_many_scenes_are_checked(tmp_path, scene_file):

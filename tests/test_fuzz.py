@@ -1,4 +1,4 @@
-"""Bad input: every one gives a finite answer or a refusal of use, on six surfaces; and the suite sees planted bugs.
+"""Bad input: every one gives a finite answer or a refusal of use, on seven surfaces; and the suite sees planted bugs.
 
 ``MODALSHELL_FUZZ_INPUTS=20000 python -m pytest tests/test_fuzz.py -k inputs -s`` spreads so many inputs over the
 surfaces; ``MODALSHELL_FUZZ_SEED=1`` takes others than the ones that every run takes.
@@ -6,6 +6,7 @@ surfaces; ``MODALSHELL_FUZZ_SEED=1`` takes others than the ones that every run t
 
 import contextlib
 import dataclasses
+import importlib.util
 import json
 import os
 import subprocess
@@ -14,9 +15,10 @@ import time
 
 import numpy as np
 import pytest
-from fuzzing import arrays, calls, command_line, mesh_files, properties, saved, scenes
+from fuzzing import arrays, calls, command_line, mesh_files, outputs, properties, saved, scenes
 from fuzzing.harness import (
     Contradiction,
+    Destroyed,
     DirtyExit,
     Escape,
     HalfRead,
@@ -32,6 +34,7 @@ from fuzzing.harness import (
 import modalshell as ms
 from modalshell.commands import cli
 from modalshell.core.checks import as_array
+from modalshell.core.units import UnitSystem
 from modalshell.files import atomic_io
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh import files as mesh_io
@@ -39,11 +42,12 @@ from modalshell.mesh import polygon_files, selection, validation
 from modalshell.run.run_shell import ShellRun
 
 SURFACES = {
-    module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line, properties)
+    module.__name__.split(".")[-1]: module
+    for module in (mesh_files, arrays, scenes, saved, outputs, command_line, properties)
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 240, 4000
+DEFAULT, LONG = 280, 4700
 
 
 def attempts(surface, count, folder, seed=None):
@@ -229,6 +233,45 @@ def memory_error_escapes(monkeypatch):
     monkeypatch.setattr(cli, "available_memory", fail)
 
 
+def inputs_forgotten(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.files.outputs"], "_same", lambda *_: False)
+
+
+def files_of_others_unseen(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.files.outputs"], "_is_ours", lambda _: True)
+
+
+def clips_unchecked(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.export.clip"], "_check_values", lambda _: None)
+    monkeypatch.setattr(sys.modules["modalshell.files.archive"], "check_arrays", lambda *_, **__: {})
+
+
+def large_archives_unverified(monkeypatch):
+    monkeypatch.setattr(ms, "load_trajectory", lambda path, sound=ms.load_trajectory, **_: sound(path))
+
+
+def units_of_exports_forgotten(monkeypatch):
+    monkeypatch.setattr(UnitSystem, "metres", 1.0)
+
+
+def far_from_the_origin(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.export.point_cache"], "demand_near_origin", lambda *_: None)
+
+
+def clamps_left_behind(monkeypatch):
+    monkeypatch.setattr(ms.Shell, "posed", lambda self, _: self)
+
+
+def flat_shading_kept(monkeypatch):
+    monkeypatch.setattr(mesh_io, "_WELDED", (".stl",))
+
+
+needs_interchange = pytest.mark.skipif(
+    importlib.util.find_spec("pxr") is None and importlib.util.find_spec("pygltflib") is None,
+    reason="pip install 'modalshell[interchange]'",
+)
+
+
 SEEDS = {two_lines: 1, shared_scratch: 6}
 """Random seeds with which what is found late by the derandomised search is found soon; it is found with any."""
 
@@ -253,6 +296,14 @@ SEEDS = {two_lines: 1, shared_scratch: 6}
         (shared_scratch, "properties", Contradiction),
         (loose_parts_unseen, "properties", Unsaid),
         (memory_error_escapes, "properties", UncaughtException),
+        (inputs_forgotten, "outputs", Destroyed),
+        (files_of_others_unseen, "outputs", Destroyed),
+        (clips_unchecked, "saved", (HalfRead, SilentNonFinite, UncaughtException)),
+        (large_archives_unverified, "saved", HalfRead),
+        pytest.param(units_of_exports_forgotten, "outputs", Contradiction, marks=needs_interchange),
+        pytest.param(far_from_the_origin, "outputs", Contradiction, marks=pytest.mark.slow),
+        pytest.param(clamps_left_behind, "properties", Contradiction, marks=pytest.mark.slow),
+        (flat_shading_kept, "outputs", Contradiction),
     ],
 )
 def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):

@@ -23,7 +23,7 @@ from modalshell.core.checks import printable, shortened
 from modalshell.core.errors import ModalShellError
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
-from modalshell.files.outputs import checked_target
+from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.files.provenance import repository_module
 
 _HELP = """Simulate thin shells: leaves, paper, sheet metal, cloth.
@@ -73,6 +73,12 @@ def reproduce(
         say(*written, sep="\n")
 
 
+def _spare_measurements(scene: Path, out: Path) -> None:
+    """OptionError, before any work, where the measurements of a scene would replace files of others."""
+    stem = out / f"{ms.load_scene(scene).name}_tradeoff"
+    refuse_foreign(stem.with_suffix(".npz"), stem.with_suffix(".json"))
+
+
 @app.command
 def tradeoff(
     scene: Annotated[Path, Parameter(help="TOML file.")],
@@ -90,6 +96,7 @@ def tradeoff(
 
     Example: modalshell tradeoff studies/scenes/flat_beam.toml --modes 4 --modes 8
     """
+    _spare_measurements(scene, out)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         measured = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
@@ -114,6 +121,7 @@ def advise(
     """
     if write is not None:
         checked_target("--write", write, (".toml",), scene)
+    _spare_measurements(scene, out)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         advice = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)

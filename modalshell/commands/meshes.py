@@ -22,9 +22,9 @@ from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
 from modalshell.mesh.parts import chosen_part
-from modalshell.mesh.resolution import FEWEST_EDGES, edges_per_half_wave
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.registry import MODELS
+from modalshell.modes import model_basis
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
 from modalshell.run.results import DISPLACEMENT, Look
 from modalshell.run.run_shell import ShellRun
@@ -204,7 +204,7 @@ def _choose(
         warnings.simplefilter("ignore", ms.ModalShellWarning)  # they are repeated for the shell that is simulated
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
-    young, timing = softening(ms.solve_modes(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
+    young, timing = softening(model_basis(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
     chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
     return replace(options, young=young), timing, f"{end}; {chosen}"
 
@@ -214,22 +214,7 @@ def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
     basis = ms.solve_modes(shell, count)
     span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
     say(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
-    _say_unresolved(basis)
     return basis
-
-
-def _say_unresolved(basis: ms.Basis) -> None:
-    """Print which modes have waves too short for the mesh."""
-    edges = {
-        k + 1: edges_per_half_wave(basis.shell.mesh, basis.modes[:, k]) for k in range(basis.rigid_modes, basis.count)
-    }
-    if few := [str(mode) for mode, count in edges.items() if count < FEWEST_EDGES]:
-        modes = f"mode {few[0]} has" if len(few) == 1 else f"modes {', '.join(few)} have"
-        least = min(edges.values())
-        say(
-            f"{modes} fewer than {FEWEST_EDGES:g} edges a half wave (least: {least:.2g}), so that frequencies are more "
-            "than some 3 % off: take a finer mesh"
-        )
 
 
 def _with_options(text: str) -> str:
@@ -276,6 +261,8 @@ def simulate(
     """
     options, look = shell or _ShellOptions(), (film or _FilmOptions()).look
     chosen, moved = model or _ModelOptions(), motion or _MotionOptions()
+    name = f"{mesh.stem}_{chosen.model}"
+    refuse_foreign(out / f"{name}.npz")
     formats = ["png"] if moved.static else ["mp4", *(["png"] if look.still is not None else [])]
     tables: dict[str, Any] = {
         "model": chosen.table,
@@ -287,19 +274,19 @@ def simulate(
         options, timing, description = _choose(options, mesh, built_mesh, tables, chosen.modes)
     if not moved.static:
         tables["motion"] = moved.table(timing)
-    scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{chosen.model}")
+    scene = replace(options.scene(mesh, built_mesh, tables), name=name)
     built = scene.build_shell(built_mesh)
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
-    name = scene.model.spec.name
+    spec = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
-    look = replace(look, rate=rate, title=f"{mesh.stem}, {name}")
-    with progress(f"{name} steps") as on_step, progress("film") as on_frame:
+    look = replace(look, rate=rate, title=f"{mesh.stem}, {spec}")
+    with progress(f"{spec} steps") as on_step, progress("film") as on_frame:
         result = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
-    say(f"{name}: {result.summary}")
+    say(f"{spec}: {result.summary}")
     if built.clamped.any():
-        say(f"{name}: {motion_as_text(result.trajectory, built.mesh.size)}")
+        say(f"{spec}: {motion_as_text(result.trajectory, built.mesh.size)}")
     say(*result.files, sep="\n")
     end_with(result.outcome)
 
@@ -326,7 +313,6 @@ def modes(
     for k, frequency in enumerate(basis.frequencies):
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
-    _say_unresolved(basis)
     basis.save(out / f"{mesh.stem}_basis.npz")
     say(out / f"{mesh.stem}_basis.npz")
     say(basis.plot().save(out / f"{mesh.stem}_modes.png"))

@@ -29,6 +29,8 @@ class Crowd(ShellCrowd):
     - LMA: ``rest + Phi q``, driven by ``Phi^T f``: as :class:`modalshell.LinearModal`.
     - rigid: the rest shape; its coordinates are still stepped, as those of LMA.
 
+    Shells without supports are warped as held ones, without frames of their own: their centres stray in large turns.
+
     Coordinates are continuous across a switch, positions jump, by no more than :meth:`choose_levels` allows.
     Instances near the viewer may be drawn by RSW, blended in without a jump: :meth:`blend_strains`.
 

@@ -18,7 +18,7 @@ from modalshell.crowd.crowd import Crowd
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flight import Flight
 from modalshell.crowd.flock import MOST, MOST_THREADS, Flock
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.scene import tables
 from modalshell.scene.kinds import KINDS, SceneKind
 from modalshell.scene.load import pickled_scene
@@ -184,7 +184,7 @@ class FlockScene(Scene):
     def build_flight(self, shell: Shell) -> Flight:
         """The birds at their start; SceneError where the table is refused."""
         gravity = self.loads.gravity if self.loads and self.loads.gravity else _GRAVITY
-        basis = solve_modes(shell, self.model.options["modes"])
+        basis = model_basis(shell, self.model.options["modes"])
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 

@@ -22,17 +22,26 @@ bl_info = {
 
 _FORMAT = 1
 _KEY = "modalshell_clip"
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 _clips = {}
 
 
 def _clip(path):
-    """Arrays of a clip, read once."""
+    """Arrays of a clip, read once, in the metres and seconds that Blender counts in."""
     if path not in _clips:
         with np.load(path, allow_pickle=False) as data:
             if _KEY not in data or int(data[_KEY]) != _FORMAT:
                 raise ValueError(f"{path} is no clip of format {_FORMAT}")
             names = ("times", "rest", "faces", "shapes", "scales", "amplitudes")
-            _clips[path] = {name: data[name] for name in names}
+            clip = {name: data[name] for name in names}
+            length, _, time = map(str, data["unit_system"])
+        if length not in _METRES or time not in _SECONDS:
+            raise ValueError(f"{path} is in {length} and {time}, which this add-on does not know")
+        for name in ("rest", "scales"):
+            clip[name] = np.float32(_METRES[length]) * clip[name]
+        clip["times"] = _SECONDS[time] * clip["times"]
+        _clips[path] = clip
     return _clips[path]
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from modalshell.files.archive import readable
 from modalshell.files.atomic_io import checked_record, digest, read_npz, write_npz, write_record
+from modalshell.files.outputs import refuse_foreign
 
 _ARRAYS = "arrays"
 """Key of the arrays' digest in the JSON file."""
@@ -40,12 +41,13 @@ class StudyResult:
     record: dict[str, Any] = field(repr=False)
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths."""
+        """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths. OptionError for files of others."""
         content = {"study": self.name, "record": self.record, "findings": self.findings}
         # As they read back: tuples as lists, NumPy's numbers as Python's.
         content = json.loads(json.dumps(content, default=_plain, allow_nan=False))
         arrays = {name: np.asarray(array) for name, array in self.arrays.items()}
         stem = Path(folder) / self.name
+        refuse_foreign(stem.with_suffix(".npz"), stem.with_suffix(".json"))
         document = content | {_ARRAYS: digest(arrays)}
         return [write_npz(stem.with_suffix(".npz"), **arrays), write_record(stem.with_suffix(".json"), document)]
 

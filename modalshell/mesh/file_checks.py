@@ -10,8 +10,8 @@ from modalshell.core.errors import MeshError, ModalShellWarning
 
 _LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """glTF extensions that change how a surface looks, not its shape."""
-_MANY_INSTANCES = 4000
-"""Nodes with a mesh that take longer than a few seconds to put together."""
+_MANY_INSTANCES, _MOST_INSTANCES = 4000, 20_000
+"""Nodes with a mesh that take longer than a few seconds to put together, and those that are put together at most."""
 
 
 def check_stl(data: bytes) -> None:
@@ -56,6 +56,11 @@ def check_gltf(data: bytes) -> None:
         sparse = [index for index in used if index is not None and "sparse" in accessors[index]]
     except (ValueError, TypeError, AttributeError, LookupError, RecursionError):
         return
+    if instances > _MOST_INSTANCES:
+        raise MeshError(
+            f"the glTF places {instances} meshes, more than the {_MOST_INSTANCES} that are read; join them into one "
+            "mesh, or export fewer"
+        )
     if instances > _MANY_INSTANCES:
         warnings.warn(
             f"the glTF places {instances} meshes, which takes about {1e-3 * instances:.0f} s to read; join them into "

@@ -42,3 +42,19 @@ def edges_per_half_wave(mesh: TriangleMesh, shape: FloatArray) -> float:
     # A triangle's extent along the gradient is its range of values over the slope.
     extent = float(mesh.face_areas @ (slopes * np.ptp(at_corners, axis=1)).sum(axis=1))
     return float(np.pi * np.sqrt(size * steepness) / extent) if extent > 0.0 else np.inf
+
+
+def unresolved_remark(mesh: TriangleMesh, shapes: FloatArray, what: str, off: str, first: int = 1) -> str:
+    """A remark on shapes (3n, k) with few edges a half wave, numbered from ``first``; "" if there are none.
+
+    ``what`` they are, in the singular, and what is ``off``.
+    """
+    edges = [edges_per_half_wave(mesh, shape) for shape in shapes.T]
+    few = [str(first + k) for k, count in enumerate(edges) if count < FEWEST_EDGES]
+    if not few:
+        return ""
+    named = f"{what} {few[0]} has" if len(few) == 1 else f"{what}s {', '.join(few)} have"
+    return (
+        f"{named} fewer than {FEWEST_EDGES:g} edges a half wave (least: {min(edges):.2g}), so that {off} are more than "
+        "some 3 % off: take a finer mesh"
+    )

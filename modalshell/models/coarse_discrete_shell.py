@@ -19,6 +19,7 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, implicit_rule
+from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.discrete_shell import DiscreteShell
@@ -82,6 +83,7 @@ class CoarseDiscreteShell(ImplicitModel):
             )
         self._above, self._shares, _ = closest_points(mesh, under.vertices)
         self._step = profile_step(coarse)
+        self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)
 
     @property
     def weights(self) -> sps.csr_array:
@@ -138,9 +140,16 @@ class CoarseDiscreteShell(ImplicitModel):
         begin = None if positions is None else self.sampled(self.shell.checked_positions(positions))
         return self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
 
+    @property
+    def free_parts(self) -> ProlongedParts | None:
+        """Parts of the fine shell that nothing holds."""
+        return self._free_parts
+
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
         down = self._prolongation.restrict(load)
+        if self._free_parts is not None:
+            down = self._free_parts.balanced(load, down)
         if self._step is not None:
             moved, solved = self._step(start, down, damping, self.step_tolerance)
             if solved:

@@ -13,7 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import CoarseMesh, coarse_shell, remeshed
 from modalshell.models.registry import ModelSpec
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.shell import Shell
 
 MODE_COUNT = 8
@@ -44,7 +44,7 @@ class ModelFactory:
         shell: Shell,
         load: Callable[[], Array] | None = None,
         coarse: Callable[[tuple[int, int] | None, int | None], CoarseMesh] | None = None,
-        solve: Callable[[Shell, int], Basis] = solve_modes,
+        solve: Callable[[Shell, int], Basis] = model_basis,
     ) -> None:
         self.shell = shell
         self._load, self._coarse, self._solve = load, coarse, solve

@@ -13,13 +13,10 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import LARGEST, checked_kind
+from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
-from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
-from modalshell.files.archive import Archive, Field
-from modalshell.files.atomic_io import write_npz
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping, MotionState
@@ -32,7 +29,9 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
+from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
+from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
@@ -46,21 +45,6 @@ _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_HYBRID = Archive(
-    "a trained hybrid",
-    "modalshell_hybrid",
-    {
-        "basis": Field("f", ("N", "m"), "1/sqrt(kg)"),
-        "stresses": Field("f", ("e", "K")),
-        "viscous": Field("f", ("e", "L")),
-        "held_out_error": Field("f", (), ""),
-        "strain_limit": Field("f", (), ""),
-        "energy": Field("f", (), "J"),
-        "description": Field("U"),
-        "rest": Field("f", ("n", 3), "m"),
-    },
-    most=LARGEST,
-)
 
 
 @final
@@ -91,6 +75,8 @@ class HybridStress(ImplicitModel):
     ----------
     held_out_error : float
         90th percentile of the motions' errors against the coarse shell on loads that were not in training.
+    coarse_errors : ndarray, shape (c, 2)
+        Shares of the load of training, and the coarse shell's own error against DS at rest under each, at most 1.
     training : str
         What it was trained on.
 
@@ -111,6 +97,7 @@ class HybridStress(ImplicitModel):
         self.integrator = implicit_rule(integrator)
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
         self.held_out_error, self.training = trained.held_out_error, trained.description
+        self.coarse_errors = trained.coarse_errors
         self._trained, self._basis = trained, trained.basis
         parts = trained.basis, trained.stresses, trained.viscous
         self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
@@ -182,13 +169,14 @@ class HybridStress(ImplicitModel):
         checked_kind("shell", shell, Shell)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
         training = Training(modes, motions, seed, error)
-        found = train(small, CoarseDiscreteShell(shell, small).restrict(load), training, on_step)
+        model = CoarseDiscreteShell(shell, small)
+        found = train(small, model.restrict(load), training, on_step)
+        found = replace(found, coarse_errors=coarse_errors(model, load, training.frames))
         return cls(shell, small, found, integrator=integrator)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained data to an ``.npz`` file (no pickle)."""
-        values = {name: getattr(self._trained, name) for name in _HYBRID.fields if name != "rest"}
-        write_npz(path, **_HYBRID.arrays(values | {"rest": self.coarse.coarse.shell.rest_positions}))
+        write_trained(path, self._trained, self.coarse.coarse.shell)
 
     @classmethod
     def load(
@@ -201,15 +189,7 @@ class HybridStress(ImplicitModel):
     ) -> HybridStress:
         """Read what :meth:`save` wrote, for the same shells; FileFormatError if it is damaged or of other shells."""
         small = coarse or shell
-        with _HYBRID.read(path) as data:
-            if not np.array_equal(data["rest"], small.rest_positions):
-                raise ValueError("it was trained on another coarse shell")
-            elements = sum(e.rest.size for e in trainable(small).elements[:2])
-            if len(data["basis"]) != small.rest_positions.size or len(data["stresses"]) != elements:
-                raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
-            arrays = data["basis"], data["stresses"], data["viscous"]
-            numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
-            trained = Trained(*arrays, *numbers, str(data["description"]))
+        trained = read_trained(path, trainable(small))
         return cls(shell, small, trained, integrator=integrator)
 
     def centred(self) -> tuple[Self, Array]:
@@ -269,11 +249,10 @@ class HybridStress(ImplicitModel):
         z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
+        note = stated(self._trained, next_to_snap(problem, z, found.jumps))
+        ended = verdict(found.residual, True, note=note)
         positions = self._fine(self._coarse_positions(z))
-        return Equilibrium(
-            positions, *verdict(found.residual, True, note=self._range()), found.iterations, found.residual, True,
-            coordinates=z,
-        )  # fmt: skip
+        return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
     def _statics(self, push: Array) -> StressPotential:
         return StressPotential(push, np.zeros_like(push), self._reduced, self._scaling, self._edge_change, self._count)
@@ -290,14 +269,10 @@ class HybridStress(ImplicitModel):
     def remark(self, state: MotionState) -> str:
         """The range of training, or that the coarse shell has taken the step."""
         if state.coordinates.ndim == 1:
-            return self._range()
+            return stated(self._trained)
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
         return f"answered by {self.coarse.name}: {reason}"
-
-    def _range(self) -> str:
-        error = f"{100 * self.held_out_error:.1f} %"
-        return f"trained on {self.training}; error {error} on held-out loads (90th percentile), more just below a snap"
 
     def _hessian(self, z: Array) -> Array:
         """Hessian of the energy, that of hinges with a rest angle without their second derivatives."""
@@ -409,19 +384,6 @@ def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[
     shape = state.rates.shape
     memory = {name: turn(kept) if kept.shape == shape else kept for name, kept in state.memory.items()}
     return MotionState(place(state.coordinates), turn(state.rates), memory)
-
-
-def trainable(coarse: Shell) -> Shell:
-    """``coarse`` itself; an error if no hybrid can be made of it."""
-    checked_kind("coarse", coarse, Shell)
-    _ = coarse.elements
-    if len(coarse.elements) != 3 or coarse.energies:
-        raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
-    if coarse.has_dashpots:
-        raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
-    if not coarse.clamped.any():
-        raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
-    return coarse
 
 
 def trained_on_load(

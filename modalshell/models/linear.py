@@ -10,8 +10,10 @@ from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.model import FrameModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
+from modalshell.statics.path import Followable
 
 
 @final
@@ -24,30 +26,43 @@ class LinearModal(ModalModel):
 
     name = "LMA"
 
-    def raw_displacement(self, q: Array) -> Array:
+    def warped(self, q: Array) -> Array:
         """Displacements ``Phi q`` (n, 3) [m]."""
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)
 
-    def modal_force(self, q: Array, load: Array) -> Array:
+    def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)
         return self.basis.modes.T @ load.ravel()
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . Phi q`` [J] and its gradient (m,)."""
+        force = self.warped_force(q, load)
+        return float(force @ q), force
+
+    def warped_curvature(self, q: Array, load: Array) -> Array:
+        """Zero (m, m)."""
+        return self.warped_jacobian(q, load)
+
+    def followable(self, load: Array) -> Followable:
+        """OptionError: its answer is linear."""
+        return FrameModel.followable(self, load)
+
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Zero (m, m): the force is the same at every q."""
         return np.zeros((q.size, q.size))
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
         """``Phi^T g`` (m,)."""
         return np.asarray(self.basis.modes.T @ weights.ravel())
 
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
         return self.shell.rest_positions[vertices].mean(axis=0) + rows @ q, rows
 
-    def turned_rows(self, q: Array, vertices: Index) -> Array:
+    def warped_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""
         return self._patch_rows(self.basis.modes, vertices)
 

@@ -28,7 +28,7 @@ from modalshell.models.reduction.cubature import Cubature, checked_loads, defaul
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
-from modalshell.modes import solve_modes
+from modalshell.modes import model_basis
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
@@ -101,7 +101,7 @@ class ModalDerivatives(ImplicitModel):
         self._distortion = Distortion(shell.mesh)
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
-        self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)
+        self.basis = modal_derivatives(model_basis(shell, count, backend=backend), backend=backend)
         self._vectors = self.basis.vectors
         self._scaling = np.sqrt(self.basis.eigenvalues)
         self.energy = ReducedEnergy(shell, self._vectors)

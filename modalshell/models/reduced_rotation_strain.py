@@ -201,7 +201,7 @@ class ReducedRotationStrain(TurnedTriangles):
             self._modal[0].reshape(modes, 6, TILE)[:, :, :count].reshape(modes, -1).T,
         )
 
-    def raw_displacement(self, q: Array) -> Array:
+    def warped(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
         count_read(self._modal.nbytes + self._map.nbytes + self._expansion.nbytes)
         sampled = np.empty((1, 6 * TILE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -11,17 +12,18 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.free_parts import inertia_of, turn_keeping
+from modalshell.integrators.modal.flow import free_flow
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import FrameModel
+from modalshell.models.base.stepper import Drag, Stepper
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import left_free, rigid_motions, rigid_share
 from modalshell.shell import Shell
 
-_TOLERANCE = 1e-13
-"""Relative tolerance of the angular momentum after a step."""
-_NEWTON_LIMIT = 30
-"""Largest number of Newton iterations per step."""
+LoadAt = Callable[[MotionState, float], tuple[Array, Drag | None]]
+"""The load (n, 3) [N] on a state at a share of the step, and how it falls with velocities."""
 
 
 @final
@@ -30,10 +32,12 @@ class RigidShell(FrameModel):
 
     Held, it rests (moving supports carry it along exactly). Free, coordinates are the displacement of the centre of
     mass [m] and the rotation vector from rest [rad], rates the velocity [m/s] and the angular velocity in the world's
-    frame [rad/s]; a step takes the velocity's change first (symplectic Euler) and solves Euler's equations in the
-    discrete form of Moser and Veselov, which conserves angular momentum to rounding [moser1991]. About a principal axis
-    these have an answer while a step turns the body by less than one radian; longer steps are not converged. A free
-    shell has no equilibrium under a net force or torque: ``residual`` is their share of the load.
+    frame [rad/s]. Both momenta follow the exact flow under a force and a torque that change linearly over a step, by
+    their values at its beginning, kept from the step before, and at its expected end. The body turns by Euler's
+    equations in the discrete form of Moser and Veselov, which conserves angular momentum to rounding [moser1991]: order
+    two. About a principal axis these have an answer while a step turns the body by less than one radian; longer steps
+    are not converged. A free shell has no equilibrium under a net force or torque: ``residual`` is their share of the
+    load.
 
     Parameters
     ----------
@@ -62,7 +66,7 @@ class RigidShell(FrameModel):
         self._arms = shell.rest_positions - self._centre
         self._moments = self._arms.T @ (shell.mass[:, None] * self._arms)
         """Second moments J = ``sum m r r^T`` [kg m^2] about the centre of mass at rest."""
-        self._inertia = np.trace(self._moments) * np.eye(3) - self._moments
+        self._inertia = inertia_of(self._moments)
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Rest, the only answer."""
@@ -83,48 +87,70 @@ class RigidShell(FrameModel):
             centre = self.shell.mass @ positions / self._mass
             turn, _ = Rotation.align_vectors(positions - centre, self._arms, self.shell.mass)
             z = np.concatenate([centre - self._centre, turn.as_rotvec()])
-        return MotionState(z, np.zeros_like(z))
+        return MotionState(z, np.zeros_like(z), {"wrench": np.zeros_like(z), "known": np.zeros(1)})
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; see :meth:`Model.stepper`."""
+        return RigidStepper(self, setup)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
-        """One step; ``mass_factor`` slows both velocities, implicitly, and there is no strain for the other factor."""
+        """One step; ``mass_factor`` slows both velocities, and there is no strain for the other factor."""
+        return self.march(state, dt, lambda *_: (load, None), damping)
+
+    def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
+        """One step under loads that are asked for where they are needed."""
         if not self._free:
             return state, True
-        slowed = 1.0 / (1.0 + dt * damping.mass_factor)
-        z, rates = state.coordinates, state.rates
+        z, rates, c = state.coordinates, state.rates, free_flow(damping.mass_factor, dt)
         turn = Rotation.from_rotvec(z[3:])
-        attitude = turn.as_matrix()
-        velocity = slowed * (rates[:3] + dt * load.sum(axis=0) / self._mass)
-        torque = np.cross(self._arms @ attitude.T, load).sum(axis=0)
-        momentum = slowed * (attitude @ self._inertia @ attitude.T @ rates[3:] + dt * torque)
-        increment, converged = self._increment(dt * attitude.T @ momentum, dt * attitude.T @ rates[3:])
-        after = turn * Rotation.from_rotvec(increment)
-        # The momentum is what is conserved: the angular velocity follows from it and the new attitude.
-        new = after.as_matrix()
-        spin = new @ np.linalg.solve(self._inertia, new.T @ momentum)
-        coordinates = np.concatenate([z[:3] + dt * velocity, after.as_rotvec()])
-        return MotionState(coordinates, np.concatenate([velocity, spin])), converged
+        memory = state.memory
+        known = "known" in memory and bool(memory["known"][0])
+        first = memory["wrench"] if known else self._wrench(state, load_at(state, 0.0)[0])
+        faster = np.linalg.solve(self._inertias(turn), first)
+        change = dt * (rates + 0.5 * dt * faster)
+        ahead = np.concatenate([z[:3] + change[:3], (Rotation.from_rotvec(change[3:]) * turn).as_rotvec()])
+        expected = MotionState(ahead, np.asarray(rates + dt * faster))
+        load, drag = load_at(expected, 1.0)
+        last = self._wrench(expected, load)
+        momenta = self._inertias(turn) @ rates
+        end = c.e22 * momenta + c.b1 * first + c.b2 * (last - first)
+        if drag is not None:
+            # The force at the end falls with what the velocities there are above those expected.
+            fall = self._drag(ahead, *drag)
+            inertia = self._inertias(turn)
+            missed = np.linalg.solve(inertia + c.b2 * fall, end - inertia @ expected.rates)
+            last = last - fall @ missed
+            end = end - c.b2 * (fall @ missed)
+        moved = c.e12 * momenta + c.a1 * first + c.a2 * (last - first)
+        impulse = turn.inv().apply(moved[3:])
+        guess = np.asarray(np.linalg.solve(self._inertia, impulse), dtype=np.float64)
+        step, found = turn_keeping(self._moments, impulse, guess)
+        # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
+        # turn then is that of the angular velocity, and the step is not converged.
+        after = turn * (Rotation.from_matrix(step) if found else Rotation.from_rotvec(guess))
+        coordinates = np.concatenate([z[:3] + moved[:3] / self._mass, after.as_rotvec()])
+        kept = {"wrench": last, "known": np.ones(1)}
+        rates = np.asarray(np.linalg.solve(self._inertias(after), end), dtype=np.float64)
+        return MotionState(coordinates, rates, kept), found
 
-    def dragged(
-        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
-    ) -> MotionState:
-        """The fall of force and torque with the velocity and the spin, taken at the step's end."""
-        if not self._free:
-            return state
-        z = state.coordinates
-        turn = Rotation.from_rotvec(z[3:])
-        arms = turn.apply(self._arms[vertices])
+    def _inertias(self, turn: Rotation) -> Array:
+        """Mass and inertia (6, 6) of the turned body, in the world's frame."""
+        attitude, whole = turn.as_matrix(), self._mass * np.eye(6)
+        whole[3:, 3:] = attitude @ self._inertia @ attitude.T
+        return whole
+
+    def _wrench(self, state: MotionState, load: Array) -> Array:
+        """Force and torque about the centre (6,) of a load (n, 3) [N]."""
+        arms = Rotation.from_rotvec(state.coordinates[3:]).apply(self._arms)
+        return np.concatenate([load.sum(axis=0), np.cross(arms, load).sum(axis=0)])
+
+    def _drag(self, z: Array, vertices: Index, drag: Array) -> Array:
+        """How force and torque fall with velocity and spin (6, 6)."""
+        arms = Rotation.from_rotvec(z[3:]).apply(self._arms[vertices])
         rows = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
-        attitude = turn.as_matrix()
-        inertia = np.zeros((6, 6))
-        inertia[:3, :3], inertia[3:, 3:] = self._mass * np.eye(3), attitude @ self._inertia @ attitude.T
-        inertia *= 1.0 + dt * damping.mass_factor
-        whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
-        rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
-        fall = rates - state.rates
-        turned = Rotation.from_rotvec(dt * fall[3:]) * turn
-        return MotionState(np.concatenate([z[:3] + dt * fall[:3], turned.as_rotvec()]), rates)
+        return np.asarray(np.tensordot(rows, drag @ rows, ((0, 1), (0, 1))))
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
@@ -139,6 +165,19 @@ class RigidShell(FrameModel):
             return np.zeros_like(self._arms)
         arms = Rotation.from_rotvec(state.coordinates[3:]).apply(self._arms)
         return np.asarray(state.rates[:3] + np.cross(state.rates[3:], arms))
+
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of a displacement and a rotation (6,), in the norm of the mass."""
+        if not self._free:
+            return 0.0
+        return float(self._mass * vector[:3] @ vector[:3] + vector[3:] @ self._inertia @ vector[3:])
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small displacement and rotation (6,), at most."""
+        if not self._free:
+            return 0.0
+        reach = np.linalg.norm(self._arms, axis=1).max()
+        return float(np.linalg.norm(change[:3]) + reach * np.linalg.norm(change[3:]))
 
     def angular_momentum(self, state: MotionState) -> Array:
         """Angular momentum (3,) about the centre of mass [kg m^2/s], in the world's frame."""
@@ -161,38 +200,22 @@ class RigidShell(FrameModel):
     def _rest(self) -> Array:
         return np.zeros(6 if self._free else 0)
 
-    def _increment(self, impulse: Array, guess: Array) -> tuple[Array, bool]:
-        """Rotation c (3,) [rad] of a step, in the body frame, whose discrete momentum is ``impulse``; by Newton."""
-        inertia, moments = self._inertia, self._moments
-        c = guess
-        size = float(np.linalg.norm(impulse))
-        for _ in range(_NEWTON_LIMIT):
-            momentum, slope = _discrete_momentum(c, inertia, moments)
-            if np.linalg.norm(momentum - impulse) <= _TOLERANCE * size:
-                return c, True
-            try:
-                c = c - np.linalg.solve(slope, momentum - impulse)
-            except np.linalg.LinAlgError:
-                break
-        residual = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
-        # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
-        # turn then is that of the angular velocity, and the step is not converged.
-        return (c, True) if residual <= 1e-9 * size else (guess, False)
 
+@final
+class RigidStepper(Stepper):
+    """Steps under loads as they are where the body is expected, without constraints."""
 
-def _discrete_momentum(c: Array, inertia: Array, moments: Array) -> tuple[Array, Array]:
-    """Axial vector of ``F J - J F^T`` with ``F = exp[c]``, and its derivative by c (3, 3) [moser1991].
+    model: RigidShell
 
-    ``F = I + a [c] + b [c]^2`` makes it ``a (tr(J) I - J) c - b c x J c``.
-    """
-    squared = float(c @ c)
-    angle = np.sqrt(squared)
-    if angle < 1e-3:
-        a, b, da, db = 1.0 - squared / 6.0, 0.5 - squared / 24.0, -1.0 / 3.0, -1.0 / 12.0
-    else:
-        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
-        da, db = (np.cos(angle) - a) / squared, (a - 2.0 * b) / squared
-    spun, twisted = inertia @ c, np.cross(c, moments @ c)
-    slope = a * inertia + np.outer(da * spun - db * twisted, c)
-    slope -= b * (cross_matrices(c) @ moments - cross_matrices(moments @ c))
-    return np.asarray(a * spun - b * twisted), np.asarray(slope)
+    def __init__(self, model: RigidShell, setup: MotionSetup) -> None:
+        if setup.constraints:
+            raise model.no_constraints()
+        super().__init__(model, setup, in_frame=True)
+
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the body."""
+
+        def load_at(at: MotionState, share: float) -> tuple[Array, Drag | None]:
+            return self.felt(begin + share * dt, load, at)
+
+        return self.model.march(state, dt, load_at, self.setup.damping)

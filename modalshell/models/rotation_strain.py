@@ -66,7 +66,7 @@ class RotationStrain(TurnedTriangles):
         self._shape = tiled(shape).reshape(-1, 12 * TILE)
         self._corners = tiled(fit.slots, fill=fit.rows - 1)
 
-    def raw_displacement(self, q: Array) -> Array:
+    def warped(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
         count_read(self._modal.nbytes + self._shape.nbytes)
         right_side = np.empty((self._fit.rows, 3))

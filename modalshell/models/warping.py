@@ -10,11 +10,10 @@ import numpy as np
 from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
@@ -26,7 +25,7 @@ _DERIVATIVES = 600
 
 
 @final
-class ModalWarping(ModalModel):
+class ModalWarping(UnstretchedModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
     The displacement is the closed form of [choi2007, eq. 16] along a straight path from rest: it depends on q alone, so
@@ -67,7 +66,7 @@ class ModalWarping(ModalModel):
         count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
-    def raw_displacement(self, q: Array) -> Array:
+    def warped(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
         count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -75,17 +74,17 @@ class ModalWarping(ModalModel):
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
         return out
 
-    def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state, in one fused pass."""
+    def warped_positions(self, q: Array) -> Array:
+        """Vertex positions (n, 3) [m] at q, in one fused pass."""
         count_read(self._frame.bytes_read)
-        return self._frame.positions(state.coordinates)
+        return self._frame.positions(q)
 
     @cached_property
     def _frame(self) -> WarpFrame:
         """At first use: it holds a second copy of the modal data."""
         return WarpFrame(self.basis)
 
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
         modes = self._patch_rows(self.basis.modes, vertices)
         turns = self._patch_rows(self.basis.rotations, vertices)
@@ -96,16 +95,16 @@ class ModalWarping(ModalModel):
         value = self.shell.rest_positions[vertices] + np.einsum("vij,vj->vi", averages, linear)
         return value.mean(axis=0), (averages @ modes + slopes @ turns).mean(axis=0)
 
-    def modal_force(self, q: Array, load: Array) -> Array:
+    def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
-            return self.work(q, load)[1]
+            return self.warped_work(q, load)[1]
         count_read(self._frame.bytes_read)
         force = np.empty_like(q)
         push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
         return force
 
-    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
         count_read(2 * self.basis.modes.nbytes + self.basis.rotations.nbytes)
         count_products(_DERIVATIVES * len(load))
@@ -119,11 +118,11 @@ class ModalWarping(ModalModel):
         """The same model on another basis of its shell."""
         return ModalWarping(basis, consistent_force=self.consistent_force)
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
-        return self.work(q, weights)[1]
+        return self.warped_work(q, weights)[1]
 
-    def work_curvature(self, q: Array, load: Array) -> Array:
+    def warped_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work."""
         w = self.rotation_vectors(q)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -132,10 +131,10 @@ class ModalWarping(ModalModel):
         by_modes = self.basis.modes.T @ self._turned(mixed)
         return by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature)
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives ``dp/dq`` (m, m) of the modal force; not symmetric unless the force is consistent."""
         if self.consistent_force:
-            return self.work_curvature(q, load)
+            return self.warped_curvature(q, load)
         blocks = np.empty((*load.shape, 3))
         rotations.rotated_load_jacobian(self.rotation_vectors(q), load, blocks)
         return self.basis.modes.T @ self._turned(blocks)
@@ -170,7 +169,7 @@ class ModalWarping(ModalModel):
             return pushed
 
         def slope(q: Array, share: float) -> Array:
-            return self.modal_force_jacobian(q, share * load)
+            return self.warped_jacobian(q, share * load)
 
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 

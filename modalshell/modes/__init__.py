@@ -1,6 +1,6 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
-from modalshell.modes.basis import Basis, lowest_modes, solve_modes
+from modalshell.modes.basis import Basis, lowest_modes, model_basis, solve_modes
 from modalshell.modes.derivatives import BasisSensitivity
 from modalshell.modes.eigenpairs import largest_eigenvalue
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
@@ -19,5 +19,6 @@ __all__ = [
     "largest_eigenvalue",
     "lowest_modes",
     "lowest_tangent_eigenvalue",
+    "model_basis",
     "solve_modes",
 ]

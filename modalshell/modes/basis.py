@@ -25,6 +25,7 @@ from modalshell.files.atomic_io import write_npz
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
+from modalshell.mesh.resolution import unresolved_remark
 from modalshell.modes.attachments import attached_forces, with_attachments
 from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
@@ -240,6 +241,7 @@ def solve_modes(
         eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
         orthonormal modes of its eigenspace are returned as there is room for. Where loose parts are asked for
         (``Shell(..., loose_parts=True)``), a ModalShellWarning says that six modes each are their rigid motions.
+        Another names the modes with fewer than four edges of the mesh a half wave.
 
     Raises
     ------
@@ -258,19 +260,37 @@ def solve_modes(
     _checked_parts(shell, count, backend)
     found: Basis | LoadedModes
     if about is None:
-        found, whole = _solved(shell, count, attachments, backend)
+        basis, whole = _solved(shell, count, attachments, backend)
+        modes, first = basis.modes[:, basis.rigid_modes : None if attachments is None else 0], basis.rigid_modes + 1
+        found = basis
     else:
         if attachments is not None:
             raise OptionError("attachments are shapes about rest: leave them out, or about=")
-        found, whole = loaded_modes(shell, about, count, backend)
+        loaded, whole = loaded_modes(shell, about, count, backend)
+        found, modes, first = loaded, loaded.modes, 1
+    _warn_of_cut(count, whole)
+    if remark := unresolved_remark(shell.mesh, modes, "mode", "frequencies", first):
+        warnings.warn(remark, ModalShellWarning, stacklevel=2)
+    return found
+
+
+def model_basis(shell: Shell, count: int, backend: str | None = None) -> Basis:
+    """As :func:`solve_modes`, for a model: short waves are part of its shapes, and nothing is said of them."""
+    checked_kind("shell", shell, Shell)
+    _checked_parts(shell, checked_count("count", count), backend)
+    found, whole = _solved(shell, count, None, backend)
+    _warn_of_cut(count, whole)
+    return found
+
+
+def _warn_of_cut(count: int, whole: int) -> None:
     if whole < count:
         warnings.warn(
             f"mode {count} belongs to a repeated eigenvalue that the count of modes ({count}) cuts in two; ask for one "
             "or two modes more to hold its whole subspace",
             ModalShellWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    return found
 
 
 def lowest_modes(shell: Shell, count: int) -> tuple[Basis, int]:

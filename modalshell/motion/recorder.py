@@ -12,7 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Progress
-from modalshell.models.base.modal import CONSTRAINT_MET
+from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion.stepping import Motion
 from modalshell.motion.trajectory import Trajectory

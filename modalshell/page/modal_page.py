@@ -34,7 +34,8 @@ def modal_page(
 
     It integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by implicit Euler with the force of the
     step's beginning, p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS [choi2007, eq. 16-20]. Its modes and rotations
-    are half floats: coordinates agree with the models of this package to about 1e-3.
+    are half floats: coordinates agree with the models of this package to about 1e-3. A shell without supports is warped
+    as if it were held, without a frame of its own: its centre strays where it turns far.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
@@ -85,7 +85,7 @@ class ShellRun(SceneRun[SceneResult]):
         folder: Path,
         look: Look | None = None,
         on_frame: Progress | None = None,
-        solve: Callable[[Shell, int], Basis] = solve_modes,
+        solve: Callable[[Shell, int], Basis] = model_basis,
     ) -> None:
         super().__init__(scene, shell, folder)
         self._scene, self._look = scene, look or Look(color=scene.output.color)

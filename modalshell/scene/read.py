@@ -25,6 +25,9 @@ _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
 _NAME = r"[^\W_][\w-]{0,99}"
 _DEEPEST = 50
 """Largest nesting depth of keys in a scene file."""
+_KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY}(?:\.[ \t]*{_KEY}){{{_DEEPEST},}}[=\]])", re.MULTILINE)
+"""A key of more parts than are read, for which the parser takes a time that grows as their square."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 """Parameters that the package names otherwise than scenes do."""
 
@@ -32,13 +35,18 @@ _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 def read_toml(file: Path) -> dict[str, Any]:
     """Read the file as plain tables of finite numbers; else SceneError."""
     try:
-        document = tomllib.loads(read_text(file))
+        text = read_text(file)
+        if long := _LONG_KEY.search(text):
+            raise _too_deep(file, long[1])
+        document = tomllib.loads(text)
     except FileNotFoundError as error:
         raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:
         raise SceneError(f"{file}: cannot be read ({error.strerror}); give a readable scene file") from error
     except UnicodeDecodeError as error:
         raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except SceneError:
+        raise
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise SceneError(f"{file}: not TOML: {error}") from error
     for path, value in _numbers(file, document):
@@ -47,9 +55,13 @@ def read_toml(file: Path) -> dict[str, Any]:
     return document
 
 
+def _too_deep(file: Path, path: str) -> SceneError:
+    return SceneError(f"{file}: {shortened(path, 80)}: nested deeper than {_DEEPEST} levels; no scene has such keys")
+
+
 def _numbers(file: Path, value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
     if depth > _DEEPEST:
-        raise SceneError(f"{file}: {shortened(path, 80)}: nested deeper than {_DEEPEST} levels; no scene has such keys")
+        raise _too_deep(file, path)
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _numbers(file, inner, f"{path}.{key}" if path else key, depth + 1)

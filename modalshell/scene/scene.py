@@ -28,8 +28,9 @@ from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion, SupportPath
+from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
 from modalshell.scene.models import ModelTable
@@ -47,6 +48,7 @@ from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
+from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 
@@ -103,6 +105,10 @@ class Scene(ABC):
     def build_mesh(self) -> TriangleMesh:
         """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
+            cells: Sequence[int] = getattr(self.mesh, "cells", ())
+            if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
+                split = isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated
+                demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
             return build_mesh(self.mesh, self.file.parent)
 
     def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
@@ -175,7 +181,7 @@ class ShellScene(Scene):
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"constraints": [table.plain() for table in self.constraints]}
 
-    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = solve_modes) -> BuiltScene:
+    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
 
         Raises
@@ -193,7 +199,7 @@ class ShellScene(Scene):
             model = self.model.build(self.model_factory(shell, solve))
         return BuiltScene(self, shell, model, force, loads, path, constraints)
 
-    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = solve_modes) -> ModelFactory:
+    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
         coarse = partial(scene_coarse_mesh, self.mesh, self.material, shell)
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
@@ -313,8 +319,7 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
-                tolerance=table.tolerance,
-                span=table.duration,
+                tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
 
     def loading(self) -> Loading:

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_vectors, shown
 from modalshell.core.errors import OptionError, SupportError
-from modalshell.core.memory import demand_memory
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
+from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
 from modalshell.shell.energies_of import energy_of, gradient_by_constant
@@ -32,9 +32,6 @@ from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, s
 from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
-
-_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
-"""Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""
 
 
 class Shell(ReadOnlyArrays):
@@ -102,8 +99,7 @@ class Shell(ReadOnlyArrays):
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
-        each = _SPLIT_VERTEX_BYTES if isinstance(material, Isotropic) else _VERTEX_BYTES
-        demand_memory(f"a shell of {count} vertices", each * count, "take a coarser mesh")
+        demand_shell(count, split=isinstance(material, Isotropic))
         clamp = held_vertices(clamped, count, mesh)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
@@ -111,9 +107,9 @@ class Shell(ReadOnlyArrays):
         self.energies = tuple(energies)
         if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
             warn_of_two_way_bending(mesh, unknowns.supported)
+        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
-        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
 
     def _support(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
@@ -12,11 +13,12 @@ import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind
-from modalshell.core.errors import LoadError, OptionError, SolverError
+from modalshell.core.errors import LoadError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array
 from modalshell.loads import Load
+from modalshell.mesh.resolution import unresolved_remark
 from modalshell.modes import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import left_free
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
@@ -70,9 +72,9 @@ def buckling_factors(
 ) -> Buckling:
     """The lowest factors by which a load buckles a shell, by linear theory.
 
-    Solves ``(K + lambda (K_g + K_f)) phi = 0``, K the stiffness at rest, K_g the geometric stiffness under the stresses
-    of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell, unsymmetric where they
-    have no potential. That is exact where the shell hardly moves before it buckles; where it
+    Solves ``(K + lambda (K_g + K_f)) phi = 0`` (theory 8, eq. 7), K the stiffness at rest, K_g the geometric stiffness
+    under the stresses of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell,
+    unsymmetric where they have no potential. That is exact where the shell hardly moves before it buckles; where it
     bends first, follow :func:`modalshell.equilibrium_path`. There may be fewer factors than asked for: of a load that
     pulls, none.
 
@@ -88,7 +90,8 @@ def buckling_factors(
     Returns
     -------
     Buckling
-        Load factors and mode shapes.
+        Load factors and mode shapes. A ModalShellWarning names shapes with fewer than four edges of the mesh a half
+        wave.
 
     Raises
     ------
@@ -130,6 +133,8 @@ def buckling_factors(
     order = order[inverses[order] > _NONE * np.abs(inverses).max(initial=0.0)]
     modes = np.asarray(unknowns.prolong(vectors[:, order]))
     modes /= np.linalg.norm(modes.reshape(len(rest), 3, order.size), axis=1).max(axis=0, initial=1e-300)
+    if remark := unresolved_remark(shell.mesh, modes, "buckling mode", "load factors"):
+        warnings.warn(remark, ModalShellWarning, stacklevel=2)
     return Buckling(read_only(1.0 / inverses[order]), read_only(modes), loading.conservative)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import itertools
 import os
 import re
 from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +41,7 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
         raise OptionError("a cluster needs dask.distributed: pip install 'modalshell[cluster]'")
     from distributed import Client, Security
 
-    security = None
+    security = Security()
     if certificates is not None:
         files = [Path(file) for file in certificates]
         missing = [str(file) for file in files if not file.is_file()]
@@ -50,7 +52,7 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
             )
         names = dict(zip(("tls_ca_file", "tls_client_cert", "tls_client_key"), map(str, files), strict=True))
         security = Security(require_encryption=True, **names)
-    elif address.startswith("tls://") and Security().get_connection_args("client")["ssl_context"] is None:
+    elif address.startswith("tls://") and security.get_connection_args("client")["ssl_context"] is None:
         raise OptionError(
             f"{shown(address)} needs certificates: give the files of authority, certificate and key (--certificates), "
             "or name them in the configuration of dask"
@@ -58,6 +60,8 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
     try:
         if not re.search(r"://|:\d+$", address):
             raise ValueError("the address names no port")
+        with ThreadPoolExecutor(1) as pool:  # the caller may have an event loop of its own, as notebooks have
+            pool.submit(asyncio.run, _asked(address, security)).result()
         client = Client(address, timeout=_SECONDS, set_as_default=False, security=security)
     except Exception as error:  # AssertionError too, from addresses of other protocols
         raise WorkerError(
@@ -73,6 +77,24 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
             f"the scheduler at {address} has no workers: start some with 'dask worker {address} --nworkers auto'"
         ) from error
     return client
+
+
+async def _asked(address: str, security: Any) -> None:
+    """Ask a scheduler who it is.
+
+    A client waits without end for one that is silent, and prints a traceback once it is dropped without a connection.
+    """
+    from distributed.comm.core import connect as connected
+
+    arguments = security.get_connection_args("client")
+    comm = await asyncio.wait_for(connected(address, timeout=_SECONDS, **arguments), _SECONDS)
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        answer = await asyncio.wait_for(comm.read(), _SECONDS)
+        if not (isinstance(answer, dict) and answer.get("type") == "Scheduler"):
+            raise ValueError("what answers is no scheduler")
+    finally:
+        comm.abort()
 
 
 def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[CaseResult, None, None]:

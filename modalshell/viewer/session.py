@@ -17,7 +17,7 @@ from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
@@ -280,7 +280,7 @@ class ViewSession:
     def _first_modes(self, shell: Shell, count: int) -> Basis:
         """The lowest modes, cut from the largest basis computed so far."""
         if self._basis is None or self._basis.count < count:
-            self._basis = solve_modes(shell, count)
+            self._basis = model_basis(shell, count)
         whole = self._basis
         return dataclasses.replace(
             whole,

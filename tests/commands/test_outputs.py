@@ -8,6 +8,7 @@ import pytest
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.files.outputs import refuse_foreign
+from modalshell.files.study_result import StudyResult
 
 
 @pytest.fixture(autouse=True)
@@ -103,6 +104,38 @@ def test_simulate_modes_and_path_keep_arrays_of_others(refused, scene_file, tmp_
     foreign = tmp_path / f"{ms.load_scene(scene).name}_path.npz"
     np.savez(foreign, measured=np.arange(3))
     assert "not written by modalshell" in refused("path", scene, "--out", tmp_path, keeps=[foreign])
+
+
+@pytest.mark.parametrize("suffix", ["npz", "json"])
+@pytest.mark.parametrize("command", ["tradeoff", "advise"])
+def test_measurements_keep_files_of_others_before_any_work(refused, scene_file, tmp_path, monkeypatch, command, suffix):
+    scene = scene_file()
+    foreign = tmp_path / f"{ms.load_scene(scene).name}_tradeoff.{suffix}"
+    if suffix == "npz":
+        np.savez(foreign, measured=np.arange(3))
+    else:
+        foreign.write_text('{"my": "settings"}')
+    monkeypatch.setattr(ms, command, lambda *_, **__: pytest.fail("it was measured"))
+    assert "not written by modalshell" in refused(command, scene, "--out", tmp_path, keeps=[foreign, scene])
+
+
+def test_simulate_finds_arrays_of_others_before_any_mode(refused, tmp_path, monkeypatch):
+    ms.save_mesh(ms.sheet(length=1.0, width=0.3, cells=(6, 2)), tmp_path / "strip.obj")
+    np.savez(tmp_path / "strip_mwts.npz", measured=np.arange(3))
+    for place in ("modalshell.commands.meshes.model_basis", "modalshell.solve_modes"):
+        monkeypatch.setattr(place, lambda *_: pytest.fail("modes were solved"))
+    told = refused("simulate", tmp_path / "strip.obj", "--out", tmp_path, keeps=[tmp_path / "strip_mwts.npz"])
+    assert "not written by modalshell" in told
+
+
+def test_a_study_replaces_its_own_results_alone(tmp_path):
+    result = StudyResult("study", {"rows": []}, {"a": np.arange(3)}, {})
+    for _ in range(2):
+        result.save(tmp_path)
+    (tmp_path / "study.json").write_text('{"my": "settings"}')
+    with pytest.raises(ms.OptionError, match="not written by modalshell"):
+        result.save(tmp_path)
+    assert (tmp_path / "study.json").read_text() == '{"my": "settings"}'
 
 
 def test_a_run_keeps_its_mesh(refused, scene_file, tmp_path):

@@ -3,7 +3,10 @@
 import base64
 import importlib.util
 import struct
+import sys
 from dataclasses import replace
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from scenes import cantilever
 
 import modalshell as ms
 from modalshell.commands.cli import main
-from modalshell.core.units import UnitSystem
+from modalshell.core.units import LENGTHS, TIMES, UnitSystem
 from modalshell.export import save_modes_gltf
 
 PLACE = np.array([4.5e5, 5.4e6, 300.0])
@@ -143,3 +146,24 @@ def test_a_page_far_from_the_origin_shows_the_motion(far, tmp_path, monkeypatch)
     stored = np.frombuffer(base64.b64decode(text.split('"rest": "')[1].split('"')[0]), "<f4").reshape(-1, 3)
     middle = 0.5 * (far.rest_positions.min(axis=0) + far.rest_positions.max(axis=0))
     np.testing.assert_allclose(stored, far.rest_positions - middle, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("length", "time"), [("mm", "ms"), ("in", "s"), ("m", "s")])
+def test_the_add_on_of_blender_plays_clips_in_metres_and_seconds(run, tmp_path, monkeypatch, length, time):
+    """The add-on is one file without this package; Blender's own modules stand in by name."""
+    for name in ("bpy", "bpy.app", "bpy.app.handlers", "bpy.props", "bpy_extras", "bpy_extras.io_utils"):
+        monkeypatch.setitem(sys.modules, name, mock.MagicMock())
+    sys.modules["bpy"].types.Operator = type("Operator", (), {})
+    sys.modules["bpy_extras.io_utils"].ImportHelper = type("ImportHelper", (), {})
+    place = Path(ms.__file__).parent / "export" / "blender_clip.py"
+    spec = importlib.util.spec_from_file_location("blender_clip", place)
+    add_on = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(add_on)
+    assert (add_on._METRES, add_on._SECONDS) == (LENGTHS, TIMES)
+    path = ms.save_trajectory(replace(run, units=UnitSystem(length, "t", time)), tmp_path / "a.clip")
+    clip = add_on._clip(str(path))
+    np.testing.assert_allclose(clip["times"], TIMES[time] * run.times)
+    for k, at in enumerate(run.times):
+        expected = LENGTHS[length] * run.positions[k]
+        found = add_on.positions(clip, TIMES[time] * at)
+        np.testing.assert_allclose(found, expected, atol=2e-4 * LENGTHS[length])

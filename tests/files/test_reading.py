@@ -157,7 +157,7 @@ def test_work_that_does_not_fit_is_refused_before_it_starts(monkeypatch, tmp_pat
     with pytest.raises(SystemExit) as caught:
         main(["run", str(scene), "--out", str(tmp_path)])
     assert caught.value.code == 2
-    assert re.fullmatch(r"modalshell: .*a mesh of 1000000 x 2 cells needs about .*\n", capsys.readouterr().err)
+    assert re.fullmatch(r"modalshell: .*a shell of 3000003 vertices needs about .*\n", capsys.readouterr().err)
 
 
 def test_long_work_is_announced():

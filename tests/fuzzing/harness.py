@@ -59,6 +59,10 @@ class Escape(FuzzFinding):
     """A file written outside the folder that the user chose."""
 
 
+class Destroyed(FuzzFinding):
+    """A file of the user's that a command wrote over."""
+
+
 class DirtyExit(FuzzFinding):
     """A command that ended otherwise than with status 0 or 1, or with status 2 and one line."""
 

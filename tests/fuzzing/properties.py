@@ -1,6 +1,6 @@
 """Answers that must not depend on where a mesh lies, who asks at the same time, or which mark a file begins with.
 
-Also what must be said of loose parts, and of memory that runs out.
+Also what must be said of loose parts, and of memory that runs out; and supports that move and come to rest.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SHARED = ("lma", "mwts", "rsw", "ds", "springs")
 def make(folder: Path) -> st.SearchStrategy[Input]:
     """Inputs of every kind; files are written into ``folder``."""
     prepared(folder)
-    return st.one_of(_offsets(), _marks(folder), _threads(), _loose_parts(), _memory(folder))
+    return st.one_of(_offsets(), _marks(folder), _threads(), _loose_parts(), _memory(folder), _carried())
 
 
 # ---- meshes far from the origin
@@ -204,3 +204,42 @@ def _memory(folder: Path) -> st.SearchStrategy[Input]:
         return Input(f"{pair} without memory: {message!r}", lambda: _without_memory(folder, *pair, message))
 
     return st.builds(build, st.sampled_from(pairs), message)
+
+
+# ---- supports that move
+
+
+def _settled(rung: str, sheet: bool, supports: list[Any], moved: Any, turned: Any) -> Any:
+    """A strip whose supports move and rest ends as a rigid copy of its rest shape."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    material = ms.Isotropic(1e9, 0.3, 0.01, 1000.0) if sheet else ms.Material(2000.0, 2000.0, 5.0, 0.2)
+    if not sheet and supports[0].clamps:  # hinges turn about one row
+        supports = [ms.Clamp("x < 0.2"), *supports[1:]]
+    shell = ms.Shell(mesh, material, supports=supports)
+    basis = ms.solve_modes(shell, 3)
+    first = 2.0 * np.pi * float(basis.frequencies[0])
+    path = ms.SupportPath([0.0, 0.5], [[0, 0, 0], moved], [[0, 0, 0], turned], pivot=(0.1, 0.0, 0.2))
+    model = ms.models()[rung].builder(basis) if rung != "ds" else ms.DiscreteShell(shell)
+    run = ms.simulate(model, duration=0.5 + 16.0 / first, dt=0.02, damping=(2.0 * first, 1e-4), supports=path)
+    off = np.abs(run.positions[-1] - path.at(10.0).to_world(shell.rest_positions)).max()
+    if run.outcome.succeeded and off > 1e-3:
+        raise Contradiction(f"{off:.3g} m from a rigid copy")
+    return run.positions
+
+
+def _carried() -> st.SearchStrategy[Input]:
+    kinds = {
+        "one row": [ms.Clamp("x < 1e-6")],
+        "two rows": [ms.Clamp("x < 0.2")],
+        "pinned rows": [ms.Pin("x < 0.2")],
+        "row and roller": [ms.Clamp("x < 1e-6"), ms.Roller("x > 0.99", direction=(1, 0, 0))],
+        "row and symmetry": [ms.Clamp("x < 1e-6"), ms.Symmetry("y < -0.0999", normal=(0, 1, 0))],
+    }
+    part = st.sampled_from((-0.3, 0.0, 0.2, 0.5))
+
+    def build(rung: str, sheet: bool, kind: str, moved: tuple[float, ...], turned: tuple[float, ...]) -> Input:
+        text = f"{rung} of {'a sheet' if sheet else 'hinges'} on {kind}, moved by {moved} and turned by {turned}"
+        return Input(text, lambda: _settled(rung, sheet, kinds[kind], moved, turned))
+
+    rungs, three = st.sampled_from(("lma", "mwts", "rsw", "ds", "ds")), st.tuples(part, part, part)
+    return st.builds(build, rungs, st.booleans(), st.sampled_from(sorted(kinds)), three, three)

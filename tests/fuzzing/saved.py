@@ -14,12 +14,14 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from hypothesis import strategies as st
 from scenes import TINY_BEAM, held
 
 import modalshell as ms
+from fuzzing.command_line import called, check_exit
 from fuzzing.harness import HalfRead, Input
 from fuzzing.mutations import TOKENS, array_like, byte_damage, damaged, flips
 from modalshell.compare.tradeoff import outside_positions
@@ -87,6 +89,9 @@ def results() -> tuple[Saved, ...]:
         folder = Path(name)
         basis.save(folder / "basis.npz")
         ms.save_trajectory(run, folder / "run.npz")
+        ms.save_trajectory(run, folder / "run.clip")
+        longer = ms.simulate(ms.ModalWarping(basis), duration=2.0, gravity=(0.0, 0.0, -4.0))
+        ms.save_trajectory(longer, folder / "long.npz")
         findings = {"rows": [{"label": "DS", "error": 0.25, "modes": 8}], "note": "é"}
         arrays = {"a": np.arange(6.0), "b": mesh.faces}
         StudyResult("study", findings, arrays, run_record({"cells": [2, 2]})).save(folder)
@@ -99,7 +104,7 @@ def results() -> tuple[Saved, ...]:
         def kind(title: str, damaged_file: str, names: tuple[str, ...], read: Callable[[Path], Any]) -> None:
             files = {name: (folder / name).read_bytes() for name in names}
             arrays = {}
-            if damaged_file.endswith(".npz"):
+            if damaged_file.endswith((".npz", ".clip")):
                 with np.load(folder / damaged_file) as stored:
                     arrays = dict(stored)
             expected = whole.trajectory if title == "frames" else read(folder)
@@ -136,9 +141,25 @@ def results() -> tuple[Saved, ...]:
                 raise ms.FileFormatError(f"no sound case in {at}: it would be computed again")
             return found
 
+        def exported(at: Path) -> Any:
+            """As an archive too large to be verified by whoever only looks at it."""
+            with mock.patch("modalshell.export.archive._VERIFIED", 0):
+                _, errors, status = called(["export", "long.npz", "--to", "pc2"], at)
+            check_exit(status, errors)
+            return np.frombuffer((at / "long.pc2").read_bytes(), np.uint8)
+
         both = ("study.json", "study.npz")
         kind("basis", "basis.npz", ("basis.npz",), lambda at: ms.Basis.load(at / "basis.npz"))
         kind("trajectory", "run.npz", ("run.npz",), lambda at: ms.load_trajectory(at / "run.npz"))
+
+        def clip(at: Path) -> Any:
+            found = ms.load_clip(at / "run.clip")
+            if (np.diff(found.times) <= 0.0).any() or found.faces.max(initial=0) >= found.positions.shape[1]:
+                raise HalfRead("a clip whose times do not increase, or whose faces name no vertices")
+            return found
+
+        kind("clip", "run.clip", ("run.clip",), clip)
+        kind("exported archive", "long.npz", ("long.npz",), exported)
         kind("study's arrays", "study.npz", both, lambda at: StudyResult.load(at, "study"))
         kind("study's findings", "study.json", both, lambda at: StudyResult.load(at, "study"))
         kind("frames", "beam.frames", ("beam.frames", "beam.toml"), resumed)
@@ -207,7 +228,7 @@ def _damage(folder: Path, saved: Saved, damages: list[Any]) -> Input:
 
 def _forged(folder: Path, saved: Saved, names: list[str], junk: dict[str, Any], packing: str) -> Input:
     """A sound zip file of the kind with other contents: what it is read as must at least be finite."""
-    arrays = dict(saved.arrays)
+    arrays = {name: array for name, array in saved.arrays.items() if name != "sha256"}  # as of one who knows the kind
     for name in names:
         if name in junk:
             arrays[name] = junk[name]
@@ -321,10 +342,15 @@ _PACKINGS = ("stored", "stored", "stored", "deflated", "bomb", "negative", "nest
 
 
 def _forgeries(folder: Path, saved: Saved) -> st.SearchStrategy[Input]:
-    names = sorted(saved.arrays)
-    junk = st.fixed_dictionaries({}, optional={name: array_like(saved.arrays[name]) for name in names})
-    chosen = st.lists(st.sampled_from(names), max_size=2, unique=True)
-    return st.builds(_forged, st.just(folder), st.just(saved), chosen, junk, st.sampled_from(_PACKINGS))
+    names = sorted(saved.arrays.keys() - {"sha256"})
+
+    @st.composite
+    def build(draw: st.DrawFn) -> Input:
+        chosen = draw(st.lists(st.sampled_from(names), min_size=1, max_size=2, unique=True))
+        junk = {name: draw(array_like(saved.arrays[name])) for name in chosen if draw(st.integers(0, 5))}
+        return _forged(folder, saved, chosen, junk, draw(st.sampled_from(_PACKINGS)))
+
+    return build()
 
 
 def _json_junk(folder: Path, saved: Saved) -> st.SearchStrategy[Input]:
@@ -345,7 +371,10 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
     place.mkdir(exist_ok=True)
     anywhere = st.one_of(flips.map(lambda flip: [flip]), st.lists(byte_damage, max_size=2))
     quick = [saved for saved in kinds if not any(name.endswith(".toml") for name in saved.files)]
-    any_kind = st.sampled_from([*quick, *quick, *kinds])  # to run a scene takes ten times as long as to read a file
+    large = [saved for saved in kinds if saved.name == "exported archive"]
+    any_kind = st.sampled_from(
+        [*quick, *quick, *kinds, *large, *large]
+    )  # to run a scene takes ten times as long as to read a file
     broken = st.builds(_damage, st.just(place), any_kind, anywhere)
     replaced = st.builds(
         _damage, st.just(place), any_kind, st.sampled_from(TOKENS).map(lambda token: [lambda _: token])

@@ -54,6 +54,40 @@ def test_scenes_of_slivers_warn(tmp_path):
         parse_scene(tmp_path / "scene.toml", raw).build_shell()
 
 
+FEW = "fewer than 4 edges a half wave"
+
+
+@pytest.mark.filterwarnings("error")
+def test_modes_that_the_mesh_does_not_resolve_are_named():
+    with pytest.warns(ms.ModalShellWarning, match=f"modes 2, 3, 4 have {FEW}"):
+        lowest((8, 8), 4)
+    lowest((32, 32), 4)
+    free = ms.Shell(ms.sheet(cells=(4, 4)), SHEET)
+    with pytest.warns(ms.ModalShellWarning, match=f"modes 7, 8 have {FEW}"):
+        ms.solve_modes(free, 8)
+    with pytest.warns(ms.ModalShellWarning, match=f"modes 2, 3, 4 have {FEW}"):
+        shell = lowest((8, 8), 4).shell
+    with pytest.warns(ms.ModalShellWarning, match=f"mode 2 has {FEW}|modes 2, 3 have {FEW}"):
+        ms.solve_modes(shell, 3, about=shell.rest_positions)
+    ms.ModalDerivatives(shell, count=3)  # a model's basis may hold short waves
+
+
+@pytest.mark.filterwarnings("error")
+def test_buckling_shapes_that_the_mesh_does_not_resolve_are_named():
+    """A strip pressed from its end buckles in ever shorter waves."""
+    for cells, named in (((8, 2), True), ((64, 4), False)):
+        mesh = ms.flat_beam(length=1.0, width=0.1, cells=cells)
+        shell = ms.Shell(mesh, SHEET, supports=[ms.Clamp("x < 0.13"), ms.Fix("x > 0.99", axes="yz")])
+        force = np.zeros((len(mesh.vertices), 3))
+        force[mesh.vertices[:, 0] > 0.99, 0] = -0.01
+        if named:
+            with pytest.warns(ms.ModalShellWarning, match=rf"buckling modes? .*{FEW} .* load factors are"):
+                ms.buckling_factors(shell, 3, force=force)
+        else:
+            ms.buckling_factors(shell, 2, force=force)
+
+
+@pytest.mark.filterwarnings("always")
 def test_the_modes_command_names_the_modes_that_the_mesh_does_not_resolve(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     file = tmp_path / "sheet.obj"
@@ -62,4 +96,4 @@ def test_the_modes_command_names_the_modes_that_the_mesh_does_not_resolve(tmp_pa
         with pytest.raises(SystemExit) as stop:
             main(["modes", str(file), "--clamp", "boundary", "--count", "3", "--out", str(tmp_path)])
         assert stop.value.code == 0
-        assert ("modes 1, 2, 3 have fewer than 4 edges a half wave" in capsys.readouterr().out) == named
+        assert ("modes 1, 2, 3 have fewer than 4 edges a half wave" in capsys.readouterr().err) == named

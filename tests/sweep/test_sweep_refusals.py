@@ -1,5 +1,10 @@
 """Sweep files and options that no sweep can have."""
 
+import contextlib
+import socket
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -41,14 +46,14 @@ def test_certificates_are_three_files_for_tls(cluster, certificates, words, tmp_
 
 
 def test_tls_takes_the_certificates_and_the_advice_is_safe(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
+    pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
     asked = []
 
-    def client(_address, security, **_):
+    async def nobody(_address, security):
         asked.append(security)
         raise OSError("nobody is here")
 
-    monkeypatch.setattr(distributed, "Client", client)
+    monkeypatch.setattr("modalshell.sweep.cluster._asked", nobody)
     files = [tmp_path / name for name in ("ca.pem", "cert.pem", "key.pem")]
     for file in files:
         file.write_text("x")
@@ -57,3 +62,51 @@ def test_tls_takes_the_certificates_and_the_advice_is_safe(tmp_path, monkeypatch
         ms.run_sweep(sweep, out=tmp_path / "out", cluster="tls://127.0.0.1:9", certificates=files)
     assert asked[0].require_encryption
     assert (asked[0].tls_ca_file, asked[0].tls_client_cert, asked[0].tls_client_key) == tuple(map(str, files))
+
+
+@pytest.fixture
+def answering():
+    """Starts a server on 127.0.0.1 that sends each caller some bytes and keeps the line open; its port."""
+    servers, lines = [], []
+
+    def start(data):
+        server = socket.create_server(("127.0.0.1", 0))
+        servers.append(server)
+
+        def serve():
+            with contextlib.suppress(OSError):
+                while True:
+                    lines.append(server.accept()[0])
+                    lines[-1].sendall(data)
+
+        threading.Thread(target=serve, daemon=True).start()
+        return server.getsockname()[1]
+
+    yield start
+    for one in (*servers, *lines):
+        one.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "data"),
+    [
+        pytest.param("tcp://127.0.0.1:{}", b"", marks=pytest.mark.slow),  # silent
+        ("tcp://127.0.0.1:{}", b"\xff" * 4096),
+        ("ucx://127.0.0.1:{}", b""),
+        ("inproc://nothing:{}", b""),
+    ],
+)
+def test_what_is_no_scheduler_is_told_in_one_line(address, data, answering, tmp_path):
+    """In a process of its own: a client without a connection prints a traceback when it is dropped."""
+    pytest.importorskip("distributed", reason="dask.distributed is not installed (pip install 'modalshell[cluster]')")
+    sweep = tmp_path / "beams.toml"
+    sweep.write_text(SWEPT_BEAM.format(duration=0.2) + '[axes]\n"model.name" = ["lma", "mwts"]\n')
+    command = ["sweep", str(sweep), "--out", str(tmp_path / "out"), "--cluster", address.format(answering(data))]
+    found = subprocess.run(
+        [sys.executable, "-m", "modalshell", *command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert found.returncode == 2
+    assert "Traceback" not in found.stderr
+    lines = [line for line in found.stderr.splitlines() if "scenes checked" not in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("modalshell: no scheduler of dask.distributed answers at ")

@@ -12,6 +12,7 @@ from modalshell.core.registry import Registry
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
+from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
@@ -46,6 +47,10 @@ class Body(Protocol):
     def start_shell(self) -> Shell:
         """The shell with what clamps its edges where it is at the beginning of a step."""
 
+    @property
+    def free_parts(self) -> FreeParts | None:
+        """Parts of the shell that nothing holds."""
+
     def support_rate(self, x: Array) -> Array | float:
         """Rate [N/s] at which supports that move change the gradient at ``x`` at the step's end."""
 
@@ -74,7 +79,7 @@ class FullIntegrator(Integrator):
         return None
 
     def growth(self, rate: complex) -> complex:  # noqa: ARG002
-        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN where it is not known."""
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN where not known."""
         return complex(np.nan)
 
     @abstractmethod

@@ -29,4 +29,5 @@ class ImplicitEuler(ImplicitRule, key="implicit", alias="implicit_euler"):
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """One step, from the state itself."""
-        return euler_step(euler, state, dt, 0.0, 1.0)
+        after, solved = euler_step(euler, state, dt, 0.0, 1.0)
+        return euler.landed(state, after, dt), solved

@@ -6,7 +6,7 @@ Every rule here asks for such steps alone, so that one solver serves them all, s
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol, final
 
@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.potential import solve
 
 VIOLENT = 0.3
@@ -44,6 +45,8 @@ class EulerStart:
         Where the viscous matrix is taken.
     viscous_time : float
         When that is, as a share of the rule's step.
+    made_of : tuple of (float, MotionState)
+        States with their weights whose rates add up to v': so do the momenta of free parts.
     """
 
     origin: Array
@@ -54,6 +57,7 @@ class EulerStart:
     near: Array
     viscous_at: Array
     viscous_time: float
+    made_of: tuple[tuple[float, MotionState], ...] = ()
 
     @property
     def guess(self) -> MotionState:
@@ -65,14 +69,20 @@ class EulerStart:
         return MotionState(coordinates, (coordinates - self.origin) / self.dt)
 
 
-class EulerSteps(Protocol):
+class EulerSteps(ABC):
     """Steps of implicit Euler of one model within one step of a rule."""
 
+    @abstractmethod
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
 
+    @abstractmethod
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+
+    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
+        """``after`` a whole step from ``before``, with the momenta of free parts that its steps of Euler gave."""
+        return after
 
 
 class ImplicitRule(FullIntegrator):
@@ -109,7 +119,7 @@ class ImplicitRule(FullIntegrator):
         def at(start: EulerStart) -> tuple[Body, Array, Array | None]:
             return body, load, None if held is None else first + start.end * (held - first)
 
-        return self.march(ShellSteps(body, at, damping), state, dt)
+        return self.march(steps_of(ShellSteps(body, at, damping), body.free_parts, damping), state, dt)
 
 
 def kept(before: MotionState, after: MotionState, dt: float, order: int) -> MotionState:
@@ -134,6 +144,13 @@ def second_order_at_rest(coordinates: Array) -> MotionState:
     return MotionState(coordinates, none, memory | {"step": np.zeros(1), "order": np.zeros(1)})
 
 
+def remembering(state: MotionState) -> MotionState:
+    """``state``, with an empty memory if it has none: one that was not made by the rule is taken for a start."""
+    if "order" in state.memory:
+        return state
+    return MotionState(state.coordinates, state.rates, second_order_at_rest(state.coordinates).memory)
+
+
 def second_order_error(constant: float, after: MotionState, dt: float) -> Array:
     """Error of a step: ``constant h^3 v''`` of a rule of order two, and that of implicit Euler where it stood in."""
     memory = after.memory
@@ -145,7 +162,7 @@ def second_order_error(constant: float, after: MotionState, dt: float) -> Array:
 def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, end: float) -> tuple[MotionState, bool]:
     """A step of implicit Euler over the part of a step of ``dt`` [s] from ``begin`` to ``end``, shares of it."""
     x, v = state.coordinates, state.rates
-    return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin))
+    return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin, ((1.0, state),)))
 
 
 def two_euler_steps(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
@@ -162,17 +179,27 @@ class StageOf(Protocol):
         """Body, dead load (n, 3) [N], and places (h, 3) [m] of the held vertices, at the end of a step."""
 
 
+class LoadedSteps(EulerSteps):
+    """Steps of implicit Euler that know the load that they took."""
+
+    @abstractmethod
+    def load_on(self, x: Array) -> Array:
+        """Load [N] of the last step on every vertex, at its end x."""
+
+
 @final
-class ShellSteps:
+class ShellSteps(LoadedSteps):
     """Steps of implicit Euler of a shell whose unknowns are its vertices."""
 
     def __init__(self, body: Body, at: StageOf, damping: Damping) -> None:
         self._body, self._at, self._damping = body, at, damping
         self._viscous: tuple[Array, Array] | None = None
+        self._felt: tuple[Array, LiveLoads | None] | None = None
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """Minimise the potential of the step, starting from the explicit prediction."""
         body, load, held = self._at(start)
+        self._felt = load, body.live
         shell = body.shell
         first = hold(shell, start.origin + start.dt * start.rates, held)
         viscosity = self._viscosity(body, start)
@@ -194,3 +221,66 @@ class ShellSteps:
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""
         return float(largest_turn(coordinates, move, self._body.shell.mesh.faces))
+
+    def load_on(self, x: Array) -> Array:
+        """Load (n, 3) [N] of the last step, at its end x (n, 3)."""
+        assert self._felt is not None
+        load, live = self._felt
+        return load if live is None else load + live.force(x)
+
+
+class Floating(Protocol):
+    """What knows the momenta (parts, 2, 3) of free parts; see :class:`FreeParts`."""
+
+    def momenta(self, x: Array, rates: Array) -> Array:
+        """Momenta of coordinates and rates."""
+
+    def wrenches(self, x: Array, load: Array) -> Array:
+        """Forces and torques of a load."""
+
+    def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
+        """``after`` a step from ``before``, brought to its momenta."""
+
+
+@final
+class Flight(EulerSteps):
+    """Steps of implicit Euler of a shell with free parts, and what becomes of the momenta of these.
+
+    A rule takes the momenta as it takes the rates, each step of Euler changing them by its own forces and torques. At
+    the end of the rule's step the parts are moved and turned as rigid bodies so that they have them: centres fall as
+    they should, and what solves and quadrature add to the angular momentum, an error of the rule's own order, is gone.
+    """
+
+    def __init__(self, euler: LoadedSteps, free: Floating, damping: Damping) -> None:
+        self._euler, self._free, self._drag = euler, free, damping.mass_factor
+        self._known: list[tuple[MotionState, Array]] = []
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        """A step of Euler, and its momenta."""
+        after, solved = self._euler.solve(start)
+        x = after.coordinates
+        momenta = sum((weight * self._momenta(state) for weight, state in start.made_of), np.zeros(()))
+        momenta = momenta + start.dt * self._free.wrenches(x, self._euler.load_on(x))
+        self._known.append((after, momenta / (1.0 + start.dt * self._drag)))
+        return after, solved
+
+    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
+        """``after`` a whole step from ``before``, its free parts brought to their momenta."""
+        return self._free.carried(before, after, self._momenta(before), self._momenta(after), dt)
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._euler.turn(coordinates, move)
+
+    def _momenta(self, state: MotionState) -> Array:
+        for known, momenta in self._known:
+            if known is state:
+                return momenta
+        momenta = self._free.momenta(state.coordinates, state.rates)
+        self._known.append((state, momenta))
+        return momenta
+
+
+def steps_of(euler: LoadedSteps, free: Floating | None, damping: Damping) -> EulerSteps:
+    """The same steps, those of a shell with free parts."""
+    return euler if free is None else Flight(euler, free, damping)

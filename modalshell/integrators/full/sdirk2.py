@@ -13,6 +13,7 @@ from modalshell.integrators.full.implicit_rule import (
     EulerSteps,
     ImplicitRule,
     kept,
+    remembering,
     second_order_at_rest,
     second_order_error,
     two_euler_steps,
@@ -50,7 +51,8 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Two solves, or two half steps of implicit Euler instead."""
-        memory, solved, order = state.memory, False, 2
+        state = remembering(state)
+        memory, order = state.memory, 2
         if memory["order"][0]:
             after, solved = two_parts(euler, state, dt, dt / memory["step"][0] * memory["gain"])
             if not solved:
@@ -58,7 +60,7 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
                 order = 1
         else:
             after, solved, order = started(euler, state, dt)
-        return kept(state, after, dt, order), solved
+        return kept(state, euler.landed(state, after, dt), dt, order), solved
 
 
 def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> tuple[MotionState, bool]:
@@ -69,13 +71,13 @@ def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> 
     part, rest = GAMMA * dt, (1.0 - GAMMA) * dt
     # The viscous matrix of each part is that of where it ends, else turning of a stiff sheet is resisted.
     middle = x + part * (v + 0.5 * GAMMA * gain)
-    half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, GAMMA))
+    half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, GAMMA, ((1.0, state),)))
     if not solved:
         return half, False
-    w = half.rates
-    change, last = rest * (w - v) / part, v + (w - v) / GAMMA
-    end = x + 0.5 * dt * (v + last)
-    return euler.solve(EulerStart(x + rest * w, v + change, part, 1.0, last, half.coordinates, end, 1.0))
+    w, lead, near = half.rates, rest / part, half.coordinates
+    change, last = lead * (w - v), v + (w - v) / GAMMA
+    end, made_of = x + 0.5 * dt * (v + last), ((1.0 - lead, state), (lead, half))
+    return euler.solve(EulerStart(x + rest * w, v + change, part, 1.0, last, near, end, 1.0, made_of))
 
 
 def started(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:

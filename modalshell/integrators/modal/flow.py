@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
 
     They are to rounding for all of them, rigid and overdamped modes among these: with ``z`` the roots of
     ``z^2 + h c z + h^2 lambda``, e12 / h, a1 / h^2 and a2 / h^2 are divided differences of the exponential at the
-    roots, with none, one and two zeros besides [hochbruck2010, section 2].
+    roots, and there with one and with two zeros [hochbruck2010, section 2].
     """
     stiff, drag, step = (np.asarray(part, dtype=np.float64) for part in np.broadcast_arrays(stiffness, damp, h))
     x, y = step**2 * stiff, step * drag
@@ -54,6 +55,12 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     e11, e12 = 1.0 - x * second, step * first
     a1, a2 = step**2 * second, step**2 * third
     return Flow(e11, e12, -stiff * e12, e11 - y * first, a1, a2, e12, step * second)
+
+
+@lru_cache(maxsize=64)
+def free_flow(damp: float, h: float) -> Flow:
+    """The coefficients of a mode without stiffness, as numbers; kept, as every free part takes the same."""
+    return Flow(*(float(part) for part in flow(0.0, damp, h)))  # type: ignore[arg-type]
 
 
 def _by_series(x: Array, y: Array) -> Array:

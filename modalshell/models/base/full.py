@@ -16,14 +16,16 @@ from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import LEAD, Model, Stepper
+from modalshell.models.base.model import Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
@@ -37,7 +39,7 @@ from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
-from modalshell.supports import Pose, SupportPath
+from modalshell.supports import Pose, SupportPath, Unknowns
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
@@ -93,6 +95,7 @@ class FullModel(Model):
         self.live: LiveLoads | None = None
         self._start_shell: Shell | None = None
         self._earlier: tuple[Shell, float] | None = None
+        self._free_parts: tuple[Unknowns, FreeParts | None] | None = None
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
@@ -274,6 +277,13 @@ class FullModel(Model):
         return FullStepper(model, setup, patches, in_frame=self.shell.unknowns.matrix is not None)
 
     @property
+    def free_parts(self) -> FreeParts | None:
+        """Parts of the shell that nothing holds, kept as long as its supports are the same."""
+        if self._free_parts is None or self._free_parts[0] is not self.shell.unknowns:
+            self._free_parts = self.shell.unknowns, FreeParts.of(self.shell)
+        return self._free_parts[1]
+
+    @property
     def start_shell(self) -> Shell:
         """The shell with what clamps its edges where it is at the beginning of a step."""
         return self._start_shell or self.shell
@@ -345,7 +355,7 @@ class FullStepper(Stepper):
         damping, rule = self.setup.damping, self.model.integrator
         if isinstance(rule, ImplicitRule):
             steps = ShellSteps(self.model, lambda start: self._at(begin, dt, start, load), damping)
-            return rule.march(steps, state, dt)
+            return rule.march(steps_of(steps, self.model.free_parts, damping), state, dt)
         x, rates = state.coordinates, state.rates
         whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
         body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)

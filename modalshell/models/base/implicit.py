@@ -12,9 +12,10 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
-from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.implicit_rule import EulerStart, Floating, LoadedSteps, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
-from modalshell.models.base.model import Drag, FrameModel, Stepper
+from modalshell.models.base.model import FrameModel
+from modalshell.models.base.stepper import Drag, Stepper
 
 LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
 """The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""
@@ -40,6 +41,11 @@ class ImplicitModel(FrameModel):
 
     integrator: ImplicitRule
 
+    @property
+    def free_parts(self) -> Floating | None:
+        """Parts that nothing holds, of a model that takes such shells."""
+        return None
+
     @abstractmethod
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Coordinates after a step of implicit Euler under ``load`` (n, 3) [N]; also whether it was solved."""
@@ -60,7 +66,8 @@ class ImplicitModel(FrameModel):
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
-        return self.integrator.march(ModelSteps(self, load_at, damping), state, dt)
+        steps = steps_of(ModelSteps(self, load_at, damping), self.free_parts, damping)
+        return self.integrator.march(steps, state, dt)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -74,22 +81,32 @@ class ImplicitModel(FrameModel):
 
 
 @final
-class ModelSteps:
+class ModelSteps(LoadedSteps):
     """Steps of implicit Euler of a model."""
 
     def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
         self._model, self._load_at, self._damping = model, load_at, damping
-        self.turn = model.turn
+        self._load: Array | None = None
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
         load, drag = self._load_at(start)
+        self._load = load
         coordinates, solved = self._model.euler_step(start, load, self._damping)
         after = start.after(coordinates)
         if drag is not None:
             expected = MotionState(start.origin, start.expected_rates)
             after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
         return after, solved
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._model.turn(coordinates, move)
+
+    def load_on(self, x: Array) -> Array:
+        """Load (n, 3) [N] of the last step."""
+        assert self._load is not None
+        return self._load
 
 
 @final

@@ -1,45 +1,38 @@
-"""Base of modal models: coordinates, time steps per mode, constraints, and the balance of rigid modes."""
+"""Base of modal models: statics in modal coordinates, with constraints and rigid modes."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import cast, final
 
 import numpy as np
-import scipy.linalg.lapack
+import scipy.linalg
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
-from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper, probes
+from modalshell.models.base.modal_motion import CONSTRAINT_MET, ModalMotion
+from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
-from modalshell.models.base.warp import Warp
-from modalshell.models.reduction.load_quadrature import LoadQuadrature
+from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
-from modalshell.supports import Pose
-
-CONSTRAINT_MET = 1e-6
-"""Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
 
 _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
@@ -49,7 +42,7 @@ _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
 
-class ModalModel(Warp, FrameModel):
+class ModalModel(ModalMotion):
     """A model whose unknowns are the m modal coordinates q.
 
     Parameters
@@ -63,15 +56,8 @@ class ModalModel(Warp, FrameModel):
     """
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
-        self.basis = checked_kind("basis", basis, Basis)
-        self.shell = basis.shell
-        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
-        self._identity = np.eye(basis.count)
+        super().__init__(basis, integrator=integrator)
         self._distortion = Distortion(self.shell.mesh)
-        self._damp: tuple[Damping, Array] | None = None
-        self._mass = np.repeat(self.shell.mass, 3)
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
-        self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
@@ -84,11 +70,6 @@ class ModalModel(Warp, FrameModel):
     def on_basis(self, basis: Basis) -> ModalModel:
         """The same model on another basis of its shell."""
         return type(self)(basis)
-
-    def coordinates_of(self, positions: ArrayLike) -> Array:
-        """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
-        displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
-        return np.asarray(self.basis.modes.T @ (self._mass * displacement))
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer from the model's own :meth:`_free_statics`."""
@@ -155,6 +136,8 @@ class ModalModel(Warp, FrameModel):
         """Wound up if a part rotated by more than 2 pi, distorted if the surface is stretched or folded over."""
         # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
         q, turns = state.coordinates, self._turns
+        if self.frames is not None:
+            q = self.frames.elastic(q)
         if turns is not None and not np.abs(q) @ turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
             return Outcome.WOUND_UP
         return Outcome.DISTORTED if self._distortion.of(positions) else None
@@ -199,7 +182,7 @@ class ModalModel(Warp, FrameModel):
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
-        if not self.conservative or not hasattr(self, "work"):
+        if not self.conservative:
             return super().followable(load)
         if self.basis.rigid_modes:
             raise OptionError(f"a path needs a shell that its supports hold (got {self.basis.rigid_modes} rigid modes)")
@@ -209,6 +192,10 @@ class ModalModel(Warp, FrameModel):
             self.coordinates_of,
             lambda q, force: self.modal_force(q, force),
         )
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; constraints are met by the modal forces of least work."""
+        return ModalStepper(self, setup)
 
     def rigid_load(self, load: Array) -> float:
         """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
@@ -223,145 +210,6 @@ class ModalModel(Warp, FrameModel):
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
         return float(scipy.linalg.eigvals(tangent).real.min())
 
-    def stepper(self, setup: MotionSetup) -> Stepper:
-        """What takes the steps of one motion; constraints are met by the modal forces of least work."""
-        return ModalStepper(self, setup)
-
-    def start_motion(self, positions: Array | None = None) -> MotionState:
-        """Modal state at rest."""
-        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
-        return self.integrator.at_rest(q)
-
-    def step(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
-    ) -> tuple[MotionState, bool]:
-        """One step of the integrator for every mode."""
-        return self.march(state, dt, lambda q, *_: self.modal_force(q, load), damping), True
-
-    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> MotionState:
-        """One step of the integrator under modal forces that are asked for where they are needed."""
-        damp = self._modal_damping(damping)
-        return self.integrator.advance(state, force, self.basis.eigenvalues, damp, dt, self._mass_size)
-
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
-        """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
-        return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
-
-    def largest_move(self, change: Array) -> float:
-        """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
-        return super().largest_move(self._probes @ change)
-
-    @cached_property
-    def _probes(self) -> Array:
-        return probes(self.basis.modes)
-
-    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
-        """What steps multiply an oscillation by, by the integrator's theory."""
-        return complex(max(self.integrator.multipliers(stiffness, damp, dt)[0], key=abs))
-
-    def _modal_damping(self, damping: Damping) -> Array:
-        """Damping [1/s] of the modes (m,), kept from step to step."""
-        kept = self._damp  # read once: another thread may ask for another meanwhile
-        if kept is None or kept[0] is not damping:
-            kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
-        return kept[1]
-
-    def drag_at(self, q: Array, vertices: Index, drag: Array) -> Array:
-        """Drag (m, m) in the turned modes of one (k, 3, 3) [N s/m] at some vertices."""
-        rows = self.turned_rows(q, vertices)
-        return np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
-
-    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
-        """A cheap sum of the loads that change, for steps of this model, if there is one."""
-        return None
-
-    def slowed(self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array) -> MotionState:
-        """``state`` after a step, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
-        by_position, by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
-        # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
-        whole = self._identity + by_rate[:, None] * drag
-        gain = scipy.linalg.lapack.dgesv(whole, state.rates - rates)[2]
-        force = -(drag @ gain)
-        memory = state.memory
-        if "force" in memory:
-            memory = memory | {"force": memory["force"] + force}
-        return MotionState(state.coordinates + by_position * force, state.rates + by_rate * force, memory)
-
-    def turned_rows(self, q: Array, vertices: Index) -> Array:
-        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
-        rows = self._patch_rows(self.basis.modes, vertices)
-        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
-        return np.asarray(turns @ rows)
-
-    def check_step(self, dt: float, damping: Damping) -> None:
-        """Refuse ratios that are not those of the modes."""
-        damping.of_modes(self.basis.eigenvalues)
-
-    def decay_rate(self, dt: float, damping: Damping) -> float:
-        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
-        eigenvalues = self.basis.eigenvalues
-        return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
-
-    def meet_constraints(
-        self,
-        before: MotionState,
-        free: MotionState,
-        dt: float,
-        damping: Damping,
-        targets_at: Callable[[float], PatchTargets],
-    ) -> tuple[MotionState, Array]:
-        """Move a step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
-
-        ``free`` is the end of a step from ``before`` without them, ``targets_at`` gives targets at a share of the step.
-        The forces act throughout the step, and patches then move with their targets. Where rates are the differences of
-        coordinates, and where a target was not met at the step's beginning, so that it jumps, the forces act at the
-        step's end.
-        """
-        eigenvalues, damp, targets = self.basis.eigenvalues, self._modal_damping(damping), targets_at(1.0)
-        compliance, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
-        q, residual = meet(targets, free.coordinates, compliance, free.coordinates)
-        move = q - free.coordinates
-        if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
-            rates = free.rates + move / dt
-        else:
-            rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
-            wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
-            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=None)[0]
-        return MotionState(q, rates, free.memory), targets.lengths(residual)
-
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
-        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
-        raise self.no_constraints()
-
-    def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
-        """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""
-        rows = self._patch_rows(self.basis.rotations, vertices).mean(axis=0)
-        return rows @ q, rows
-
-    @staticmethod
-    def _patch_rows(matrix: Array, vertices: Index) -> Array:
-        """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
-        return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
-
-    def _targets(
-        self, constraints: Sequence[Constraint], present: Array, time: float = 0.0, pose: Pose | None = None
-    ) -> PatchTargets:
-        """Constraints at ``time`` [s] as equations in q, near ``present`` (m,), in the frame of the supports."""
-        values = {"position": self.patch_position, "orientation": self.patch_rotation}
-        return PatchTargets(constraints, time, pose, values, self._size, present)
-
-    def elastic_energy(self, state: MotionState) -> float:
-        """Elastic energy ``q^T Lambda q / 2`` [J]."""
-        return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
-
-    def kinetic_energy(self, state: MotionState) -> float:
-        """Kinetic energy of the modal rates [J]."""
-        return float(0.5 * state.rates @ state.rates)
-
-    def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state."""
-        return np.asarray(self.shell.rest_positions + self.raw_displacement(state.coordinates))
-
 
 @final
 class ModalStepper(Stepper):
@@ -371,7 +219,9 @@ class ModalStepper(Stepper):
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
-        self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
+        # Points serve warps about supports that rest, not frames that fly.
+        still = setup.supports is None and self.model.frames is None
+        self._quadrature = self.model.load_quadrature(setup.loading) if still else None
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints."""
@@ -383,21 +233,22 @@ class ModalStepper(Stepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
-        after = model.march(state, dt, force, damping)
+        after, solved = model.march(state, dt, force, damping)
         if last:
             after = model.slowed(after, last[0][0], dt, damping, last[0][1])
         if self.setup.constraints:
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-        return after, True
+        return after, solved
 
     def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:
         """Modal force (m,) of all loads on a state, and how it falls with the rates (m, m)."""
         q, model = state.coordinates, self.model
         if self._quadrature is None:
             load, drag = self.felt(time, load, state)
-            return model.modal_force(q, load), None if drag is None else model.drag_at(q, *drag)
+            pushed = model.push(q, state.rates, load, self.setup.dt)
+            return pushed, None if drag is None else model.drag_at(q, *drag)
         own, lead = self.own_positions(state), LEAD * self.setup.dt
         by_velocity = self.setup.loading.by_velocity
         last = own - lead * model.velocities(state, lead) if by_velocity else own

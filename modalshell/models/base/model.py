@@ -5,12 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, HeldPatch, checked_constraints
+from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -20,17 +19,13 @@ from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
-from modalshell.supports import Pose, SupportPath
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
-Drag = tuple[Index, Array]
-"""Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
-LEAD = 1e-3
-"""Share of a step over which velocities are differences of positions."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
@@ -283,145 +278,3 @@ class FrameModel(Model):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
         return DeadLoadStepper(self, setup, in_frame=True)
-
-
-class Stepper(ABC):
-    """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    patches : sequence of HeldPatch
-        Held vertices that are moved.
-    in_frame : bool
-        Whether states are in the frame of the supports.
-
-    Attributes
-    ----------
-    shell : Shell
-        The shell in the world.
-    model : Model
-        The model about the origin, where coordinates have the smallest rounding.
-    origin : ndarray, shape (3,)
-        Where that lies in the world [m].
-    residuals : ndarray, shape (k,)
-        What is left to each constraint's target, [m] or [rad].
-    """
-
-    def __init__(
-        self, model: Model, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
-    ) -> None:
-        self.shell, self.setup = model.shell, setup
-        self.model, self.origin = model.centred()
-        self.residuals = np.zeros(len(setup.constraints))
-        self._off_centre = bool(self.origin.any())
-        path = setup.supports
-        if path is not None and self._off_centre:
-            path = path.about(self.origin)
-        # Supports move the frame of the states, or held vertices in the world.
-        self._frame: SupportPath | None = path if in_frame else None
-        self._path: SupportPath | None = None if in_frame else path
-        self._patches = patches
-        self._known: list[tuple[MotionState, Array]] = []
-
-    def start(self, positions: Array | None) -> MotionState:
-        """State at rest at ``positions`` (n, 3) [m] in the rest pose of the supports, where these are at time 0."""
-        return self.model.start_motion(None if positions is None else positions - self.origin)
-
-    def state_at(self, positions: Array, time: float) -> MotionState:
-        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, as far as the model can."""
-        own = positions - self.origin
-        return self.model.start_motion(own if self._frame is None else self._frame.at(time).to_shell(own))
-
-    def own_positions(self, state: MotionState) -> Array:
-        """Positions (n, 3) [m] in the frame of the states; those of the last two are kept, as each serves twice."""
-        for known, positions in self._known:
-            if known is state:
-                return positions
-        positions = self.model.positions(state)
-        self._known = [*self._known[-1:], (state, positions)]
-        return positions
-
-    def positions(self, state: MotionState, time: float) -> Array:
-        """Positions (n, 3) [m] in the world."""
-        return self._in_world(self.own_positions(state), time)
-
-    def _in_world(self, own: Array, time: float) -> Array:
-        if self._frame is not None:
-            own = self._frame.at(time).to_world(own)
-        return own + self.origin if self._off_centre else own
-
-    def model_at(self, time: float) -> Model:
-        """The model with its supports where they are at ``time`` [s]."""
-        return self.model
-
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> float | None:
-        """Largest error [m] of a vertex that a step of ``dt`` [s] has made; None where it is not known."""
-        change = self.model.local_error(before, after, dt)
-        return None if change is None else self.model.largest_move(change)
-
-    @abstractmethod
-    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s].
-
-        ``load`` (n, 3) [N] is the sum of the dead loads in the world. Also returns whether the model's own solver
-        converged.
-        """
-
-    def felt(self, time: float, load: Array, state: MotionState) -> tuple[Array, Drag | None]:
-        """Load (n, 3) [N] in the frame of the states at ``time`` [s], inertial ones with it, and how it falls.
-
-        ``load`` (n, 3) [N] are the dead loads in the world, ``state`` is where the shell is then. How the load falls
-        with velocities is None where it does not.
-        """
-        loading, pose = self.setup.loading, None if self._frame is None else self._frame.at(time)
-        live = bool(loading.live)
-        turns = pose is not None and bool(pose.turn_rate.any() or pose.turn_acceleration.any())
-        if pose is None and not live:
-            return load, None
-        own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
-        rates, drag, lead = np.zeros_like(own), None, LEAD * self.setup.dt
-        if turns or loading.by_velocity:
-            rates = self.model.velocities(state, lead)
-        if live:
-            now = last = self._in_world(own, time)
-            if loading.by_velocity:
-                last = self._in_world(own - lead * rates, time - lead)
-                vertices, slopes = loading.drag(now, (now - last) / lead, time)
-                drag = vertices, slopes if pose is None else pose.rotation.T @ slopes @ pose.rotation
-            load = loading.moving_force(load, now, last, 1.0 / lead if loading.by_velocity else 0.0, time)
-        if pose is not None:
-            load = pose.shell_load(load, self.model.shell.mass, own, rates)
-        return load, drag
-
-    def _held_positions(self, time: float, pose: Pose | None) -> Array | None:
-        """Where the held vertices are at ``time``, in their order; None where they rest."""
-        shell, moved = self.model.shell, pose is not None and self._frame is None
-        if not self._patches and not moved:
-            return None
-        placed = pose.to_world(shell.rest_positions) if pose is not None and moved else shell.rest_positions.copy()
-        for patch in self._patches:
-            target = patch.at(time) - self.origin
-            placed[patch.vertices] = target if pose is None or moved else pose.to_shell(target)
-        return placed[shell.clamped]
-
-
-@final
-class DeadLoadStepper(Stepper):
-    """Steps under loads as they are at the beginning of each, without constraints."""
-
-    def __init__(self, model: Model, setup: MotionSetup, *, in_frame: bool = False) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=in_frame)
-
-    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """One step of the model."""
-        damping, time = self.setup.damping, begin + dt
-        load, drag = self.felt(time, load, state)
-        pose = None if self._path is None else self._path.at(time)
-        after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
-        return (after if drag is None else self.model.dragged(after, state, dt, damping, *drag)), solved

@@ -14,7 +14,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels.frame import TILE
 from modalshell.loads import Loading
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
@@ -45,7 +45,7 @@ class LoadAdjoint:
     constant: Array
 
 
-class TurnedTriangles(ModalModel):
+class TurnedTriangles(UnstretchedModel):
     """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
 
     So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
@@ -86,30 +86,30 @@ class TurnedTriangles(ModalModel):
         adjoint = self._adjoint(force)
         return lambda q: self._work_of(adjoint, q)[1]
 
-    def modal_force(self, q: Array, load: Array) -> Array:
+    def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
-        return self.work(q, load)[1]
+        return self.warped_work(q, load)[1]
 
-    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
-        return self.work(q, weights)[1]
+        return self.warped_work(q, weights)[1]
 
-    def work_curvature(self, q: Array, load: Array) -> Array:
+    def warped_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work ``f . u(q)``."""
         gradients = self._face(load).gradients
         hessian = np.zeros((q.size, q.size))
         kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
         return hessian
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives ``dp/dq`` (m, m) of the modal force: those of the work once more."""
-        return self.work_curvature(q, load)
+        return self.warped_curvature(q, load)
 
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
         key = vertices.tobytes()
         adjoints = self._patches.get(key)

@@ -313,6 +313,25 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
+def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
+    """Write the push of load and inertia, and the first iterate; returns the scale of forces."""
+    x, push, origin, rates = room.x, room.push, start.origin, start.rates
+    forces, displaced = 0.0, 0.0
+    for v in range(origin.shape[0]):
+        for axis in range(3):
+            push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
+    room.slots[START] = start.near
+    x[:] = body.rest
+    for k in range(body.free.size):
+        v = body.free[k]
+        for axis in range(3):
+            x[v, axis] = origin[v, axis] + dt * rates[v, axis]
+            forces += push[v, axis] ** 2
+            displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
+    return max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
+
+
+@njit(**_options)
 def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
@@ -328,30 +347,17 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     solved : bool
         Whether the residual met the tolerance and the last Hessian was positive definite.
     """
-    x, push, viscous, numbers = room.x, room.push, room.viscous[:0], room.numbers
-    origin, rates = start.origin, start.rates
+    x, viscous, numbers = room.x, room.viscous[:0], room.numbers
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     if resistances[0].size:
         viscous = room.viscous
         _add_viscosity(body, room, start.viscous_at, resistances)
         viscous /= dt
-    forces, displaced = 0.0, 0.0
-    for v in range(origin.shape[0]):
-        for axis in range(3):
-            push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
-    room.slots[START] = start.near
-    x[:] = body.rest
-    for k in range(body.free.size):
-        v = body.free[k]
-        for axis in range(3):
-            x[v, axis] = origin[v, axis] + dt * rates[v, axis]
-            forces += push[v, axis] ** 2
-            displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
-    scale = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
+    scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
     room.step[:] = x
     room.step[:] -= start.near
     _predict(body, room, start.near)
-    step = Step(body, room, origin, viscous, x, room.slots)
+    step = Step(body, room, start.origin, viscous, x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return x.copy(), found.iterations, found.solved

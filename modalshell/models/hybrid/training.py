@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import BDF2
-from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -67,6 +67,8 @@ class Trained:
         Largest elastic energy in training [J].
     description : str
         The loads.
+    coarse_errors : ndarray, shape (c, 2)
+        Shares of the load, and under each the error of the coarse shell itself against DS at rest; none if unknown.
     """
 
     basis: Array
@@ -76,6 +78,7 @@ class Trained:
     strain_limit: float
     energy: float
     description: str
+    coarse_errors: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def unseen(self, coarse: Shell, x: Array, energy: float, seen: float) -> float:
         """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
@@ -114,6 +117,11 @@ class Training:
         if self.error is not None:
             checked_number("error", self.error, above=0.0)
         checked_count("motions", self.motions, at_least=4)
+
+    @property
+    def frames(self) -> int:
+        """Frames of the motions on the coarse shell, held-out ones included."""
+        return (self.motions + _HELD_OUT) * (LOADED + RELEASED)
 
     def sizes(self, most: int) -> list[int]:
         """Numbers of vectors to try, ascending, each at most ``most``."""
@@ -243,7 +251,7 @@ def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
 
 
 @final
-class _ReducedSteps:
+class _ReducedSteps(EulerSteps):
     """Steps of implicit Euler of the reduced shell, under a force ``push`` (m,) on its coordinates."""
 
     def __init__(self, found: Trained, reduced: ReducedStress, coarse: Shell, damping: Damping) -> None:

@@ -1,0 +1,185 @@
+"""Parts of a shell that nothing holds: their momenta, and the motion of their centres and frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, final
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.state import MotionState
+from modalshell.kernels.momentum import exponential, keeping_turn
+from modalshell.shell import Shell
+
+_STRETCHED, _ANCHORED = 1.01, 1e-6
+"""A stretch, and the share of its energy that a rigid motion costs from which something holds a shell."""
+
+
+def inertia_of(moments: Array) -> Array:
+    """Inertia (3, 3) of second moments ``sum m r r^T`` (3, 3)."""
+    return np.asarray(np.trace(moments) * np.eye(3) - moments)
+
+
+def axial(moments: Array) -> Array:
+    """``sum m a x b`` (3,) of ``sum m b a^T`` (3, 3)."""
+    return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
+
+
+def turn_keeping(moments: Array, impulse: Array, guess: Array) -> tuple[Array, bool]:
+    """Rotation F (3, 3) with ``sum m a x F b = impulse``, near a ``guess`` (3,) [rad]; and whether there is one.
+
+    ``moments`` (3, 3) is ``sum m b a^T`` of two shapes about their centres. With a shape at both ends of a step, in
+    axes that turn with it, this is the discrete top of [moser1991], that of a body that changes its shape.
+    """
+    turn = np.empty((3, 3))
+    found = keeping_turn(np.ascontiguousarray(moments), impulse, guess, turn)
+    return turn, bool(found)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FreePart:
+    """A connected part without supports.
+
+    Attributes
+    ----------
+    vertices : ndarray of int, or slice
+        Its vertices.
+    mass : ndarray, shape (k,)
+        Their masses [kg].
+    """
+
+    vertices: Index | slice
+    mass: Array
+
+    @cached_property
+    def total(self) -> float:
+        """Mass [kg]."""
+        return float(self.mass.sum())
+
+    def mean(self, values: Array) -> Array:
+        """Mean (3,) of its own vertices' values (k, 3) by the mass: of positions, the centre."""
+        return np.asarray(self.mass @ values) / self.total
+
+    def moments(self, a: Array, b: Array) -> Array:
+        """``sum m b a^T`` (3, 3) of its own vertices' vectors (k, 3)."""
+        return np.asarray((self.mass[:, None] * b).T @ a)
+
+
+def _anchored(shell: Shell) -> bool:
+    """Whether a rigid motion of the whole shell costs energy, as a share of that of a small stretch."""
+    rest = shell.rest_positions
+    turn = np.empty((3, 3))
+    exponential(np.array([0.4, 0.3, -0.2]), turn)
+    moved = rest @ turn.T + shell.size * np.array([0.3, -0.2, 0.1])
+    least, rigid, stretched = (shell.raw_energy(x) for x in (rest, moved, _STRETCHED * rest))
+    return abs(rigid - least) > _ANCHORED * abs(stretched - least)
+
+
+class RigidMove(NamedTuple):
+    """A turn about a centre that moves, and a change of velocity and spin.
+
+    Attributes
+    ----------
+    centre, velocity : ndarray, shape (3,)
+        Where the centre was [m], and its velocity [m/s].
+    turn : ndarray, shape (3, 3)
+        Rotation about it.
+    new_centre, new_velocity : ndarray, shape (3,)
+        Where it belongs, and its velocity.
+    spin : ndarray, shape (3,)
+        Angular velocity to add [rad/s].
+    """
+
+    centre: Array
+    velocity: Array
+    turn: Array
+    new_centre: Array
+    new_velocity: Array
+    spin: Array
+
+
+@final
+class FreeParts:
+    """All free parts of a shell; see :meth:`of`.
+
+    Momenta, forces and torques are (parts, 2, 3): of the whole part, and about its own centre.
+    """
+
+    def __init__(self, parts: tuple[FreePart, ...]) -> None:
+        self.parts = parts
+
+    @classmethod
+    def of(cls, shell: Shell) -> FreeParts | None:
+        """The parts that no support holds, and that no element joins to one that is held; None without any.
+
+        Nor where an energy does not leave rigid motions free, such as that of a foundation.
+        """
+        supported, labels = shell.unknowns.supported, shell.mesh.components
+        if supported.any() and not np.setdiff1d(labels, labels[supported]).size:
+            return None
+        if _anchored(shell):
+            return None
+        pattern = shell.pattern
+        blocks = pattern.matrix(np.ones(pattern.indices.size))[::3, ::3]
+        count, joined = connected_components(blocks, directed=False)
+        loose = np.setdiff1d(np.arange(count), joined[supported])
+        if count == 1 and loose.size:
+            return cls((FreePart(slice(None), shell.mass),))
+        chosen = [np.flatnonzero(joined == part) for part in loose]
+        return cls(tuple(FreePart(part, shell.mass[part]) for part in chosen)) if chosen else None
+
+    def momenta(self, x: Array, rates: Array) -> Array:
+        """Momenta at positions (n, 3) [m] and velocities (n, 3) [m/s]."""
+        found = np.empty((len(self.parts), 2, 3))
+        for at, part in zip(found, self.parts, strict=True):
+            own, v = x[part.vertices], rates[part.vertices]
+            at[0] = part.mass @ v
+            at[1] = axial(part.moments(own - part.mean(own), v - at[0] / part.total))
+        return found
+
+    def wrenches(self, x: Array, load: Array) -> Array:
+        """Forces and torques of a load (n, 3) [N] at positions (n, 3) [m]."""
+        found = np.empty((len(self.parts), 2, 3))
+        for at, part in zip(found, self.parts, strict=True):
+            own, pushed = x[part.vertices], load[part.vertices]
+            at[0] = pushed.sum(axis=0)
+            at[1] = axial(pushed.T @ (own - part.mean(own)))
+        return found
+
+    def moves(self, before: Array, after: MotionState, first: Array, last: Array, dt: float) -> list[RigidMove]:
+        """Rigid moves that bring ``after``, a step from positions ``before`` (n, 3), to its momenta.
+
+        Momenta go from ``first`` to ``last``; their mean over the step says how far centres move, and by what discrete
+        momentum ``sum m x_n x x_{n+1}`` parts turn. A part that no rotation brings there keeps its own.
+        """
+        found = []
+        for part, start, end in zip(self.parts, first, last, strict=True):
+            old, new, rates = (x[part.vertices] for x in (before, after.coordinates, after.rates))
+            centre, own, drift = part.mean(old), part.mean(new), part.mean(rates)
+            arms, mean = new - own, 0.5 * dt * (start + end)
+            turn, kept = turn_keeping(part.moments(old - centre, arms), mean[1], np.zeros(3))
+            if not kept:
+                turn = np.eye(3)
+            arms, relative = arms @ turn.T, (rates - drift) @ turn.T
+            missing = end[1] - axial(part.moments(arms, relative))
+            spin = np.linalg.solve(inertia_of(part.moments(arms, arms)), missing)
+            found.append(RigidMove(own, drift, turn, centre + mean[0] / part.total, end[0] / part.total, spin))
+        return found
+
+    def moved(self, state: MotionState, moves: list[RigidMove]) -> MotionState:
+        """A state of positions (n, 3) and rates whose parts are moved."""
+        x, rates = state.coordinates.copy(), state.rates.copy()
+        for part, move in zip(self.parts, moves, strict=True):
+            arms = (x[part.vertices] - move.centre) @ move.turn.T
+            x[part.vertices] = arms + move.new_centre
+            relative = (rates[part.vertices] - move.velocity) @ move.turn.T
+            rates[part.vertices] = relative + np.cross(move.spin, arms) + move.new_velocity
+        return MotionState(x, rates, state.memory)
+
+    def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
+        """``after`` a step from ``before``, with the :meth:`moves` that its momenta ask for."""
+        return self.moved(after, self.moves(before.coordinates, after, first, last, dt))

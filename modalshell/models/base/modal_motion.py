@@ -1,0 +1,353 @@
+"""Base of modal models in motion: coordinates, time steps per mode, constraints, and frames of free parts."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg.lapack
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from modalshell.constraints.constraints import Constraint
+from modalshell.constraints.manipulation import PatchTargets, meet
+from modalshell.core.checks import checked_kind
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.loads import Loading
+from modalshell.models.base.free_frames import FreeFrames
+from modalshell.models.base.model import FrameModel, probes
+from modalshell.models.base.stepper import LEAD
+from modalshell.models.base.warp import Warp
+from modalshell.models.reduction.load_quadrature import LoadQuadrature
+from modalshell.modes import Basis
+from modalshell.statics.modal_balance import differences
+from modalshell.supports import Pose
+
+CONSTRAINT_MET = 1e-6
+"""Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
+
+FAST_SPIN = 0.3
+"""Spin, as a share of the lowest elastic frequency, from which what it does to stiffness counts: a tenth."""
+FAST = (
+    f"a part without supports spins faster than {FAST_SPIN:g} of its lowest elastic frequency: linear modes lack the "
+    "stiffness that spin gives; take DS"
+)
+
+
+class ModalMotion(Warp, FrameModel):
+    """A model of m modal coordinates q in motion; :class:`modalshell.models.base.modal.ModalModel` has its statics.
+
+    Free parts fly in frames of their own, of which the coordinates of their rigid modes tell where they are: see
+    :class:`FreeFrames`. A subclass defines what becomes of the other coordinates, :meth:`warped` and
+    :meth:`warped_force`.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : str or ModalIntegrator
+        Rule of the steps.
+
+    Attributes
+    ----------
+    frames : FreeFrames or None
+        Frames of the parts that no support holds.
+    """
+
+    def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
+        self.basis = checked_kind("basis", basis, Basis)
+        self.shell = basis.shell
+        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        self.frames = FreeFrames.of(basis)
+        self._identity = np.eye(basis.count)
+        self._damp: tuple[Damping, Array] | None = None
+        self._mass = np.repeat(self.shell.mass, 3)
+        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
+
+    # ---- what a subclass defines, free parts in their frames
+
+    @abstractmethod
+    def warped(self, q: Array) -> Array:
+        """Displacements (n, 3) [m] at coordinates (m,)."""
+
+    @abstractmethod
+    def warped_force(self, q: Array, load: Array) -> Array:
+        """Modal force (m,) of a load (n, 3) [N], a new array."""
+
+    def warped_positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] of :meth:`warped`, a new array."""
+        return np.asarray(self.shell.rest_positions + self.warped(q))
+
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
+        return super().displacement_gradient(q, weights)
+
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives (m, m) of :meth:`warped_force`; by central differences unless overridden."""
+        return super().modal_force_jacobian(q, load)
+
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work [J] of a load (n, 3) [N] on :meth:`warped`, and its gradient (m,)."""
+        raise NotImplementedError
+
+    def warped_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of :meth:`warped_work`."""
+        raise NotImplementedError
+
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
+        raise self.no_constraints()
+
+    def warped_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
+        rows = self._patch_rows(self.basis.modes, vertices)
+        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
+        return np.asarray(turns @ rows)
+
+    # ---- positions and forces
+
+    def raw_displacement(self, q: Array) -> Array:
+        """Displacements (n, 3) [m], without input checks."""
+        if self.frames is None:
+            return self.warped(q)
+        return self.frames.positions(q, self.warped_positions) - self.shell.rest_positions
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        if self.frames is None:
+            return self.warped_positions(state.coordinates)
+        return self.frames.positions(state.coordinates, self.warped_positions)
+
+    def velocities(self, state: MotionState, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state; see :meth:`Model.velocities`."""
+        if self.frames is None:
+            return super().velocities(state, lead)
+        return self.frames.velocities(state, lead, self.warped_positions)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        if self.frames is None:
+            return self.warped_gradient(q, weights)
+        return self.frames.pull(q, weights, self.warped_gradient, self.warped_positions)
+
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force (m,) of a load (n, 3) [N] at q; on the rigid modes of free parts, derivatives of its work."""
+        if self.frames is None:
+            return self.warped_force(q, load)
+        return self.frames.pull(q, load, self.warped_force, self.warped_positions)
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; differences where frames of free parts move."""
+        if self.frames is None:
+            return self.warped_jacobian(q, load)
+        whole = super().modal_force_jacobian(q, load)
+        whole = 0.5 * (whole + whole.T) if self.conservative else whole
+        bent = self.frames.bending(q, load, self.warped_jacobian, self.warped_positions)
+        return self.frames.with_elastic(whole, bent)
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of a load (n, 3) [N] and its gradient (m,); of models that know it."""
+        if self.frames is None:
+            return self.warped_work(q, load)
+        return float(np.vdot(load, self.raw_displacement(q))), self.displacement_gradient(q, load)
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work."""
+        if self.frames is None:
+            return self.warped_curvature(q, load)
+        whole = differences(lambda q: self.displacement_gradient(q, load), q, self.basis.rotations)
+        bent = self.frames.bending(q, load, self.warped_curvature, self.warped_positions)
+        return self.frames.with_elastic(0.5 * (whole + whole.T), bent)
+
+    def push(self, q: Array, rates: Array, load: Array, dt: float) -> Array:
+        """Modal force (m,) of a load (n, 3) [N] on a shell that moves in steps of ``dt`` [s], inertial ones with it.
+
+        On the rigid modes of free parts it is that of the load's forces and torques.
+        """
+        if self.frames is None:
+            return self.modal_force(q, load)
+        return self.frames.push(q, load, self.warped_force, self.warped_positions, (rates, LEAD * dt))
+
+    def coordinates_of(self, positions: ArrayLike) -> Array:
+        """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3), of free parts in frames."""
+        given = self.shell.checked_positions(positions)
+        if self.frames is None:
+            return self._projected(given - self.shell.rest_positions)
+        return self.frames.coordinates_of(given, self.warped_positions, self._projected)
+
+    def _projected(self, displacement: Array) -> Array:
+        return np.asarray(self.basis.modes.T @ (self._mass * displacement.ravel()))
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """Modal state at rest."""
+        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        state = self.integrator.at_rest(q)
+        return state if self.frames is None else self.frames.at_rest(state)
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """One step of the integrator for every mode."""
+        return self.march(state, dt, lambda q, rates, _: self.push(q, rates, load, dt), damping)
+
+    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> tuple[MotionState, bool]:
+        """One step of the integrator under modal forces that are asked for where they are needed.
+
+        Also returns whether the frames of free parts turned as they should.
+        """
+        damp, eigenvalues, frames = self._modal_damping(damping), self.basis.eigenvalues, self.frames
+        if frames is None:
+            return self.integrator.advance(state, force, eigenvalues, damp, dt, self._mass_size), True
+        seen: list[Array] = []
+
+        def felt(q: Array, rates: Array, share: float) -> Array:
+            seen.append(force(frames.predicted(q, state, share * dt), rates, share))
+            return seen[-1]
+
+        after = self.integrator.advance(state, felt, eigenvalues, damp, dt, self._mass_size)
+        memory = state.memory
+        first = memory["force"] if "force" in memory and memory["step"][0] else seen[0]
+        return frames.flown(state, after, (first, seen[-1]), dt, damping.mass_factor, self.warped_positions)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
+        return super().largest_move(self._probes @ change)
+
+    @cached_property
+    def _probes(self) -> Array:
+        return probes(self.basis.modes)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return complex(max(self.integrator.multipliers(stiffness, damp, dt)[0], key=abs))
+
+    def _modal_damping(self, damping: Damping) -> Array:
+        """Damping [1/s] of the modes (m,), kept from step to step."""
+        kept = self._damp  # read once: another thread may ask for another meanwhile
+        if kept is None or kept[0] is not damping:
+            kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
+        return kept[1]
+
+    def drag_at(self, q: Array, vertices: Index, drag: Array) -> Array:
+        """Drag (m, m) in the turned modes of one (k, 3, 3) [N s/m] at some vertices."""
+        rows = self.turned_rows(q, vertices)
+        return np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """A cheap sum of the loads that change, for steps of this model, if there is one."""
+        return None
+
+    def slowed(self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array) -> MotionState:
+        """``state`` after a step, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
+        by_position, by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
+        # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
+        whole, gain = self._identity + by_rate[:, None] * drag, state.rates - rates
+        if self.frames is not None:
+            gain = self.frames.spun(state.coordinates, gain)
+        gain = scipy.linalg.lapack.dgesv(whole, gain)[2]
+        force = -(drag @ gain)
+        memory = state.memory
+        if "force" in memory:
+            memory = memory | {"force": memory["force"] + force}
+        moved, faster = by_position * force, by_rate * force
+        if self.frames is not None:
+            moved, faster = (self.frames.unspun(state.coordinates, part) for part in (moved, faster))
+        return MotionState(state.coordinates + moved, state.rates + faster, memory)
+
+    def turned_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) that take rates to velocities of some vertices; those of frames are angular velocities."""
+        if self.frames is None:
+            return self.warped_rows(q, vertices)
+        return self.frames.rows(q, vertices, self.warped_rows, self.warped_positions)
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse ratios that are not those of the modes."""
+        damping.of_modes(self.basis.eigenvalues)
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:
+        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
+        eigenvalues = self.basis.eigenvalues
+        return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
+
+    def meet_constraints(
+        self,
+        before: MotionState,
+        free: MotionState,
+        dt: float,
+        damping: Damping,
+        targets_at: Callable[[float], PatchTargets],
+    ) -> tuple[MotionState, Array]:
+        """Move a step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
+
+        ``free`` is the end of a step from ``before`` without them, ``targets_at`` gives targets at a share of the step.
+        The forces act throughout the step, and patches then move with their targets. Where rates are the differences of
+        coordinates, and where a target was not met at the step's beginning, so that it jumps, the forces act at the
+        step's end.
+        """
+        eigenvalues, damp, targets = self.basis.eigenvalues, self._modal_damping(damping), targets_at(1.0)
+        compliance, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
+        q, residual = meet(targets, free.coordinates, compliance, free.coordinates)
+        move = q - free.coordinates
+        if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
+            rates = free.rates + move / dt
+        else:
+            rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
+            wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
+            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=None)[0]
+        return MotionState(q, rates, free.memory), targets.lengths(residual)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
+        if self.frames is None:
+            return self.warped_patch(q, vertices)
+        return self.frames.patch_position(q, vertices, self.warped_patch, self.warped_gradient, self.warped_positions)
+
+    def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""
+        rows = self._patch_rows(self.basis.rotations, vertices).mean(axis=0)
+        return (rows @ q, rows) if self.frames is None else self.frames.patch_rotation(q, vertices, rows)
+
+    @staticmethod
+    def _patch_rows(matrix: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
+        return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
+
+    def _targets(
+        self, constraints: Sequence[Constraint], present: Array, time: float = 0.0, pose: Pose | None = None
+    ) -> PatchTargets:
+        """Constraints at ``time`` [s] as equations in q, near ``present`` (m,), in the frame of the supports."""
+        values = {"position": self.patch_position, "orientation": self.patch_rotation}
+        return PatchTargets(constraints, time, pose, values, self._size, present)
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy ``q^T Lambda q / 2`` [J]."""
+        return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
+
+    def remark(self, state: MotionState) -> str:
+        """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""
+        if self.frames is None or self._slowest is None:
+            return ""
+        fast = self.frames.fastest_spin(state) > FAST_SPIN * self._slowest
+        return FAST if fast else ""
+
+    @cached_property
+    def _slowest(self) -> float | None:
+        """Lowest angular frequency [rad/s] of an elastic mode."""
+        elastic = self.basis.eigenvalues[self.basis.rigid_modes :]
+        return float(np.sqrt(max(elastic[0], 0.0))) if elastic.size else None
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of the modal rates, and of the frames of free parts."""
+        if self.frames is not None:
+            return self.frames.kinetic_energy(state, self.warped_positions)
+        return float(0.5 * state.rates @ state.rates)

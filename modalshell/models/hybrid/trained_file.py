@@ -1,0 +1,63 @@
+"""Files of trained hybrids, and the shells that they are made of."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from modalshell.core.checks import LARGEST, checked_kind
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
+from modalshell.models.hybrid.training import Trained
+from modalshell.shell import Shell
+
+_HYBRID = Archive(
+    "a trained hybrid",
+    "modalshell_hybrid",
+    {
+        "basis": Field("f", ("N", "m"), "1/sqrt(kg)"),
+        "stresses": Field("f", ("e", "K")),
+        "viscous": Field("f", ("e", "L")),
+        "held_out_error": Field("f", (), ""),
+        "strain_limit": Field("f", (), ""),
+        "energy": Field("f", (), "J"),
+        "description": Field("U"),
+        "coarse_errors": Field("f", ("c", 2), ""),
+        "rest": Field("f", ("n", 3), "m"),
+    },
+    most=LARGEST,
+)
+
+
+def trainable(coarse: Shell) -> Shell:
+    """``coarse`` itself; an error if no hybrid can be made of it."""
+    checked_kind("coarse", coarse, Shell)
+    _ = coarse.elements
+    if len(coarse.elements) != 3 or coarse.energies:
+        raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
+    if coarse.has_dashpots:
+        raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
+    if not coarse.clamped.any():
+        raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
+    return coarse
+
+
+def write_trained(path: str | os.PathLike[str], trained: Trained, coarse: Shell) -> None:
+    """Write what was trained on a coarse shell to an ``.npz`` file (no pickle)."""
+    values = {name: getattr(trained, name) for name in _HYBRID.fields if name != "rest"}
+    write_npz(path, **_HYBRID.arrays(values | {"rest": coarse.rest_positions}))
+
+
+def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
+    """What :func:`write_trained` wrote for the same shell; FileFormatError if it is damaged or of another."""
+    with _HYBRID.read(path) as data:
+        if not np.array_equal(data["rest"], coarse.rest_positions):
+            raise ValueError("it was trained on another coarse shell")
+        elements = sum(e.rest.size for e in coarse.elements[:2])
+        if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != elements:
+            raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
+        arrays = data["basis"], data["stresses"], data["viscous"]
+        numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
+        return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"])
