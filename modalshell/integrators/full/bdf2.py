@@ -16,8 +16,8 @@ from modalshell.integrators.full.implicit_rule import (
     remembering,
     second_order_at_rest,
     second_order_error,
-    two_euler_steps,
 )
+from modalshell.integrators.full.sdirk2 import started
 from modalshell.integrators.state import MotionState
 
 
@@ -31,8 +31,9 @@ class BDF2(ImplicitRule, key="bdf2"):
     .. math:: x' = x_n + \frac{w^2}{1 + 2 w} (x_n - x_{n-1}), \qquad v' = v_n + \frac{w^2}{1 + 2 w} (v_n - v_{n-1}).
 
     Order two, at one solve a step. Stable at any step; stiff motion dies at once. A damping ratio is within 1 % of
-    0.01, 0.03 or 0.1 from 75, 45 or 20 steps a period on. It begins with two half steps of implicit Euler, and takes
-    one of a whole step where the motion is violent.
+    0.01, 0.03 or 0.1 from 75, 45 or 20 steps a period on. It begins with a step of
+    SDIRK2, or with two half steps of implicit Euler where the motion is violent, and takes one of a whole step there
+    later.
     """
 
     name = "BDF2"
@@ -56,7 +57,7 @@ class BDF2(ImplicitRule, key="bdf2"):
         x, v, memory = state.coordinates, state.rates, state.memory
         solved, order = False, 1
         if not memory["order"][0]:
-            after, solved = two_euler_steps(euler, state, dt)
+            after, solved, order = started(euler, state, dt)
         else:
             ratio = dt / memory["step"][0]
             move, gain = ratio * memory["move"], ratio * memory["gain"]

@@ -1,0 +1,52 @@
+"""Errors over work by rule, and damping obtained over steps a period (reads the study ``motion_truth``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalshell.files.study_result import StudyResult
+from modalshell.render.curves import Curve, Panel, draw_curves
+
+COLORS = {
+    "exponential": "#2b5fc8",
+    "implicit_midpoint": "#66c2a5",
+    "sdirk2": "#2f9e44",
+    "bdf2": "#d98200",
+    "implicit_euler": "#c8322b",
+}
+NAMES = {"exponential": "exponential", "implicit_midpoint": "midpoint", "sdirk2": "SDIRK2", "bdf2": "BDF2"}
+NAMES["implicit_euler"] = "implicit Euler"
+DASHED = {"MWTS": False, "coarse DS": True, "DS": False}
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    findings = StudyResult.load(results, "motion_truth").findings
+    panels = []
+    for rows, title in (
+        (findings["cost"], "strip let fall, one period, damped by 0.03"),
+        ([row for row in findings["snap"] if row["rung"] == "coarse DS"], "V-beam through its snap, coarse DS"),
+    ):
+        curves = []
+        for rung in dict.fromkeys(row["rung"] for row in rows):
+            for rule in dict.fromkeys(row["rule"] for row in rows if row["rung"] == rung):
+                own = [row for row in rows if (row["rung"], row["rule"]) == (rung, rule)]
+                errors, work = [100.0 * row["error"] for row in own], [1e3 * row["cost"] for row in own]
+                marker = {"MWTS": "s", "coarse DS": "v"}.get(rung, "o")
+                curves.append(Curve(work, errors, f"{rung}, {NAMES[rule]}", COLORS[rule], DASHED[rung], marker=marker))
+        panels.append(
+            Panel(curves, title, "counted work [ms of a reference machine]", "error [% of the length]", True, True)
+        )
+    curves = []
+    for rung in ("MWTS", "DS"):
+        rows = [
+            row for row in findings["damping"] if (row["energy"], row["rung"], row["asked"]) == ("hinges", rung, 0.03)
+        ]
+        for row in rows:
+            if rung == "DS" or row["rule"] == "exponential":
+                label = f"{rung}, {NAMES[row['rule']]}"
+                curves.append(Curve(row["steps"], row["obtained"], label, COLORS[row["rule"]]))
+    ends = [3.0, max(row["steps"][-1] for row in findings["damping"])]
+    curves.append(Curve(ends, [0.03, 0.03], "asked", "black", dashed=True, points=False))
+    panels.append(Panel(curves, "damping ratio that is obtained", "steps a period", "damping ratio", True, True))
+    return draw_curves(panels, folder / "motion_truth.png")
