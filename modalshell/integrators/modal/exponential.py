@@ -11,7 +11,7 @@ from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrato
 from modalshell.integrators.modal.flow import Flow, flow
 from modalshell.integrators.state import MotionState
 
-_VIOLENT = 3e-3
+VIOLENT = 3e-3
 """Change of the coordinates within a step by what was not expected of the force, as a share of the shell's size in the
 norm of the mass, from which the force is asked for again."""
 
@@ -52,7 +52,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         change = pushed - kept
         missed = c.a2 * change
         ahead, rates = ahead + missed, rates + c.b2 * change
-        if missed @ missed > (_VIOLENT * size) ** 2:
+        if missed @ missed > (VIOLENT * size) ** 2:
             pushed = force(ahead, rates, 1.0)
         return MotionState(ahead, rates, {"force": pushed, "known": np.ones(1)})
 
