@@ -21,6 +21,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
@@ -75,7 +76,7 @@ class SummedWarp(ModalModel):
     name = "MWTS, summed warp"
     conservative = False
 
-    def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
+    def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         super().__init__(basis, integrator=integrator)
         self.closed = ms.ModalWarping(basis, integrator=integrator)
 
@@ -90,21 +91,19 @@ class SummedWarp(ModalModel):
     def start_motion(self, positions: np.ndarray | None = None) -> MotionState:
         """Modal state at rest."""
         state = super().start_motion(positions)
-        return MotionState(state.coordinates, state.rates, {"sum": self.raw_displacement(state.coordinates)})
+        state.memory["sum"] = self.raw_displacement(state.coordinates)
+        return state
 
-    def step(
-        self, state: MotionState, dt: float, load: np.ndarray, damping: ms.Damping, held: np.ndarray | None = None
-    ) -> tuple[MotionState, bool]:
+    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: ms.Damping) -> MotionState:
         """One step of the integrator, and of the sum."""
-        after, solved = super().step(state, dt, load, damping, held)
-        return self.advanced(state, after.coordinates, after.rates), solved
+        return self.summed(state, super().march(state, dt, force, damping))
 
-    def advanced(self, state: MotionState, q: np.ndarray, rates: np.ndarray) -> MotionState:
-        """State at q (m,) after ``state``; the displacement grows by ``R(w) Phi dq``."""
-        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
+    def summed(self, state: MotionState, after: MotionState) -> MotionState:
+        """``after``, a state that follows ``state``, with its displacement; this grows by ``R(w) Phi dq``."""
+        change = np.asarray(self.basis.modes @ (after.coordinates - state.coordinates)).reshape(-1, 3)
         turned = np.empty_like(change)
-        rotations.rotate(self.closed.rotation_vectors(q), change, 1.0, turned)
-        return MotionState(q, rates, {"sum": state.memory["sum"] + turned})
+        rotations.rotate(self.closed.rotation_vectors(after.coordinates), change, 1.0, turned)
+        return MotionState(after.coordinates, after.rates, after.memory | {"sum": state.memory["sum"] + turned})
 
     def positions(self, state: MotionState) -> np.ndarray:
         """Vertex positions (n, 3) [m] of a state: the sum so far."""
@@ -153,7 +152,7 @@ def carry(model: SummedWarp, path: np.ndarray, cycles: int) -> np.ndarray:
     left = []
     for _ in range(cycles):
         for q in path[1:]:
-            state = model.advanced(state, q, state.rates)
+            state = model.summed(state, MotionState(q, state.rates))
         left.append(model.positions(state) - model.shell.rest_positions)
     return np.array(left)
 
