@@ -81,11 +81,11 @@ def test_models_take_a_key_or_a_rule():
     mesh = ms.flat_beam(cells=(6, 2))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
     basis = ms.solve_modes(shell, 3)
-    assert tuple(ModalIntegrator.known)[:2] == ("implicit_euler", "implicit_midpoint")
+    assert tuple(ModalIntegrator.known)[:3] == ("exponential", "implicit_euler", "implicit_midpoint")
     for choice in ("implicit_midpoint", ImplicitMidpoint()):
         assert isinstance(ms.LinearModal(basis, integrator=choice).integrator, ImplicitMidpoint)
     for wrong in ("verlet", None, 3, ImplicitMidpoint):
-        with pytest.raises(OptionError, match="integrator must be one of 'implicit_euler'"):
+        with pytest.raises(OptionError, match="integrator must be one of 'exponential', 'implicit_euler'"):
             ms.LinearModal(basis, integrator=wrong)
 
 
