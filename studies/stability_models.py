@@ -71,7 +71,8 @@ class IntegratedModel:
     make : callable
         The model of a shell.
     theory : {"implicit", "exact", "midpoint", "bdf2", "sdirk2", "explicit", "rigid"}
-        Which theory its limits have: that of implicit Euler, that of the exact flow of each mode, and so on. Explicit rows take half their longest stable step at the base point for their own.
+        Which theory its limits have: that of implicit Euler, of the exact flow of each mode, and so on. Explicit rows
+        take half their longest stable step at the base point for their own.
     kind : {"rigid", "linear", "modal", "full", "other"}
         What steps: a rigid body, modes by themselves, modes under a force that turns with them, every vertex, or
         something without a theory.

@@ -74,8 +74,8 @@ class ShellCrowd(ABC):
             Step [s].
         felt : array_like, shape (3,) or (B, 3)
             Gravity less the acceleration of the instance's frame at the step's end, in that frame, the same for all its
-            vertices [m/s^2]. What a turning frame adds (Euler, centrifugal and Coriolis forces) is left out: for a boid it is
-            smaller than this by the shell's size over the radius of the turn.
+            vertices [m/s^2]. What a turning frame adds (Euler, centrifugal and Coriolis forces) is left out: for a boid
+            it is smaller than this by the shell's size over the radius of the turn.
         forcing : array_like, shape (B, m), optional
             Further modal forces at the step's end, such as those of :class:`modalshell.crowd.Flap`.
         """

@@ -33,7 +33,8 @@ class SpringSheet(FullModel):
     springs : Springs, optional
         Springs between the mesh's vertices; by default those of :func:`modalshell.springs.shell_springs`.
     integrator : str or FullIntegrator
-        As for :class:`DiscreteShell`, by default ``"bdf2"``. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+        As for :class:`DiscreteShell`, by default ``"bdf2"``. ``"linear_implicit"`` is the method of Baraff and Witkin
+        [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.

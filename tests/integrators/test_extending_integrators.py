@@ -88,7 +88,9 @@ def test_full_models_take_a_rule_of_another_package_as_well(scene_file, tmp_path
 
 
 @pytest.mark.usefixtures("toy")
-@pytest.mark.parametrize(("name", "rule"), [("mwts", "frozen"), ("ds", "exponential_euler"), ("mwts", "exponential_eluer")])
+@pytest.mark.parametrize(
+    ("name", "rule"), [("mwts", "frozen"), ("ds", "exponential_euler"), ("mwts", "exponential_eluer")]
+)
 def test_a_rule_of_another_kind_is_refused(scene_file, tmp_path, capsys, name, rule):
     file = scene_file(('"mwts"', f'"{name}"\nintegrator = "{rule}"'))
     assert command("run", file, "--out", tmp_path / "out") == 2

@@ -266,10 +266,11 @@ def test_cycles_are_named_under_either_damping(basis, integrator, gamma, factors
 
 
 @pytest.mark.parametrize(
-    ("integrator", "gamma"), [("exponential", 44.0), ("exponential", 48.0), ("implicit_euler", 44.0), ("implicit_euler", 49.0)]
+    ("integrator", "gamma"),
+    [("exponential", 44.0), ("exponential", 47.0), ("implicit_euler", 44.0), ("implicit_euler", 49.0)],
 )
 def test_slow_decay_is_no_cycle(basis, integrator, gamma):
-    """Towards Gamma = 50 the steps feed nearly what light damping eats: by implicit Euler 15 % are left in XX."""
+    """Towards Gamma = 50 the steps feed nearly what light damping eats: at 49 implicit Euler loses 15 % in 12 s."""
     model = ms.ModalWarping(basis, integrator=integrator)
     assert run(model, gamma, (0.2, 0.0), steps=6000, store_every=3).status == "completed"
 
