@@ -81,7 +81,7 @@ class ShellCrowd(ABC):
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
         self._check_state()
-        felt, further = self._per_instance("felt", felt, (3,)), 0.0
+        felt, further = self._per_instance("felt", felt, (3,)), np.zeros_like(self.coordinates)
         if forcing is not None:
             further = checked_vectors("forcing", forcing, self.coordinates.shape, OptionError)
 

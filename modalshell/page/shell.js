@@ -114,7 +114,7 @@ function modalForce(q, p) {
   }
   if (state.model === "rsw") addBentForce(q, push, p);
 }
-// Divided differences of exp at both roots of z^2 + y z + x, with none, one and two zeros besides.
+// Divided differences of exp at both roots of z^2 + y z + x, and at none, one and two zeros more.
 function differences(x, y) {
   if (x + y < 0.5) {
     const sums = [0, 0, 0];

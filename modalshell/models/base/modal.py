@@ -19,7 +19,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -47,6 +47,9 @@ _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
+_STOPPED = 0.5
+"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell."""
+_EULER = ImplicitEuler()
 
 
 class ModalModel(Warp, FrameModel):
@@ -259,9 +262,22 @@ class ModalModel(Warp, FrameModel):
         """A cheap sum of the loads that change, for steps of this model, if there is one."""
         return None
 
-    def slowed(self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array) -> MotionState:
-        """``state`` after a step, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
-        by_position, by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
+    def stops(self, dt: float, damping: Damping, drag: Array) -> bool:
+        """Whether a drag (m, m) in the modes stops the shell within a step: rules of second order throw it back then."""
+        by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)[1]
+        return bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
+
+    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
+        """A step of implicit Euler under a modal ``force`` (m,), which is kept."""
+        q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
+        after = _EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt)
+        return MotionState(*after, {"force": force, "known": np.ones(1)})
+
+    def slowed(
+        self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
+    ) -> MotionState:
+        """``state`` after a step of a rule, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
+        by_position, by_rate = rule.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
         # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
         whole = self._identity + by_rate[:, None] * drag
         gain = scipy.linalg.lapack.dgesv(whole, state.rates - rates)[2]
@@ -367,9 +383,12 @@ class ModalStepper(Stepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
-        after = model.march(state, dt, force, damping)
+        after, rule = model.march(state, dt, force, damping), model.integrator
+        if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
+            rule, pushed = _EULER, force(state.coordinates, state.rates, 1.0)
+            after = model.euler_step(state, dt, pushed, damping)
         if last:
-            after = model.slowed(after, last[0][0], dt, damping, last[0][1])
+            after = model.slowed(after, last[0][0], dt, damping, last[0][1], rule)
         if self.setup.constraints:
             after = self._met(count, state, after)
             if "force" in after.memory:
@@ -384,7 +403,7 @@ class ModalStepper(Stepper):
             return model.modal_force(q, load), None if drag is None else model.drag_at(q, *drag)
         own, lead = self.own_positions(state), LEAD * self.setup.dt
         by_velocity = self.setup.loading.by_velocity
-        last = own - lead * model.velocities(state, lead) if by_velocity else own
+        last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
         push += model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None

@@ -214,10 +214,10 @@ class Model(ABC):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, a new array each time."""
 
-    def velocities(self, state: MotionState, lead: float) -> Array:
-        """Velocities (n, 3) [m/s] of a state, by where the vertices were a short time ``lead`` [s] before."""
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state at ``own`` (n, 3), by where these were a short time ``lead`` [s] before."""
         earlier = MotionState(state.coordinates - lead * state.rates, state.rates)
-        return np.asarray((self.positions(state) - self.positions(earlier)) / lead)
+        return np.asarray((own - self.positions(earlier)) / lead)
 
     def centred(self) -> tuple[Model, Array]:
         """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""
@@ -356,7 +356,7 @@ class Stepper(ABC):
         own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
         rates, drag, lead = np.zeros_like(own), None, LEAD * self.setup.dt
         if turns or loading.by_velocity:
-            rates = self.model.velocities(state, lead)
+            rates = self.model.velocities(state, own, lead)
         if live:
             now = last = self._in_world(own, time)
             if loading.by_velocity:
