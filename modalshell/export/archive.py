@@ -50,8 +50,12 @@ _TRAJECTORY = Archive(
         "message": Field("U"),
         "unconverged_steps": Field("iu"),
         "seconds": Field("fiu", (), "s of wall time"),
+        "step_error": Field("f", ("known",)),
+        "damping_error": Field("f", ("known too",)),
     },
 )
+_PERHAPS = "step_error", "damping_error"
+"""Numbers that are not always known: arrays of one, or of none."""
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -61,6 +65,7 @@ _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), u
 def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     """Write a trajectory to an ``.npz`` file: plain arrays that ``numpy.load`` reads too."""
     values = {name: getattr(run, _NAMES.get(name, name)) for name in (*_TRAJECTORY.fields, *_POSITIONS)}
+    values |= {name: np.array([] if values[name] is None else [values[name]], dtype=float) for name in _PERHAPS}
     values |= {f"{_FIELD}{name}": field for name, field in run.fields.items()}
     arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES)
     positions = arrays.pop("positions")
@@ -122,6 +127,8 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         values["outcome"], values["message"] = Outcome(str(values.pop("status"))), str(values["message"])
         for name, number in (("unconverged_steps", int), ("seconds", float)):
             values[name] = number(values[name])
+        for name in _PERHAPS:
+            values[name] = float(values[name][0]) if values[name].size else None
         fields = {name.removeprefix(_FIELD): data[name] for name in further}
         return Trajectory(positions=positions, fields=fields, units=units, **values)
 

@@ -162,4 +162,8 @@ class CoarseDiscreteShell(ImplicitModel):
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy of the coarse shell [J]."""
-        return self.coarse.kinetic_energy(state)
+        return 0.5 * self.squared(state.rates)
+
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of a vector (k, 3) in the norm of the coarse mass."""
+        return self.coarse.squared(vector)

@@ -393,7 +393,15 @@ class HybridStress(ImplicitModel):
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J]."""
-        return self.coarse.kinetic_energy(state) if state.rates.ndim == 2 else float(0.5 * np.sum(state.rates**2))
+        return 0.5 * self.squared(state.rates)
+
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of coordinates (m,), or of coarse vectors (k, 3) in the norm of their mass."""
+        return self.coarse.squared(vector) if vector.ndim == 2 else float(vector @ vector)
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a coarse vertex by a small ``change``."""
+        return super().largest_move(change if change.ndim == 2 else (self._basis @ change).reshape(-1, 3))
 
 
 def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:

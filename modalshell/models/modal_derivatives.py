@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -21,6 +22,7 @@ from modalshell.kernels.rotations import largest_turn
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, implicit_rule
+from modalshell.models.base.model import probes
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
@@ -201,6 +203,14 @@ class ModalDerivatives(ImplicitModel):
         """Largest rotation [rad] of a vertex by a small ``move`` (r,) of the coordinates."""
         moved = (self._vectors @ move).reshape(-1, 3)
         return float(largest_turn(self._positions(coordinates), moved, self.shell.mesh.faces))
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` (r,), of those that the vectors move most."""
+        return super().largest_move(self._probes @ change)
+
+    @cached_property
+    def _probes(self) -> Array:
+        return probes(self._vectors)
 
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array

@@ -146,6 +146,8 @@ class Recorder:
             message=message,
             unconverged_steps=self.motion.unconverged,
             seconds=self.seconds,
+            step_error=self.motion.errors.largest,
+            damping_error=self.motion.errors.damping_error(),
             energies=np.array(self.energies),
             constraint_residuals=np.array(self.residuals),
             faces=np.asarray(shell.mesh.faces),
@@ -173,8 +175,9 @@ class Recorder:
             found[Outcome.STEPS_NOT_CONVERGED] = words
         if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
-        flagged = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
-        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged, *motion.remarks])
+        notes = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
+        notes += [note for note in (motion.errors.remark(), motion.errors.undersampled()) if note]
+        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
 
     @property
     def _steady(self) -> bool:

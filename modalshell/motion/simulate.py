@@ -34,6 +34,7 @@ def simulate(
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
+    tolerance: float | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
     fields: Sequence[str] = (),
@@ -66,6 +67,9 @@ def simulate(
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
         Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
+    tolerance : float, optional
+        Error, as a share of the shell's size, that the steps may make by their length. Each step is then taken in as
+        many halves of halves as that needs; frames stay where they are.
     store_every : int
         Number of steps per stored frame (explicit steps are short).
     dtype : {float64, float32}
@@ -106,6 +110,8 @@ def simulate(
         start=start,
         supports=supports,
         constraints=constraints,
+        tolerance=tolerance,
+        span=duration,
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
     positions = _stored_frames(recorder, dtype, on_step)

@@ -47,6 +47,12 @@ class Trajectory(Drawn):
         Steps whose own solver did not converge.
     seconds : float
         Wall time.
+    step_error : float or None
+        Largest error of a vertex that the length of the steps has made, as a share of the shell's size, by the steps'
+        own estimates added up: right within a factor of about two; None where the integrator knows none.
+    damping_error : float or None
+        Error of the damping ratio that steps give to motion of its main frequency, over the one asked for; None where
+        no damping was asked for, or the integrator does not know.
     energies : ndarray, shape (F, 3)
         Kinetic and elastic energy and potential of the load [J] of each stored frame, in the model's own frame; the
         load's potential is zero at rest.
@@ -68,6 +74,8 @@ class Trajectory(Drawn):
     message: str
     unconverged_steps: int
     seconds: float
+    step_error: float | None = None
+    damping_error: float | None = None
     energies: Array = field(default_factory=lambda: np.empty((0, 3)))
     constraint_residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))

@@ -313,6 +313,8 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
+                tolerance=table.tolerance,
+                span=table.duration,
             )
 
     def loading(self) -> Loading:

@@ -163,13 +163,15 @@ class MotionTable(Table, frozen=True):
 
     ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` steps.
     In place of ``damping``: ``damping_ratios``, shares of critical damping measured at two frequencies, each ``[Hz,
-    share]``; or, for modal models, ``modal_damping``, such a share for each mode or one for all.
+    share]``; or, for modal models, ``modal_damping``, such a share for each mode or one for all. ``tolerance``, a share
+    of the shell's size, divides steps as in :func:`modalshell.simulate`.
     """
 
     duration: Positive
     dt: Positive = 1.0 / 30.0
     damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
     store_every: Count = 1
+    tolerance: Annotated[float, Meta(ge=1e-9, le=1.0)] | None = None
     damping_ratios: tuple[tuple[Positive, NotNegative], tuple[Positive, NotNegative]] | None = None
     modal_damping: Annotated[list[NotNegative], Meta(min_length=1)] | None = None
 

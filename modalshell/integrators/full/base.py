@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from abc import abstractmethod
 from typing import ClassVar, Protocol
 
@@ -68,6 +69,14 @@ class FullIntegrator(Integrator):
         """State at rest at ``positions`` (n, 3) [m]."""
         return MotionState(positions, np.zeros_like(positions))
 
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:  # noqa: ARG002
+        """Error in the coordinates that a step of ``dt`` [s] has made; None where it is not known."""
+        return None
+
+    def growth(self, rate: complex) -> complex:  # noqa: ARG002
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN where it is not known."""
+        return complex(np.nan)
+
     @abstractmethod
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
@@ -83,6 +92,11 @@ class FullIntegrator(Integrator):
         ``drag`` [1/s] is its damping by the mass, ``viscosity`` [1/s] that by strain rates.
         """
         return np.inf
+
+
+def oscillation(stiffness: float, damp: float, h: float) -> complex:
+    """``h lambda`` of ``q'' + damp q' + stiffness q = 0``: the root of positive imaginary part, or the slower one."""
+    return complex(h * (-0.5 * damp + cmath.sqrt(0.25 * damp**2 - stiffness)))
 
 
 def symplectic_limit(stiffness: float, damp: float) -> float:

@@ -85,6 +85,10 @@ class ImplicitRule(FullIntegrator):
     takes_live = True
 
     @abstractmethod
+    def growth(self, rate: complex) -> complex:
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``."""
+
+    @abstractmethod
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s]; also returns whether the equations were solved."""
 
@@ -106,6 +110,36 @@ class ImplicitRule(FullIntegrator):
             return body, load, None if held is None else first + start.end * (held - first)
 
         return self.march(ShellSteps(body, at, damping), state, dt)
+
+
+def kept(before: MotionState, after: MotionState, dt: float, order: int) -> MotionState:
+    """``after``, a step of ``dt`` [s], with what rules of order two keep of it, and the ``order`` it was made with.
+
+    Kept are the changes of coordinates ("move") and rates ("gain"), the curvature ``h^2 v''`` of the rates that they
+    show, and the length of the step.
+    """
+    memory = before.memory
+    gain, ratio = after.rates - before.rates, dt / memory["step"][0] if memory["order"][0] else 0.0
+    curvature = 2.0 * ratio / (1.0 + ratio) * (gain - ratio * memory["gain"])
+    keeps = {"move": after.coordinates - before.coordinates, "gain": gain, "curvature": curvature}
+    return MotionState(
+        after.coordinates, after.rates, keeps | {"step": np.array([dt]), "order": np.array([float(order)])}
+    )
+
+
+def second_order_at_rest(coordinates: Array) -> MotionState:
+    """State at rest with room for what :func:`kept` keeps."""
+    none = np.zeros_like(coordinates)
+    memory = {name: none.copy() for name in ("move", "gain", "curvature")}
+    return MotionState(coordinates, none, memory | {"step": np.zeros(1), "order": np.zeros(1)})
+
+
+def second_order_error(constant: float, after: MotionState, dt: float) -> Array:
+    """Error of a step: ``constant h^3 v''`` of a rule of order two, and that of implicit Euler where it stood in."""
+    memory = after.memory
+    if memory["order"][0] == 2.0:
+        return constant * dt * memory["curvature"]
+    return 0.5 * dt * memory["gain"]
 
 
 def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, end: float) -> tuple[MotionState, bool]:

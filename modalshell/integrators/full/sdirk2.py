@@ -7,7 +7,16 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.full.implicit_rule import VIOLENT, EulerStart, EulerSteps, ImplicitRule, two_euler_steps
+from modalshell.integrators.full.implicit_rule import (
+    VIOLENT,
+    EulerStart,
+    EulerSteps,
+    ImplicitRule,
+    kept,
+    second_order_at_rest,
+    second_order_error,
+    two_euler_steps,
+)
 from modalshell.integrators.state import MotionState
 
 GAMMA = 1.0 - np.sqrt(0.5)
@@ -29,18 +38,24 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
     name = "SDIRK2"
 
     def at_rest(self, coordinates: Array) -> MotionState:
-        """State at rest; the last change of the rates, and whether it is known, are kept."""
-        none = np.zeros_like(coordinates)
-        return MotionState(coordinates, none, {"gain": none.copy(), "known": np.zeros(1)})
+        """State at rest, with room for what is kept of a step."""
+        return second_order_at_rest(coordinates)
+
+    def growth(self, rate: complex) -> complex:
+        """``(1 + (1 - 2 gamma) h lambda) / (1 - gamma h lambda)^2``."""
+        return complex((1.0 + (1.0 - 2.0 * GAMMA) * rate) / (1.0 - GAMMA * rate) ** 2)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
+        """``(3 gamma^2 - 2 gamma^3 - 1/6) h^3 v''``."""
+        return second_order_error(3.0 * GAMMA**2 - 2.0 * GAMMA**3 - 1.0 / 6.0, after, dt)
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Two solves, or two half steps of implicit Euler instead."""
-        x, v, gain = state.coordinates, state.rates, state.memory["gain"]
-        solved = False
-        if state.memory["known"][0] and euler.turn(x, dt * gain) <= VIOLENT:
+        x, v, memory = state.coordinates, state.rates, state.memory
+        solved, order = False, 2
+        if memory["order"][0] and euler.turn(x, dt * (gain := dt / memory["step"][0] * memory["gain"])) <= VIOLENT:
             part, middle = GAMMA * dt, x + 0.5 * dt * v
-            first = EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5)
-            half, solved = euler.solve(first)
+            half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5))
             if solved:
                 w, rest = half.rates, (1.0 - GAMMA) * dt
                 change = rest * (w - v) / part
@@ -49,5 +64,5 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
                 )
         if not solved:
             after, solved = two_euler_steps(euler, state, dt)
-        kept = {"gain": after.rates - v, "known": np.ones(1)}
-        return MotionState(after.coordinates, after.rates, kept), solved
+            order = 1
+        return kept(state, after, dt, order), solved

@@ -90,6 +90,16 @@ class ModalIntegrator(Integrator):
         """Change (m,) of coordinates and rates within a step per unit of modal force at its end."""
         return self.impulse(stiffness, damp, h)
 
+    def local_error(
+        self,
+        before: MotionState,  # noqa: ARG002
+        after: MotionState,  # noqa: ARG002
+        stiffness: Array,  # noqa: ARG002
+        h: float,  # noqa: ARG002
+    ) -> Array | None:
+        """Error (m,) in the coordinates that a step has made; None where it is not known."""
+        return None
+
     def impulse(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
         """Change (m,) of coordinates [s^2] and rates [s] within a step per unit of a modal force throughout it."""
         rest = np.zeros_like(stiffness)

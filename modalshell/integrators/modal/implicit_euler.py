@@ -6,6 +6,7 @@ from typing import final
 
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ModalIntegrator, Step
+from modalshell.integrators.state import MotionState
 
 
 @final
@@ -20,6 +21,10 @@ class ImplicitEuler(ModalIntegrator, key="implicit_euler"):
     """
 
     name = "implicit Euler"
+
+    def local_error(self, before: MotionState, after: MotionState, stiffness: Array, h: float) -> Array:  # noqa: ARG002
+        """``h^2 v' / 2``."""
+        return 0.5 * h * (after.rates - before.rates)
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step."""

@@ -17,7 +17,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator, ImplicitRule
-from modalshell.integrators.full.base import hold
+from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -258,6 +258,14 @@ class FullModel(Model):
         """Velocities (n, 3) [m/s]: the rates themselves."""
         return state.rates
 
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (n, 3) [m] that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, dt)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return self.integrator.growth(oscillation(stiffness, damp, dt))
+
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
         patches = held_patches(setup.constraints, self.shell) if setup.constraints else []
@@ -332,25 +340,25 @@ class FullStepper(Stepper):
         """The model with its supports where they are at ``time`` [s]."""
         return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
-        dt, damping, rule = self.setup.dt, self.setup.damping, self.model.integrator
+        damping, rule = self.setup.damping, self.model.integrator
         if isinstance(rule, ImplicitRule):
-            steps = ShellSteps(self.model, lambda start: self._at(count, start, load), damping)
+            steps = ShellSteps(self.model, lambda start: self._at(begin, dt, start, load), damping)
             return rule.march(steps, state, dt)
         x, rates = state.coordinates, state.rates
         whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
-        body, load, held = self._at(count, whole, load, begins=not rule.takes_live)
+        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)
         return rule.step(body, state, dt, load, damping, held)
 
     def _at(
-        self, count: int, start: EulerStart, load: Array, *, begins: bool = False
+        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False
     ) -> tuple[FullModel, Array, Array | None]:
         """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
-        dt, model, loading = self.setup.dt, self.model, self.setup.loading
-        time, path = (count + start.end) * dt, self._path or self._frame
+        model, loading = self.model, self.setup.loading
+        time, path = begin + start.end * dt, self._path or self._frame
         if self._path is not None:
-            model = model.carried(self._path, (count + start.viscous_time) * dt, time, LEAD * dt)
+            model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
             load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)

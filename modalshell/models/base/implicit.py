@@ -6,9 +6,12 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import final
 
+import numpy as np
+
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.model import Drag, FrameModel, Stepper
@@ -44,6 +47,16 @@ class ImplicitModel(FrameModel):
     @abstractmethod
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error in the coordinates that a step has made, by the integrator's theory; none where these changed."""
+        if before.rates.shape != after.rates.shape:
+            return np.zeros_like(after.rates)
+        return self.integrator.local_error(before, after, dt)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return self.integrator.growth(oscillation(stiffness, damp, dt))
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
@@ -90,11 +103,10 @@ class ImplicitStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
-        dt, damping = self.setup.dt, self.setup.damping
 
         def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
-            return self.felt((count + start.end) * dt, load, start.guess)
+            return self.felt(begin + start.end * dt, load, start.guess)
 
-        return self.model.march(state, dt, load_at, damping)
+        return self.model.march(state, dt, load_at, self.setup.damping)

@@ -25,7 +25,7 @@ from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper
+from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper, probes
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.warp import Warp
@@ -246,6 +246,22 @@ class ModalModel(Warp, FrameModel):
         damp = self._modal_damping(damping)
         return self.integrator.advance(state, force, self.basis.eigenvalues, damp, dt, self._mass_size)
 
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
+        return super().largest_move(self._probes @ change)
+
+    @cached_property
+    def _probes(self) -> Array:
+        return probes(self.basis.modes)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return complex(max(self.integrator.multipliers(stiffness, damp, dt)[0], key=abs))
+
     def _modal_damping(self, damping: Damping) -> Array:
         """Damping [1/s] of the modes (m,), kept from step to step."""
         kept = self._damp  # read once: another thread may ask for another meanwhile
@@ -373,13 +389,13 @@ class ModalStepper(Stepper):
         super().__init__(model, setup, in_frame=True)
         self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints."""
-        model, dt, damping = self.model, self.setup.dt, self.setup.damping
+        model, damping = self.model, self.setup.damping
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
-            pushed, drag = self._push((count + share) * dt, load, MotionState(q, rates))
+            pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
@@ -390,7 +406,7 @@ class ModalStepper(Stepper):
         if last:
             after = model.slowed(after, last[0][0], dt, damping, last[0][1], rule)
         if self.setup.constraints:
-            after = self._met(count, state, after)
+            after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         return after, True
@@ -408,16 +424,16 @@ class ModalStepper(Stepper):
         push += model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None
 
-    def _met(self, count: int, state: MotionState, free: MotionState) -> MotionState:
+    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
         setup = self.setup
 
         def targets_at(share: float) -> PatchTargets:
-            time = (count + share) * setup.dt
+            time = begin + share * dt
             pose = None if self._frame is None else self._frame.at(time)
             return self.model._targets(setup.constraints, state.coordinates, time, pose)
 
-        after, self.residuals = self.model.meet_constraints(state, free, setup.dt, setup.damping, targets_at)
+        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
         return after
 
 

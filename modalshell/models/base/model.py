@@ -229,8 +229,24 @@ class Model(ABC):
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J], in the model's own frame."""
-        mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
-        return float(0.5 * np.sum(mass * state.rates**2))
+        return 0.5 * self.squared(state.rates)
+
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of a vector in the model's own unknowns, in the norm of the mass."""
+        mass = self.shell.mass[:, None] if vector.ndim == 2 else 1.0
+        return float(np.sum(mass * vector**2))
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` of the coordinates."""
+        return float(np.sqrt(np.sum(change**2, axis=1).max()))
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error in the coordinates that a step of ``dt`` [s] has made; None where the rule knows none."""
+        return None
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply motion by that oscillates with ``stiffness`` [1/s^2] and ``damp`` [1/s], if known."""
+        return complex(np.nan)
 
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
@@ -252,6 +268,13 @@ class Model(ABC):
         """Raise OptionError if this model cannot step by ``dt``, or with this ``damping``."""
         if damping.ratios:
             raise OptionError(f"{self.name} has no modes to damp one by one: leave out ratios, or take a modal model")
+
+
+def probes(modes: Array) -> Array:
+    """Rows (k, 3, m) of modes (3n, m) at the vertices where each one is largest."""
+    rows = modes.reshape(-1, 3, modes.shape[1])
+    chosen = np.unique(np.sum(rows**2, axis=1).argmax(axis=0))
+    return np.ascontiguousarray(rows[chosen])
 
 
 class FrameModel(Model):
@@ -335,11 +358,17 @@ class Stepper(ABC):
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
 
-    @abstractmethod
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """The state a step after ``state``, that of step ``count``; also whether the model's own solver converged.
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> float | None:
+        """Largest error [m] of a vertex that a step of ``dt`` [s] has made; None where it is not known."""
+        change = self.model.local_error(before, after, dt)
+        return None if change is None else self.model.largest_move(change)
 
-        ``load`` (n, 3) [N] is the sum of the dead loads in the world.
+    @abstractmethod
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s].
+
+        ``load`` (n, 3) [N] is the sum of the dead loads in the world. Also returns whether the model's own solver
+        converged.
         """
 
     def felt(self, time: float, load: Array, state: MotionState) -> tuple[Array, Drag | None]:
@@ -389,9 +418,9 @@ class DeadLoadStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=in_frame)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
-        dt, damping, time = self.setup.dt, self.setup.damping, (count + 1) * self.setup.dt
+        damping, time = self.setup.damping, begin + dt
         load, drag = self.felt(time, load, state)
         pose = None if self._path is None else self._path.at(time)
         after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))

@@ -1,0 +1,174 @@
+"""What a motion says of its steps' cost, and steps that are divided to a tolerance."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.motion import Motion
+
+ISOTROPIC = ms.Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=100.0)
+
+
+def held_at_left(mesh, material, depth=1e-9):
+    x = mesh.vertices[:, 0]
+    return ms.Shell(mesh, material, clamped=x < x.min() + depth)
+
+
+@pytest.fixture(scope="module")
+def strip():
+    return held_at_left(ms.flat_beam(length=1.0, width=0.2, cells=(10, 3)), ISOTROPIC)
+
+
+@pytest.fixture(scope="module")
+def basis(strip):
+    return ms.solve_modes(strip, 6)
+
+
+def motion(model, steps, gravity, *, damping=0.0, periods=1.5, every=1, frequency=None):
+    period = 1.0 / frequency
+    return ms.simulate(
+        model, duration=periods * period, dt=period / steps, gravity=gravity, damping=(damping / period, 0.0),
+        store_every=every,
+    )  # fmt: skip
+
+
+def v_shell():
+    mesh = ms.v_beam(cells=(10, 2))
+    return held_at_left(mesh, ms.Material(stretch=3e4, shear=3e4, flexure=3.0, density=1.0), 0.11)
+
+
+def corner_sheet():
+    mesh = ms.sheet(cells=(6, 6), family="union-jack")
+    return ms.Shell(mesh, ISOTROPIC, clamped=mesh.vertices[:, :2].sum(axis=1) < 0.4)
+
+
+def bridge():
+    mesh = ms.flat_beam(length=1.5, width=0.3, cells=(12, 3), family="union-jack")
+    x = mesh.vertices[:, 0]
+    return ms.Shell(mesh, ISOTROPIC, clamped=(x < 1e-9) | (x > 1.5 - 1e-9))
+
+
+def arch():
+    mesh = ms.cylinder_panel(cells=(6, 6))
+    y = mesh.vertices[:, 1]
+    return ms.Shell(mesh, ISOTROPIC, clamped=y < y.min() + 1e-9)
+
+
+RULES = ((0.0, "implicit"), (0.4, "bdf2"), (0.0, "bdf2"), (0.3, "sdirk2"), (0.2, "exponential"))
+
+
+@pytest.mark.slow
+def test_the_stated_error_is_right_within_two_on_shells_it_was_not_fitted_to():
+    """Eighteen of twenty motions; at worst what stiff modes add, which SDIRK2 damps, is counted, too."""
+    ratios = []
+    for build, gravity in ((v_shell, 20.0), (corner_sheet, 2.0), (bridge, 4.0), (arch, 3.0)):
+        shell, pull = build(), (0.0, 0.0, -gravity)
+        modes = ms.solve_modes(shell, 6)
+        frequency = float(np.sqrt(modes.eigenvalues[0]) / (2 * np.pi))
+        for damping, rule in RULES:
+            modal = rule == "exponential"
+            built = [ms.RotationStrain(modes)] * 2 if modal else [ms.DiscreteShell(shell, integrator=rule)]
+            built.append(ms.DiscreteShell(shell))
+            options = {"damping": damping, "frequency": frequency}
+            run = motion(built[0], 40, pull, **options)
+            fine = motion(built[1], 640, pull, every=16, **options)
+            true = np.linalg.norm(run.positions - fine.positions, axis=2).max() / shell.size
+            assert true > 1e-5
+            ratios.append(run.step_error / true)
+            print(f"{build.__name__} {rule}: true {true:.2e}, stated {ratios[-1]:.2f} of it")
+    off = np.exp(np.abs(np.log(ratios)))
+    assert np.sum(off <= 2.0) >= 18
+    assert off.max() < 4.0
+
+
+def test_linear_motion_has_no_error(basis):
+    run = ms.simulate(ms.LinearModal(basis), duration=2.0, gravity=(0, 0, -0.5), damping=(0.3, 0.0))
+    assert run.step_error <= 1e-12
+    assert abs(run.damping_error) < 1e-6
+
+
+def test_explicit_steps_know_none(strip):
+    model = ms.DiscreteShell(strip, integrator="verlet")
+    dt = 0.5 * model.stable_step()
+    run = ms.simulate(model, duration=20 * dt, dt=dt, gravity=(0, 0, -1.0), damping=(0.3, 0.0))
+    assert run.step_error is None
+    assert run.damping_error is None
+    with pytest.raises(ms.OptionError, match="does not know its steps' errors"):
+        ms.simulate(model, duration=20 * dt, dt=dt, gravity=(0, 0, -1.0), tolerance=0.01)
+
+
+@pytest.mark.parametrize("key", ["implicit", "bdf2", "sdirk2"])
+def test_the_damping_that_steps_add_is_theirs_in_linear_theory(strip, basis, key):
+    """Small free motion of the first mode at 20 steps a period, whose decay is measured."""
+    omega, asked = float(np.sqrt(basis.eigenvalues[0])), 0.03
+    dt, shape = 2 * np.pi / omega / 20, basis.modes[:, 0].reshape(-1, 3)
+    start = strip.rest_positions + 1e-4 * shape / np.abs(shape).max()
+    model = ms.DiscreteShell(strip, integrator=key, step_tolerance=1e-9)
+    run = ms.simulate(model, duration=100 * dt, dt=dt, damping=(2 * asked * omega, 0.0), start=start)
+    tip = int(np.argmax(np.abs(shape[:, 2])))
+    z = run.positions[:, tip, 2] - strip.rest_positions[tip, 2]
+    # A damped sinusoid obeys z+ = a z + b z-, with r^2 = -b and r cos(phi) = a / 2.
+    (a, b), *_ = np.linalg.lstsq(np.column_stack([z[20:-1], z[19:-2]]), z[21:], rcond=None)
+    size, angle = 0.5 * np.log(-b), np.arccos(0.5 * a / np.sqrt(-b))
+    measured = -size / np.hypot(size, angle)
+    assert run.damping_error == pytest.approx(measured / asked - 1.0, rel=0.06, abs=0.003)
+    assert ("steps add a damping ratio" in run.message) == (key == "implicit")
+
+
+def test_modes_too_fast_for_frames_are_named(strip):
+    modes = ms.solve_modes(strip, 12)
+    run = ms.simulate(ms.LinearModal(modes), duration=2.0, dt=0.2, loads=[ms.PointForce([5], (0, 0, 0.05))])
+    assert "steps a period: it moves faster than frames can show" in run.message
+    run = ms.simulate(ms.LinearModal(modes), duration=2.0, dt=0.002, loads=[ms.PointForce([5], (0, 0, 0.05))])
+    assert run.message == ""
+
+
+@pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
+def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
+    path = ms.SupportPath([0, 0.5, 1.0], [[0, 0, 0], [0, 0.1, 0.2], [0, 0, 0]])
+    options = {"gravity": (0, 0, -0.5), "supports": path, "damping": (0.2, 0.001), "duration": 1.0}
+    model = build(basis if build is ms.RotationStrain else strip)
+    fine = ms.simulate(model, dt=1 / 1920, store_every=64, **options)
+    coarse = ms.simulate(model, **options)
+    errors = []
+    for tolerance in (1e-2, 1e-3):
+        run = ms.simulate(model, tolerance=tolerance, **options)
+        np.testing.assert_array_equal(run.times, coarse.times)
+        errors.append(np.linalg.norm(run.positions - fine.positions, axis=2).max())
+        assert run.step_error <= tolerance
+        assert errors[-1] <= 2.0 * tolerance
+    assert errors[1] < errors[0] < np.linalg.norm(coarse.positions - fine.positions, axis=2).max()
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, 2.0, float("nan"), "small"])
+def test_tolerances_out_of_range_are_refused(basis, tolerance):
+    with pytest.raises(ms.OptionError, match="tolerance"):
+        ms.simulate(ms.LinearModal(basis), duration=1.0, tolerance=tolerance)
+
+
+@pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
+def test_divided_steps_resume_to_the_last_bit(strip, basis, build):
+    def made():
+        model = build(basis if build is ms.RotationStrain else strip)
+        loading = strip.loading((0, 0, -1.0), None, None)
+        return Motion(model, loading, dt=1 / 15, damping=(0.2, 0.0), tolerance=1e-3, span=1.0)
+
+    whole, kept = made(), None
+    for count in range(8):
+        if count == 3:
+            kept = whole.snapshot()
+        whole.advance()
+    resumed = made()
+    resumed.restore(kept)
+    for _ in range(5):
+        resumed.advance()
+    for name, array in whole.snapshot().items():
+        np.testing.assert_array_equal(array, resumed.snapshot()[name], err_msg=name)
+
+
+def test_what_steps_cost_is_stored(strip, tmp_path):
+    run = ms.simulate(ms.DiscreteShell(strip), duration=0.3, gravity=(0, 0, -1.0), damping=(0.3, 0.0))
+    run.save(tmp_path / "run.npz")
+    again = ms.load_trajectory(tmp_path / "run.npz")
+    assert again.step_error == run.step_error > 0.0
+    assert again.damping_error == run.damping_error
