@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 import modalshell as ms
-from modalshell.integrators.full.sdirk2 import GAMMA
+from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel
@@ -122,11 +122,8 @@ def multipliers(theory: str, omega: np.ndarray | float, damp: float, dt: np.ndar
     """What a step of BDF2, SDIRK2 or implicit Euler multiplies oscillations by, of frequencies ``omega`` [rad/s]."""
     stiffness = np.asarray(omega) ** 2
     z = dt * (-0.5 * damp + 1j * np.sqrt(stiffness - 0.25 * damp**2))
-    if theory == "bdf2":
-        return np.asarray((2.0 + np.sqrt(1.0 + 2.0 * z)) / (3.0 - 2.0 * z))
-    if theory == "sdirk2":
-        return np.asarray((1.0 + (1.0 - 2.0 * GAMMA) * z) / (1.0 - GAMMA * z) ** 2)
-    return np.asarray(1.0 / (1.0 - z))
+    rule = FullIntegrator.chosen(theory)
+    return np.array([rule.growth(complex(one)) for one in np.ravel(z)]).reshape(np.shape(z))
 
 
 def shrinking(

@@ -181,7 +181,9 @@ def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
     remainders = []
     for size in (0.02, 0.01, 0.005):
         away = np.split(size * direction, len(matrix) // q.size)
-        memory = {"force": force + away[2], "known": np.ones(1)} if len(away) == 3 else {}
+        memory = model.start_motion().memory
+        if len(away) == 3:
+            memory |= {"force": force + away[2], "step": np.array([dt])}
         state, _ = model.step(MotionState(q + away[0], away[1], memory), dt, load, damping)
         remainders.append(np.linalg.norm(vector(state) - matrix @ np.concatenate(away)))
     if kind is ms.LinearModal:

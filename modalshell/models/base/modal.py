@@ -279,15 +279,18 @@ class ModalModel(Warp, FrameModel):
         return None
 
     def stops(self, dt: float, damping: Damping, drag: Array) -> bool:
-        """Whether a drag (m, m) in the modes stops the shell within a step: rules of second order throw it back then."""
+        """Whether a drag (m, m) in the modes stops the shell within a step; a force kept from before throws it back."""
         by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)[1]
         return bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
 
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), which is kept."""
+        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
         q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
         after = _EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return MotionState(*after, {"force": force, "known": np.ones(1)})
+        gain = force - state.memory["force"]
+        # The force acts throughout the step instead of growing within it: a third of its gain is wrong.
+        keeps = {"force": force, "gain": gain, "curvature": 12.0 * gain, "step": np.array([dt])}
+        return MotionState(*after, keeps)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator

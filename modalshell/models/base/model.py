@@ -215,7 +215,7 @@ class Model(ABC):
         """Vertex positions (n, 3) [m] of a state, a new array each time."""
 
     def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
-        """Velocities (n, 3) [m/s] of a state at ``own`` (n, 3), by where these were a short time ``lead`` [s] before."""
+        """Velocities (n, 3) [m/s] of a state at ``own`` (n, 3), by where it was a short time ``lead`` [s] before."""
         earlier = MotionState(state.coordinates - lead * state.rates, state.rates)
         return np.asarray((own - self.positions(earlier)) / lead)
 
