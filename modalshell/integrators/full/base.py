@@ -74,7 +74,7 @@ class FullIntegrator(Integrator):
         return None
 
     def growth(self, rate: complex) -> complex:  # noqa: ARG002
-        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN where that is unknown."""
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; NaN if it is unknown."""
         return complex(np.nan)
 
     @abstractmethod
