@@ -20,7 +20,7 @@ from modalshell.shell import Shell
 def displacement_error(
     positions: ArrayLike, reference: ArrayLike, shape: TriangleMesh | Shell, *, weighted: bool = True
 ) -> float:
-    """Relative displacement error ``|a - b| / |b - rest|``.
+    """Relative displacement error ``|a - b| / |b - rest|`` (theory 1, eq. 5).
 
     Parameters
     ----------
@@ -116,7 +116,8 @@ def gamma_per_gravity(shell: Shell) -> float:
     """Gamma at unit gravity: the weight of a shell clamped at its end of smallest x over its bending stiffness.
 
     ``Gamma = (weight per length) L^3 / EI``, with the bending stiffness EI of a beam whose free end drops as far: by
-    ``Gamma / 8`` of the free length in the linear limit. The drop is solved with all unknowns of the shell.
+    ``Gamma / 8`` of the free length in the linear limit (theory 1, eq. 4). The drop is solved with all unknowns of the
+    shell.
 
     Parameters
     ----------

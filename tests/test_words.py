@@ -62,7 +62,8 @@ def read(path):
 
 @cache
 def files():
-    written = (ROOT / "README.md", ROOT / "studies" / "README.md", CONTRIBUTING)
+    theory = sorted((ROOT / "studies" / "theory").glob("*.md"))
+    written = (ROOT / "README.md", ROOT / "studies" / "README.md", CONTRIBUTING, *theory)
     modules = (
         path
         for package in ("modalshell", "studies", "paper_figures")

@@ -52,7 +52,7 @@ class Rules(NamedTuple):
 
 @final
 class Flock:
-    """Boids that head where their neighbours make them [reynolds1987].
+    """Boids that head where their neighbours make them [reynolds1987; theory 17, eq. 4 and 5].
 
     A boid turns by ``d <- normalised(e + k (d - e))``, with e the sum of its :class:`Rules` and
     ``k = exp(-rotation_speed dt)``, and moves along d at ``speed (1 + speed_variation noise(t))``. Rules, turning and

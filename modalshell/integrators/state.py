@@ -100,6 +100,11 @@ class Damping:
         return np.asarray(rayleigh + 2.0 * np.array(self.ratios) * np.sqrt(np.maximum(stiffness, 0.0)))
 
 
+COST = "cost"
+"""Name in a state's memory of the squares, in the norm of the mass, of the last step's error and of its changes of
+rates and coordinates, where the rule has found them (3,)."""
+
+
 @final
 @dataclass
 class MotionState:

@@ -6,7 +6,7 @@ For a rotation vector :math:`w`, with :math:`\phi = |w|`,
           \tilde R(w) = \int_0^1 e^{r [w]} dr = I + c_2 [w] + c_3 [w]^2,
 
 with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`.
-:math:`\tilde R` is the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
+:math:`\tilde R` is the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`. See theory 2, eq. 4 to 7.
 
 From :math:`\phi = 0` to 20 rad (modal states beyond 2 pi count as wound up), R, :math:`\tilde R` and their derivatives
 by w are within 1e-14 of those of w as it is stored, in the Frobenius norm and relative to it (of all 27 numbers for a

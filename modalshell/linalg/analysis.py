@@ -157,16 +157,21 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
     count, n = len(first) - 1, len(starts) - 1
     of = np.empty(n, np.int64)
     above = np.full(count, -1, np.int64)
-    sizes = np.diff(first)
     for s in range(count):
-        of[first[s] : first[s + 1]] = s
+        for j in range(first[s], first[s + 1]):
+            of[j] = s
     for s in range(count):
         last = parent[first[s + 1] - 1]
         if last >= 0:
             above[s] = of[last]
     row_starts = np.zeros(count + 1, np.int64)
     rows = np.empty(0, np.int64)
+    sizes = np.empty(count, np.int64)
     for filling in range(2):
+        for s in range(count):
+            sizes[s] = first[s + 1] - first[s]
+            for k in range(filling * sizes[s]):
+                rows[row_starts[s] + k] = first[s] + k
         mark = np.full(count, -1, np.int64)
         for i in range(n):
             for e in range(starts[i], starts[i + 1]):
@@ -180,11 +185,9 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
                     sizes[s] += 1
                     s = above[s]
         if filling == 0:
-            row_starts[1:] = np.cumsum(sizes)
-            rows = np.empty(row_starts[count], np.int64)
-            sizes = np.diff(first)
             for s in range(count):
-                rows[row_starts[s] : row_starts[s] + sizes[s]] = np.arange(first[s], first[s + 1])
+                row_starts[s + 1] = row_starts[s] + sizes[s]
+            rows = np.empty(row_starts[count], np.int64)
     return row_starts, rows, above
 
 
@@ -287,7 +290,8 @@ def entry_places(
     """
     block, first, row_starts, row_ends, rows, panel_begins = panels
     position = np.empty(len(order), np.int64)
-    position[order] = np.arange(len(order))
+    for j in range(len(order)):
+        position[order[j]] = j
     local = np.empty(len(order), np.int64)
     found = np.full(len(order) * block, -1, np.int64)  # the last column with an entry in each row
     begins = np.zeros(len(first), np.int64)

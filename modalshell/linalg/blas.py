@@ -22,9 +22,6 @@ class Blas(NamedTuple):
     trsm: int
     syrk: int
     gemm: int
-    trsv: int
-    gemv: int
-    left: int
     lower: int
     no: int
     transposed: int
@@ -34,13 +31,10 @@ class Blas(NamedTuple):
     zero: int
 
 
-_LETTERS, _FACTORS = np.frombuffer(b"LLNTR", np.uint8), np.array([1.0, -1.0, 0.0])
+_LETTERS, _FACTORS = np.frombuffer(b"LNTR", np.uint8), np.array([1.0, -1.0, 0.0])
 BLAS = Blas(
     get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf"),
-    *(
-        get_cython_function_address("scipy.linalg.cython_blas", name)
-        for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
-    ),
+    *(get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsm", "dsyrk", "dgemm")),
     *(_LETTERS.ctypes.data + k for k in range(_LETTERS.size)),
     *(_FACTORS.ctypes.data + 8 * k for k in range(_FACTORS.size)),
 )

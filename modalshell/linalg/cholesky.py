@@ -17,10 +17,14 @@ from modalshell.core.typing import Array
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS
 from modalshell.linalg.ordering import best_elimination, row_lists
-from modalshell.linalg.three_right_sides import solve_three
+from modalshell.linalg.triangular_solves import LANES, solve
 
 _PRODUCTS_A_READ = 0.045
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""
+
+
+_ONE_BY_ONE = 2
+"""Right sides up to which one after the other is faster than a register of them."""
 
 
 @final
@@ -80,7 +84,7 @@ class CholeskyAnalysis:
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
         self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
         self._buffer, size = multifrontal.storage(self._supernodes)
-        self._storage = self._buffer + size
+        self._storage = max(self._buffer + size, self.entries + LANES)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
@@ -98,20 +102,20 @@ class CholeskyAnalysis:
             )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
+        values[self.entries : self.entries + LANES] = 0.0  # solves read them
         return BlockCholesky(self, values)
 
     def solve(self, values: Array, right_sides: Array) -> Array:
         """Solution (N,) or (N, r) with the factor ``values``."""
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
-        permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
-        work = np.empty((len(permuted), self._height))
-        if self.block == 1 and len(permuted) == 3:
-            solve_three(values, self._panels, permuted, work)
-        else:
-            with _blas().limit(limits=1, user_api="blas"):
-                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), BLAS)
         solution = np.empty(columns.shape)
-        solution[self.order] = permuted.T
+        sides = LANES if columns.shape[1] > _ONE_BY_ONE else 1
+        permuted, work = np.zeros((self.size, sides)), np.zeros(self._height * sides + LANES)
+        for start in range(0, columns.shape[1], sides):
+            some = columns[self.order, start : start + sides]
+            permuted[:, : some.shape[1]] = some
+            solve(values, self._panels, permuted.reshape(-1), sides, work)
+            solution[self.order, start : start + sides] = permuted[:, : some.shape[1]]
         return solution.reshape(right_sides.shape)
 
 

@@ -1,4 +1,4 @@
-"""Numeric multifrontal Cholesky factorisation and its triangular solves [duff1983; liu1992], compiled."""
+"""Numeric multifrontal Cholesky factorisation [duff1983; liu1992], compiled."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
-from modalshell.linalg.analysis import Panels
 from modalshell.linalg.blas import Blas, address, call
 
 _CACHED = 2**17
@@ -76,7 +75,7 @@ def factorise(
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
         panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
-        values[panel:behind] = 0.0
+        _clear(values, panel, behind)
         for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
         update = buffer if below * below <= len(values) - buffer else behind
@@ -84,7 +83,7 @@ def factorise(
         if has_children:
             for j in range(below):
                 begin = update + j * below
-                values[begin + j : begin + below] = 0.0
+                _clear(values, begin + j, begin + below)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
@@ -102,6 +101,14 @@ def factorise(
             waiting[depth], begins[depth] = s, top
             depth += 1
     return -1
+
+
+@njit
+def _clear(values: Array, begin: int, end: int) -> None:
+    """Write zeros; a slice, which numba compiles slowly, would do no more."""
+    start = np.uintp(begin)
+    for i in range(np.uintp(end - begin)):
+        values[start + i] = 0.0
 
 
 @njit
@@ -175,7 +182,9 @@ def _stack(values: Array, top: int, update: int, below: int) -> int:
     target = top
     for j in range(below):
         begin = update + j * below
-        values[target : target + below - j] = values[begin + j : begin + below]
+        to, source = np.uintp(target), np.uintp(begin + j)
+        for i in range(np.uintp(below - j)):
+            values[to + i] = values[source + i]
         target += below - j
     return top
 
@@ -225,75 +234,6 @@ def _eliminate_one(values: Array, panel: int, below: int, update: int, has_child
             for i in range(size):
                 values[target + i] = 0.0 + entry * values[under + i]
         target += size
-
-
-@njit
-def solve(values: Array, panels: Panels, right_sides: Array, work: Array, numbers: Any, blas: Blas) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows)."""
-    block, first, row_starts, row_ends, rows, begins = panels
-    left, lower, no, transposed = blas.left, blas.lower, blas.no, blas.transposed
-    one, minus, zero = blas.one, blas.minus, blas.zero
-    sizes = address(numbers)
-    p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
-    p_count, p_size, p_unit = sizes + 12, sizes + 16, sizes + 20
-    count, size = right_sides.shape
-    numbers[3], numbers[4], numbers[5] = count, size, 1
-    base, x, w = address(values), address(right_sides), address(work)
-    count_panels = len(first) - 1
-    for s in range(count_panels):
-        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
-        below = height - width
-        numbers[0], numbers[1], numbers[2] = width, height, below
-        at, own = base + 8 * begins[s], x + 8 * first[s] * block
-        under = at + 8 * width
-        if count == 1:
-            call(blas.trsv, (lower, no, no, p_width, at, p_height, own, p_unit))
-        else:
-            call(blas.trsm, (left, lower, no, no, p_width, p_count, one, at, p_height, own, p_size))
-        if below == 0:
-            continue
-        if count == 1:
-            call(blas.gemv, (no, p_below, p_width, one, under, p_height, own, p_unit, zero, w, p_unit))
-        else:
-            call(
-                blas.gemm,
-                (no, no, p_below, p_count, p_width, one, under, p_height, own, p_size, zero, w, p_below),
-            )
-        entries = row_starts[s] + first[s + 1] - first[s]
-        flat = work.reshape(-1)
-        for r in range(count):
-            for ib in range(below // block):
-                row = rows[entries + ib] * block
-                for di in range(block):
-                    right_sides[r, row + di] -= flat[r * below + ib * block + di]
-    for s in range(count_panels - 1, -1, -1):
-        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
-        below = height - width
-        numbers[0], numbers[1], numbers[2] = width, height, below
-        at, own = base + 8 * begins[s], x + 8 * first[s] * block
-        under = at + 8 * width
-        if below > 0:
-            entries = row_starts[s] + first[s + 1] - first[s]
-            flat = work.reshape(-1)
-            for r in range(count):
-                for ib in range(below // block):
-                    row = rows[entries + ib] * block
-                    for di in range(block):
-                        flat[r * below + ib * block + di] = right_sides[r, row + di]
-            if count == 1:
-                call(
-                    blas.gemv,
-                    (transposed, p_below, p_width, minus, under, p_height, w, p_unit, one, own, p_unit),
-                )
-            else:
-                call(
-                    blas.gemm,
-                    (transposed, no, p_width, p_count, p_below, minus, under, p_height, w, p_below, one, own, p_size),
-                )
-        if count == 1:
-            call(blas.trsv, (lower, transposed, no, p_width, at, p_height, own, p_unit))
-        else:
-            call(blas.trsm, (left, lower, transposed, no, p_width, p_count, one, at, p_height, own, p_size))
 
 
 @njit

@@ -39,7 +39,7 @@ class Pressure(LiveLoad, key="pressure"):
     """A pressure on the surface, along the triangles' normals: a third of each triangle's force at each corner.
 
     Follower pressure acts on the deformed triangles. On a closed surface, or one whose boundary is held, it is the
-    gradient of ``-p V``, V the enclosed volume; with a free boundary it has no potential.
+    gradient of ``-p V``, V the enclosed volume; with a free boundary it has no potential (theory 16, eq. 2).
 
     Parameters
     ----------

@@ -21,6 +21,7 @@ from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
 from modalshell.mesh.parts import Component
+from modalshell.mesh.plain_files import read_binary_stl
 from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.repair import RepairReport, repair
@@ -145,6 +146,8 @@ def _read_as_stored(file: Path) -> Polygons:
     try:
         if suffix in POLYGONS:
             return POLYGONS[suffix](data)
+        if suffix == ".stl" and (plain := read_binary_stl(data)) is not None:
+            return plain
         (check_stl if suffix == ".stl" else check_gltf)(data)
         loaded = _trimesh_load(file, data, suffix)
         faces = np.asarray(loaded.faces, dtype=np.int64)

@@ -16,6 +16,7 @@ import numpy as np
 
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import MeshError
+from modalshell.mesh.plain_files import read_plain_obj
 from modalshell.mesh.polygons import Polygons
 
 _PLY_TYPES = {
@@ -33,6 +34,8 @@ _PLY_TYPES = {
 
 def read_obj(data: bytes) -> Polygons:
     """Vertices and faces of an OBJ; texture coordinates, normals, groups and materials are passed over."""
+    if (plain := read_plain_obj(data)) is not None:
+        return plain
     vertices: list[list[float]] = []
     faces: list[tuple[int, list[int]]] = []
     head = ""

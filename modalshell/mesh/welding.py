@@ -6,6 +6,7 @@ trimesh merges vertices that round to one point of a grid: two close ones on bot
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalshell.core.checks import checked_number
@@ -41,12 +42,12 @@ def weld_arrays(
     else:
         tolerance = checked_number("tolerance", tolerance, MeshError, at_least=0.0, unit="m")
     # Exact copies first: a k-d tree would list every pair among many copies of one point.
-    points, inverse = np.unique(vertices, axis=0, return_inverse=True)
-    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
-    label = connected_parts(pairs, len(points))[inverse.ravel()]
+    first, inverse = _distinct(vertices)
+    pairs = cKDTree(vertices[first]).query_pairs(tolerance, output_type="ndarray")
+    label = connected_parts(pairs, len(first))
     representative = np.full(int(label.max()) + 1, len(vertices), dtype=np.int64)
-    np.minimum.at(representative, label, np.arange(len(vertices)))
-    merged = representative[label][faces]
+    np.minimum.at(representative, label, first)
+    merged = representative[label][inverse][faces]
     good = (merged != merged[:, [1, 2, 0]]).all(axis=1)
     if not good.any():
         raise MeshError(
@@ -54,6 +55,24 @@ def weld_arrays(
         )
     kept_vertices, kept_faces = drop_unused(vertices, merged[good])
     return kept_vertices, kept_faces, int((~good).sum())
+
+
+def _distinct(vertices: FloatArray) -> tuple[IntArray, IntArray]:
+    """The first of each group of equal vertices, and the group of every vertex (n,)."""
+    # Sorting one number for each is far faster than sorting rows.
+    _, first, inverse = np.unique(_keys(vertices), return_index=True, return_inverse=True)
+    if not np.array_equal(vertices[first][inverse], vertices):  # two points have one number
+        _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    return first, inverse.ravel()
+
+
+def _keys(vertices: FloatArray) -> NDArray[np.uint64]:
+    """A number for each vertex (n,), the same for equal ones."""
+    keys = np.zeros(len(vertices), dtype=np.uint64)
+    for bits in (vertices + 0.0).view(np.uint64).T:  # of -0 those of 0
+        keys = (keys ^ bits) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(32)
+    return keys
 
 
 def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> IntArray:

@@ -86,8 +86,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             del solver
         values, vectors, whole = canonical_pairs(values, vectors, elastic)
     data = stiffness()
-    scaled = mass_scaled(shell, data)
-    norm = _norm(shell, data) or 1.0
+    parts = _scaled_parts(shell, data)
+    scaled, norm = _operator(shell, *parts), float(spla.norm(parts[0], 1)) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
@@ -106,17 +106,29 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
+    return _operator(shell, *_scaled_parts(shell, data))
+
+
+def _scaled_parts(shell: Shell, data: Array) -> tuple[sps.csc_array, sps.csr_array | None]:
+    """The mass-scaled stiffness by positions, and the coupling (m, N) to internal unknowns if there are any."""
     whole, free = scaled_by_mass(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
+    if shell.pattern.internal is None:
+        return whole, None
+    above = whole[:, :free]
+    return above[:free], sps.csr_array(above[free:])
+
+
+def _operator(shell: Shell, own: sps.csc_array, coupling: sps.csr_array | None) -> spla.LinearOperator:
+    """Their Schur complement (N, N)."""
     inner = shell.pattern.internal
-    if inner is None:
-        return spla.aslinearoperator(whole)
-    own, coupling = sps.csr_array(whole[:free, :free]), sps.csr_array(whole[free:, :free])
-    solve = inner.solve
+    if inner is None or coupling is None:
+        return spla.aslinearoperator(own)
+    rows, solve = sps.csr_array(own), inner.solve
 
     def product(vectors: Array) -> Array:
-        return own @ vectors - coupling.T @ solve(coupling @ vectors)
+        return rows @ vectors - coupling.T @ solve(coupling @ vectors)
 
-    return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
+    return spla.LinearOperator(rows.shape, matvec=product, matmat=product, dtype=np.float64)
 
 
 def scaled_by_mass(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
@@ -127,12 +139,6 @@ def scaled_by_mass(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, 
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
     return scaled, masses
-
-
-def _norm(shell: Shell, data: Array) -> float:
-    """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
-    size = shell.unknowns.count
-    return float(spla.norm(scaled_by_mass(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
 def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:

@@ -17,6 +17,7 @@ from modalshell.loads import Load
 from modalshell.models import Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
+from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.trajectory import Trajectory
 from modalshell.supports import SupportPath
@@ -110,8 +111,7 @@ def simulate(
         start=start,
         supports=supports,
         constraints=constraints,
-        tolerance=tolerance,
-        span=duration,
+        tolerance=None if tolerance is None else Tolerance(tolerance, duration),
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
     positions = _stored_frames(recorder, dtype, on_step)

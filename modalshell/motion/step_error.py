@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.core.checks import checked_number
+from modalshell.core.typing import Array
+from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.model import Stepper
 
+_SEEN = 8
+"""Steps from one look at the motion's size to the next."""
 _COHERENT = 0.5 * np.pi
 """Error of an oscillation over the sum of what its steps add: their errors have one sign along its orbit, of which the
 coordinates show the mean of a cosine."""
@@ -23,6 +29,26 @@ _AIM = 0.05
 
 
 @final
+@dataclass(frozen=True)
+class Tolerance:
+    """Error that the steps of a motion may make.
+
+    Attributes
+    ----------
+    share : float
+        Of the shell's size.
+    span : float
+        Time [s] over which errors add up to that.
+    """
+
+    share: float
+    span: float
+
+    def __post_init__(self) -> None:
+        checked_number("tolerance", self.share, at_least=1e-9, at_most=1.0)
+
+
+@final
 class StepErrors:
     """Adds up what the steps of a motion cost.
 
@@ -33,54 +59,90 @@ class StepErrors:
 
     Attributes
     ----------
-    numbers : ndarray, shape (7,)
-        The error now and the largest so far [m], the sums of the squares of the rates' and the coordinates' changes,
-        whether all errors are known, the halvings of the present step, and the size of the motion [m].
+    error, largest : float
+        The error now and the largest so far [m].
+    halvings : int
+        Halvings of the present step.
     peaks : ndarray, shape (m,)
-        Largest rate of each mode of a modal model.
+        Largest rate of each mode of a modal model, seen at every eighth step.
     """
 
     def __init__(self, stepper: Stepper, start: MotionState) -> None:
         self._stepper = stepper
         self._damping: Damping = stepper.setup.damping
-        self._start = start.coordinates
-        self.numbers = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+        self._first, self._start = start, start.coordinates
+        self.error, self._largest, self.halvings = 0.0, 0.0, 0
+        self._gained, self._moved, self._steps, self._known = 0.0, 0.0, 0, True
+        self._size, self._shape = 0.0, 0.0
         modal = as_modal(stepper.model)
         self.peaks = np.zeros(0 if modal is None else modal.basis.count)
 
-    def of_step(self, before: MotionState, after: MotionState, dt: float) -> float:
-        """Largest error [m] of a vertex by one step; 0 where it is not known."""
-        error = self._stepper.local_error(before, after, dt)
-        self.numbers[4] *= error is not None
-        return 0.0 if error is None else error
+    def arrays(self) -> dict[str, Array]:
+        """Everything that :meth:`restore` needs."""
+        numbers = [self.error, self._largest, self.halvings, self._gained, self._moved, self._steps, self._known]
+        return {"errors": np.array([*numbers, self._size, self._shape], dtype=np.float64), "peaks": self.peaks.copy()}
 
-    def add(self, before: MotionState, after: MotionState, dt: float, error: float) -> None:
-        """Count a step of ``dt`` [s] with its own ``error`` [m]."""
-        numbers = self.numbers
-        if self.peaks.size:
-            np.maximum(self.peaks, np.abs(after.rates), out=self.peaks)
-        if before.rates.shape == after.rates.shape:
-            numbers[2] += self._stepper.model.squared(after.rates - before.rates)
-            numbers[3] += self._stepper.model.squared(after.coordinates - before.coordinates)
-        if after.coordinates.shape == self._start.shape:
-            numbers[6] = max(numbers[6], self._stepper.model.largest_move(after.coordinates - self._start))
-        numbers[0] = min(numbers[0] * np.exp(-self.decay * dt) + _COHERENT * error, numbers[6])
-        numbers[1] = max(numbers[1], numbers[0])
+    def restore(self, arrays: dict[str, Array]) -> None:
+        """Go on from :meth:`arrays`."""
+        self.error, self._largest, halvings, self._gained, self._moved, steps, known, self._size, self._shape = (
+            float(number) for number in arrays["errors"]
+        )
+        self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
+        self.peaks = np.array(arrays["peaks"])
+
+    def are_known(self, dt: float) -> bool:
+        """Whether the model's rule knows the error of a step of ``dt`` [s] at the start."""
+        start = self._first
+        return COST in start.memory or self._stepper.model.local_error(start, start, dt) is not None
+
+    def of_step(self, before: MotionState, after: MotionState, dt: float) -> tuple[float, float, float]:
+        """Squares of one step's error and of its changes of rates and coordinates, in the norm of the mass."""
+        if (cost := after.memory.get(COST)) is not None:
+            error, gained, moved = cost.tolist()
+            return error, gained, moved
+        model = self._stepper.model
+        change = model.local_error(before, after, dt)
+        self._known &= change is not None
+        if before.rates.shape != after.rates.shape or change is None:
+            return 0.0, 0.0, 0.0
+        gained, moved = after.rates - before.rates, after.coordinates - before.coordinates
+        return model.squared(change), model.squared(gained), model.squared(moved)
+
+    def length(self, squared: float) -> float:
+        """Displacement [m] of the vertex that moves most, in a change of given square, as in the motion so far."""
+        return self._shape * math.sqrt(squared)
+
+    @property
+    def looks(self) -> bool:
+        """Whether this is one of the steps, every eighth, at which the size of the motion is looked at."""
+        return self._steps % _SEEN == 0
+
+    def see(self, after: MotionState) -> None:
+        """Look at the size of the motion."""
+        if self.looks:
+            if self.peaks.size:
+                np.maximum(self.peaks, np.abs(after.rates), out=self.peaks)
+            if after.coordinates.shape == self._start.shape:
+                model, moved = self._stepper.model, after.coordinates - self._start
+                length, squared = model.largest_move(moved), model.squared(moved)
+                self._size = max(self._size, length)
+                self._shape = length / math.sqrt(squared) if squared > 0.0 else self._shape
+
+    def add(self, dt: float, cost: tuple[float, float, float]) -> None:
+        """Count a step of ``dt`` [s]."""
+        error, gained, moved = cost
+        self._gained += gained
+        self._moved += moved
+        self._steps += 1
+        error = self.error * math.exp(-self.decay * dt) + _COHERENT * self.length(error)
+        self.error = min(error, 2.0 * self._size) if self._size else error
+        self._largest = max(self._largest, self.error)
 
     @property
     def largest(self) -> float | None:
         """Largest error so far, as a share of the shell's size; None where the rule does not know its own."""
-        known = self.numbers[4] and np.isfinite(self.numbers[1])
-        return float(self.numbers[1]) / self._stepper.shell.size if known else None
-
-    @property
-    def halvings(self) -> int:
-        """Halvings of the present step."""
-        return int(self.numbers[5])
-
-    @halvings.setter
-    def halvings(self, count: int) -> None:
-        self.numbers[5] = float(count)
+        known = self._known and math.isfinite(self._largest)
+        return self._largest / self._stepper.shell.size if known else None
 
     def damping_error(self) -> float | None:
         """Error of the damping ratio at the motion's frequency, over the one asked for; None where not known."""
@@ -95,17 +157,17 @@ class StepErrors:
     @property
     def frequency(self) -> float:
         """Angular frequency [rad/s] of the motion; 0 where nothing moves."""
-        gained, moved = self.numbers[2:4]
-        return float(np.sqrt(gained / moved)) if moved > 0.0 else 0.0
+        return math.sqrt(self._gained / self._moved) if self._moved > 0.0 else 0.0
 
     @property
     def asked(self) -> float:
         """Damping ratio asked for at the motion's frequency."""
         return 0.5 * self._damping_rate() / self.frequency if self.frequency else 0.0
 
-    def allowed(self, tolerance: float, dt: float, span: float) -> float:
-        """Error [m] that a step of ``dt`` [s] may make, so that those of a ``span`` [s] add up to ``tolerance`` [m]."""
-        return tolerance * dt / (_COHERENT * min(span, 1.0 / max(self.decay, 1.0 / span)))
+    def allowed(self, tolerance: Tolerance, dt: float) -> float:
+        """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance."""
+        adding = 1.0 / max(self.decay, 1.0 / tolerance.span)
+        return tolerance.share * self._stepper.shell.size * dt / (_COHERENT * adding)
 
     def obtained(self, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s] give motion of its frequency; not a number where it is not known."""

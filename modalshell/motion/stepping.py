@@ -14,10 +14,10 @@ from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.motion.step_error import StepErrors
+from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath
 
@@ -70,8 +70,7 @@ class Motion:
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
-        tolerance: float | None = None,
-        span: float = 1.0,
+        tolerance: Tolerance | None = None,
     ) -> None:
         if not isinstance(damping, Damping):
             damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
@@ -86,13 +85,9 @@ class Motion:
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
         self.errors = StepErrors(self.stepper, self.state)
-        self._tolerance, self._span = tolerance, span
-        if tolerance is not None:
-            checked_number("tolerance", tolerance, at_least=1e-9, at_most=1.0)
-            if self.stepper.local_error(self.state, self.state, dt) is None:
-                raise OptionError(
-                    f"{model.name} by this integrator does not know its steps' errors: leave out tolerance"
-                )
+        self._tolerance = tolerance
+        if tolerance is not None and not self.errors.are_known(dt):
+            raise OptionError(f"{model.name} by this integrator does not know its steps' errors: leave out tolerance")
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
         self._moved = np.empty(shell.rest_positions.shape)
@@ -157,24 +152,26 @@ class Motion:
         """Take a step as long as it is; whether it was solved."""
         dt, before = self.setup.dt, self.state
         after, converged = self.stepper.advance(self.time, dt, before, self.load)
-        self._go_on(before, after, dt, self.errors.of_step(before, after, dt))
+        self._go_on(after, dt, self.errors.of_step(before, after, dt))
         return converged
 
     def _divided_step(self) -> bool:
         """Take a step in parts, halved as often as the tolerance asks for; whether all of them were solved."""
         assert self._tolerance is not None
-        errors, tolerance, place, solved = self.errors, self._tolerance * self.shell.size, 0, True
+        errors, tolerance, place, solved = self.errors, self._tolerance, 0, True
         while place < _PARTS:
             part = _PARTS >> errors.halvings
             dt, before = self.setup.dt * part / _PARTS, self.state
             begin = self.time + self.setup.dt * place / _PARTS
             after, converged = self.stepper.advance(begin, dt, before, self.load)
-            error, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt, self._span)
+            errors.see(after)
+            cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt)
+            error = errors.length(cost[0])
             if part > 1 and not (converged and error <= allowed):
                 errors.halvings += 1
                 continue
             place, solved = place + part, solved and converged
-            self._go_on(before, after, dt, error)
+            self._go_on(after, dt, cost)
             if not self.finite:
                 break
             # Twice the step has eight times the error, and may have twice as much.
@@ -182,13 +179,15 @@ class Motion:
                 errors.halvings -= 1
         return solved
 
-    def _go_on(self, before: MotionState, after: MotionState, dt: float, error: float) -> None:
+    def _go_on(self, after: MotionState, dt: float, cost: tuple[float, float, float]) -> None:
         self.state = after
-        # False for NaN, too.
-        squares = float(np.vdot(after.coordinates, after.coordinates) + np.vdot(after.rates, after.rates))
-        self.finite = squares < _FARTHEST**2
+        squares = cost[1] + cost[2]
+        if COST not in after.memory or self.errors.looks:
+            squares = float(np.vdot(after.coordinates, after.coordinates) + np.vdot(after.rates, after.rates))
+        self.finite = squares < _FARTHEST**2  # False for NaN, too
         if self.finite:
-            self.errors.add(before, after, dt, error)
+            self.errors.see(after)
+            self.errors.add(dt, cost)
 
     @property
     def remarks(self) -> list[str]:
@@ -201,17 +200,12 @@ class Motion:
     def snapshot(self) -> dict[str, Array]:
         """Checkpoint: all arrays that the next step depends on; :meth:`restore` resumes from it bit for bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
-        arrays = {
-            "counts": counts,
-            "constraint_residuals": self.constraint_residuals,
-            "errors": self.errors.numbers.copy(),
-        }
-        arrays["peaks"] = self.errors.peaks.copy()
+        arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals, **self.errors.arrays()}
         return arrays | {f"{_STATE}{part}": array for part, array in self.state.arrays().items()}
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.stepper.residuals = np.array(arrays["constraint_residuals"])
-        self.errors.numbers, self.errors.peaks = np.array(arrays["errors"]), np.array(arrays["peaks"])
+        self.errors.restore(arrays)
         self.state = self.state.with_arrays({part: np.array(arrays[f"{_STATE}{part}"]) for part in self.state.arrays()})

@@ -30,6 +30,7 @@ from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, SupportPath
+from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
 from modalshell.scene.models import ModelTable
@@ -313,8 +314,7 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
-                tolerance=table.tolerance,
-                span=table.duration,
+                tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
 
     def loading(self) -> Loading:

@@ -38,11 +38,14 @@ def _factorised(stiffness: sps.csc_matrix) -> tuple[Any, ...]:
 
 @final
 class FoldShares:
-    """Constant matrices of the bending energy, and its least shares: of all, or of the combinations of ``fields``."""
+    """Constant matrices of the bending energy, and its least shares: of all, or of the combinations of ``fields``.
+
+    See theory 4, eq. 10.
+    """
 
     def __init__(self, folds: SplitFolds, fields: Array | None = None) -> None:
         self.by_fold, self.coupling, self.stiffness = folds.matrices()
-        self.coupling_transposed = sps.csr_array(self.coupling.T)
+        self.coupling_transposed = self.coupling.T  # of the same arrays
         self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
         self._fields = fields
         if fields is not None:

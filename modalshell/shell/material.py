@@ -23,7 +23,7 @@ from modalshell.shell.orientation import Orientation, orient
 @short_repr
 @dataclass(frozen=True)
 class Material(ReadOnlyArrays):
-    """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
+    """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3; theory 3, eq. 1] and area density.
 
     Each may be one number or one value per element of the mesh that the shell is built on.
 

@@ -2,7 +2,8 @@
 
 Springs of stiffness ``k_h = 2 E h sum(A) / (3 (1 + nu) l)`` (A: the triangles at the edge, so that a boundary edge
 counts half) and areas of ``k_s = E h (3 nu - 1) / (4 (1 - nu^2))`` have the energy of an isotropic sheet on the mean
-over directions, and in every direction where triangles are equilateral. Right-angled ones are stiffer along their legs.
+over directions, and in every direction where triangles are equilateral (theory 3, eq. 3). Right-angled ones are stiffer
+along their legs.
 """
 
 from __future__ import annotations

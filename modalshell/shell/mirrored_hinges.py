@@ -183,6 +183,7 @@ class _Blocks:
         self.hinges = np.arange(4 * count).reshape(-1, 4)
         self._blocks = np.zeros((count, 12, 12))
         slots = 144 * np.arange(count)[:, None, None] + 36 * np.arange(4)[:, None] + 3 * np.arange(4)
+        slots = slots.astype(np.int32)  # as those of patterns
         self.place = slots, np.full(4 * count, 12), self._blocks.reshape(-1)
 
     def scatter(self, reflections: Array, stencils: Index, slots: Index, strides: Index, data: Array) -> None:

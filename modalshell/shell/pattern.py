@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sps
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Index
+from modalshell.shell.free_part import FreePart, MappedPart, VertexPart, expanded
+from modalshell.shell.kernels.patterns import find_blocks
 from modalshell.supports import Unknowns
 
-_AT_A_TIME = 100_000
-"""Elements whose blocks are looked up at a time."""
 _DROPPED = 1e-15
 """Entries of a condensed Hessian that are left out, as a share of the largest."""
 
@@ -25,28 +26,22 @@ class InternalUnknowns:
 
     Attributes
     ----------
-    indptr, vertices : ndarray of int64
-        CSR structure of their coupling to the vertices: one row per internal unknown, three entries per vertex.
+    vertices : csr_array of bool, shape (m, n)
+        Vertices that each is coupled to, by three entries.
     stiffness : csr_array, shape (m, m)
         Second derivatives by these unknowns, positive definite.
     solve : callable
         Solution of ``stiffness f = b`` for right sides (m,) or (m, k).
     """
 
-    indptr: Index
-    vertices: Index
+    vertices: sps.csr_array
     stiffness: sps.csr_array
     solve: Callable[[Array], Array]
 
     @property
     def count(self) -> int:
         """Number of internal unknowns m."""
-        return self.indptr.size - 1
-
-    @property
-    def columns(self) -> Index:
-        """Positions' unknowns that the entries of the coupling belong to."""
-        return np.asarray((3 * self.vertices[:, None] + np.arange(3)).ravel())
+        return int(self.vertices.shape[0])
 
 
 @short_repr
@@ -65,11 +60,8 @@ class SparsePattern:
         Entries in a matrix row of each vertex.
     diagonal : ndarray of int64, shape (3n,)
         Positions of the diagonal entries.
-    free_indptr, free_indices : ndarray of int32
-        CSR structure of the part that belongs to the free unknowns, and to the internal ones after them.
-    free_entries : ndarray of bool or of int64, or csr_array
-        Which entries of the whole matrix are its entries, or their positions; or the matrix that maps the whole's
-        entries to them.
+    free : FreePart
+        What belongs to the free unknowns, and to the internal ones after them.
     internal : InternalUnknowns, optional
         Internal unknowns of the energy.
     """
@@ -78,16 +70,14 @@ class SparsePattern:
     indices: NDArray[np.int32]
     strides: Index
     diagonal: Index
-    free_indptr: NDArray[np.int32]
-    free_indices: NDArray[np.int32]
-    free_entries: Index | NDArray[np.bool_] | sps.csr_array
+    free: FreePart
     internal: InternalUnknowns | None = None
 
     @property
     def size(self) -> int:
         """Number of entries of a Hessian."""
         inner = self.internal
-        return self.indices.size + (0 if inner is None else 3 * inner.vertices.size + inner.stiffness.nnz)
+        return self.indices.size + (0 if inner is None else 3 * inner.vertices.nnz + inner.stiffness.nnz)
 
     def matrix(self, data: Array) -> sps.csr_array:
         """Matrix (3n, 3n) of the blocks with the entries ``data``, internal unknowns left where they are."""
@@ -98,8 +88,9 @@ class SparsePattern:
         """Coupling (m, 3n) of the internal unknowns, which must be there, to the positions."""
         inner = self.internal
         assert inner is not None
-        values = data[self.indices.size : self.indices.size + 3 * inner.vertices.size]
-        return sps.csr_array((values, inner.columns, 3 * inner.indptr), shape=(inner.count, self.indptr.size - 1))
+        pattern = expanded(inner.vertices, (1, 3))
+        values = data[self.indices.size : self.indices.size + pattern.nnz]
+        return sps.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def product(self, data: Array, vectors: Array) -> Array:
         """Hessian by positions times vectors (3n,) or (3n, k), internal unknowns following at their minimum."""
@@ -148,9 +139,7 @@ class SparsePattern:
 
     def free_matrix(self, data: Array) -> sps.csc_array:
         """Part of the free unknowns and of the internal ones; symmetric, so its CSR arrays are handed out as CSC."""
-        size, entries = self.free_indptr.size - 1, self.free_entries
-        values = entries @ data if isinstance(entries, sps.csr_array) else data[entries]
-        return sps.csc_array((values, self.free_indices, self.free_indptr), shape=(size, size))
+        return self.free.matrix(data)
 
 
 def build_pattern(
@@ -173,120 +162,61 @@ def build_pattern(
     -------
     SparsePattern
         The pattern.
-    list of ndarray of int64, shape (elements, vertices, vertices)
+    list of ndarray of int32, shape (elements, vertices, vertices)
         For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values; -1 where it has none.
+        Those of patterns beyond the range of int32 are int64.
     """
-    starts, columns = _blocks(vertex_count, stencils)
-    degrees = np.diff(starts)
-    strides = 3 * degrees.astype(np.int64)
-    rows = np.repeat(np.arange(vertex_count, dtype=np.int32), degrees)
-    free_entries: Index | NDArray[np.bool_] | sps.csr_array
-    if unknowns.matrix is None and internal is None:
-        free = np.zeros(3 * vertex_count, dtype=bool)
-        free[unknowns.values(np.arange(3 * vertex_count))] = True
-        kept = free[3 * rows] & free[3 * columns]
-        whole = _expanded(starts, columns, kept)
-        free_entries = whole.data
-        number = np.cumsum(free[::3], dtype=np.int32) - 1
-        before = np.concatenate([np.zeros(1, np.int32), np.cumsum(kept, dtype=np.int32)])[starts]
-        part = _expanded(before[np.append(free[::3], True)], number[columns[kept]], kept[kept])
-    else:
-        whole = _expanded(starts, columns, np.ones(columns.size, dtype=bool))
-        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int64)
-        numbers = whole if internal is None else _bordered(whole, internal)
-        extra = 0 if internal is None else internal.count
-        if unknowns.matrix is None:
-            inner = 3 * vertex_count + np.arange(extra)
-            free_unknowns = np.concatenate([unknowns.values(np.arange(3 * vertex_count)), inner])
-            part = numbers[free_unknowns][:, free_unknowns].tocsr()
-            part.sort_indices()
-            free_entries = part.data - 1
-        else:
-            part, free_entries = _mapped(numbers, unknowns.matrix, extra)
-
+    blocks = _blocks(vertex_count, stencils)
+    strides = 3 * np.diff(blocks.indptr).astype(np.int64)
+    rows = np.repeat(np.arange(vertex_count, dtype=np.int32), np.diff(blocks.indptr))
     # A block begins at the entries of the rows before it, and after those of the blocks before it in its first row.
-    begins = 6 * starts[rows].astype(np.int64) + 3 * np.arange(columns.size)
-    positions = sps.csr_matrix((np.arange(columns.size, dtype=np.int32), columns, starts), (vertex_count, vertex_count))
-    on_diagonal = begins[columns == rows]
+    own = np.flatnonzero(blocks.indices == rows)
+    on_diagonal = 6 * blocks.indptr[:-1].astype(np.int64) + 3 * own
+    whole = expanded(blocks)
+    if internal is None:
+        coupling, among = sps.csr_array((0, vertex_count), dtype=bool), sps.csr_array((0, 0), dtype=bool)
+    else:
+        coupling, among = internal.vertices, internal.stiffness
+    free: FreePart = VertexPart(blocks, ~unknowns.held, coupling, among)
+    if unknowns.matrix is not None:
+        every = VertexPart(blocks, np.ones(vertex_count, dtype=bool), coupling, among)
+        entries = np.arange(1.0, whole.nnz + 3 * coupling.nnz + among.nnz + 1)
+        free = MappedPart(every.matrix(entries).T, unknowns.matrix)
     pattern = SparsePattern(
         indptr=whole.indptr,
         indices=whole.indices,
         strides=strides,
         diagonal=(on_diagonal[:, None] + np.arange(3) * (strides[:, None] + 1)).ravel(),
-        free_indptr=part.indptr.astype(np.int32, copy=False),
-        free_indices=part.indices.astype(np.int32, copy=False),
-        free_entries=free_entries,
+        free=free,
         internal=internal,
     )
-    return pattern, [_slots(stencil, positions, begins) for stencil in stencils]
+    return pattern, [block_slots(stencil, stencil, blocks, 6, 0, pattern.size) for stencil in stencils]
 
 
-def _blocks(vertex_count: int, stencils: Sequence[Index]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Row starts and columns of all pairs of vertices that share an element, and of the diagonal."""
-    pairs = sps.csr_array(sps.eye_array(vertex_count, dtype=bool, format="csr"))
-    for stencil in stencils:
-        inside = (stencil >= 0) & (stencil < vertex_count)
-        ends = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int32)
-        vertices = stencil[inside].astype(np.int32)
-        shape = len(stencil), vertex_count
-        elements = sps.csr_array((np.ones(vertices.size, dtype=bool), vertices, ends), shape=shape)
-        pairs = sps.csr_array(pairs + elements.T.tocsr() @ elements)
-    pairs.sort_indices()
-    return pairs.indptr.astype(np.int32, copy=False), pairs.indices.astype(np.int32, copy=False)
+def incidence(stencil: Index, count: int) -> sps.csr_array:
+    """Which of ``count`` members (elements, count) each element has; members out of range are nobody's."""
+    inside = (stencil >= 0) & (stencil < count)
+    ends = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int32)
+    members = stencil[inside].astype(np.int32)
+    return sps.csr_array((np.ones(members.size, dtype=bool), members, ends), shape=(len(stencil), count))
 
 
-def _expanded(starts: NDArray[np.int32], columns: NDArray[np.int32], values: NDArray[np.bool_]) -> sps.csr_array:
-    """CSR matrix of 3 x 3 blocks, all entries of a block with one value."""
-    size = 3 * (starts.size - 1)
-    blocks = np.repeat(values, 9).reshape(-1, 3, 3)
-    return sps.csr_array(sps.bsr_array((blocks, columns, starts), shape=(size, size)))
+def block_slots(rows: Index, columns: Index, blocks: sps.csr_array, lead: int, shift: int, size: int) -> Index:
+    """Slots (elements, r, c), among ``size`` entries, of the elements' rows and columns; see :func:`find_blocks`.
 
-
-def _slots(stencil: Index, positions: sps.csr_matrix, begins: Index) -> Index:
-    """Where the blocks of each element begin (elements, vertices, vertices), -1 if there is none."""
-    count, width = stencil.shape
-    slots = np.full((count, width, width), -1)
-    for first in range(0, count, _AT_A_TIME):
-        some = stencil[first : first + _AT_A_TIME]
-        inside = (some >= 0) & (some < positions.shape[0])
-        rows, columns = np.broadcast_arrays(some[:, :, None], some[:, None, :])
-        both = inside[:, :, None] & inside[:, None, :]
-        slots[first : first + _AT_A_TIME][both] = begins[positions[rows[both], columns[both]].A1]
+    They are int32 where that is enough.
+    """
+    kind: Any = np.int32 if size < 2**31 else np.int64
+    slots: Index = np.empty((*rows.shape, columns.shape[1]), kind)
+    find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
     return slots
 
 
-def _mapped(numbers: sps.csr_array, matrix: sps.csr_array, extra: int) -> tuple[sps.csr_array, sps.csr_array]:
-    """Pattern of ``P^T K P``, P the matrix and an identity after it, and the matrix of its entries by those of K.
-
-    Entries of K are those of ``numbers``, counted from 1.
-    """
-    whole = sps.csr_array(sps.block_diag([matrix, sps.eye_array(extra)], format="csr") if extra else matrix)
-    size, starts, used = whole.shape[1], whole.indptr.astype(np.int64), np.diff(whole.indptr).astype(np.int64)
-    rows, columns = np.repeat(np.arange(whole.shape[0]), np.diff(numbers.indptr)), numbers.indices
-    # Each entry of K goes to every pair of the unknowns of its row and its column.
-    pairs = used[rows] * used[columns]
-    entry = np.repeat(np.arange(pairs.size), pairs)
-    place = np.arange(entry.size) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    first, second = np.divmod(place, used[columns][entry])
-    first, second = starts[rows[entry]] + first, starts[columns[entry]] + second
-    keys, slots = np.unique(whole.indices[first].astype(np.int64) * size + whole.indices[second], return_inverse=True)
-    weights = whole.data[first] * whole.data[second]
-    shape = (keys.size, int(numbers.data.max(initial=0)))
-    entries = sps.csr_array(sps.coo_array((weights, (slots, numbers.data[entry] - 1)), shape=shape))
-    row, column = np.divmod(keys, size)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=size))])
-    return sps.csr_array((np.ones(keys.size), column, indptr), shape=(size, size)), entries
-
-
-def _bordered(numbers: sps.csr_array, internal: InternalUnknowns) -> sps.csr_array:
-    """Entry numbers, counted from 1, with rows and columns of the internal unknowns; both sides share their entries."""
-    first = numbers.nnz + 1
-    columns = internal.columns
-    entries = np.arange(first, first + columns.size, dtype=np.int64)
-    shape = (internal.count, numbers.shape[1])
-    coupling = sps.csr_array((entries, columns, 3 * internal.indptr), shape=shape)
-    first += columns.size
-    stiffness = internal.stiffness
-    entries = np.arange(first, first + stiffness.nnz, dtype=np.int64)
-    own = sps.csr_array((entries, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
-    return sps.csr_array(sps.block_array([[numbers, coupling.T], [coupling, own]], format="csr"))
+def _blocks(vertex_count: int, stencils: Sequence[Index]) -> sps.csr_array:
+    """All pairs of vertices that share an element, and the diagonal."""
+    pairs = sps.csr_array(sps.eye_array(vertex_count, dtype=bool, format="csr"))
+    for stencil in stencils:
+        elements = incidence(stencil, vertex_count)
+        pairs = sps.csr_array(pairs + elements.T.tocsr() @ elements)
+    pairs.sort_indices()
+    return pairs

@@ -33,7 +33,7 @@ from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 
-_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
+_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 5_000
 """Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""
 
 
@@ -111,9 +111,9 @@ class Shell(ReadOnlyArrays):
         self.energies = tuple(energies)
         if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
             warn_of_two_way_bending(mesh, unknowns.supported)
+        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
-        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
 
     def _support(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns

@@ -10,17 +10,18 @@ quarter of the largest part. Across a smooth edge the strains of both triangles 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
 edges each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C : E_T / 2`; at smooth edges in a plane of
 symmetry less the shear, which its mirror image has with the other sign. The energy is :math:`s^T Q s / 2` with one
-constant matrix Q.
+constant matrix Q (theory 6, eq. 2 to 6).
 
-Thirds of the area, as in edge-based smoothed finite elements (Liu, Nguyen-Thoi and Lam 2009), leave sheets of right
-triangles too stiff in their own plane: a strip of length five widths and four union-jack cells across bends in it
-6.8 % too little, 0.9 % with :math:`l_e^4` (its Poisson's ratio is 0.3). Strains that change
-sign within a row of cells are averaged away at its long edges, and only the short ones resist them. Without the least
-part a single row of cells four times as wide as long bends 42 times too much in its plane; with it, twice.
+Thirds of the area, as in edge-based smoothed finite elements [liu2009], leave sheets of right triangles too stiff in
+their own plane: a strip of length five widths and four union-jack cells across bends in it 6.8 % too little, 0.8 % with
+:math:`l_e^4` (its Poisson's ratio is 0.3). Strains that change sign within a row of cells are averaged away at its long
+edges, and only the short ones resist them. Without the least part a single row of right triangles, its cells four times
+as wide as long, bends 42 times too much in its plane; with it, twice.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
@@ -28,8 +29,10 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.kernels.split_folds import quadratic_forms
 
 SHARP = np.radians(20.0)
 """Rest fold [rad] above which strains are not smoothed across an edge."""
@@ -153,11 +156,12 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     both = mesh.edge_faces[edges]
     areas = taken(both, mesh.edge_corners[edges])
     shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
-    strain = np.zeros((len(hinges), 3, 5))
-    # Seen from the edge, the left apex lies at +h, the right one at -h.
-    strain[:, :, [0, 1, 2]] = shares[:, 0] * strain_of_lengths(mesh, hinges[:, [0, 1, 2]])
-    strain[:, :, [0, 3, 4]] += shares[:, 1] * strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
-    numbers = edge_numbers(mesh, hinges, PAIR)
+    strain = np.empty((len(hinges), 3, 5))
+    fill_in_parts(strain, functools.partial(_strain_of_pairs, mesh), hinges, shares)
+    corners = mesh.edge_corners[edges]
+    others = [(0, 2), (0, 1), (1, 1), (1, 2)]  # side and edge after the common one, in the order of PAIR
+    after = [mesh.face_edges[both[:, side], (corners[:, side] + k) % 3] for side, k in others]
+    numbers = np.column_stack([edges, *after])
     found = [Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, areas, both)]
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
@@ -165,7 +169,7 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     rim_areas = taken(rim, mesh.edge_corners[edges, 0])[:, None]
     own = np.flatnonzero(own_areas.any(axis=1))
     faces = np.ascontiguousarray(mesh.faces[own])
-    numbers = edge_numbers(mesh, faces, PAIR[:3])
+    numbers = np.ascontiguousarray(mesh.face_edges[own][:, [0, 2, 1]])
     strain = strain_of_lengths(mesh, faces)
     found.append(Strained(faces, PAIR[:3], numbers, strain, own_areas[own].sum(axis=1)[:, None], own[:, None]))
     if rim.size:
@@ -184,8 +188,7 @@ def membrane_elements(strained: list[Strained], elastic: Array) -> list[Membrane
     ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m]; means over the areas count across smooth edges.
     """
     pairs, *singles = (
-        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic(elastic)), e.faces, e.areas)
-        for e in strained
+        MembraneElements(e.stencils, e.pairs, e.edges, _matrices(e, elastic), e.faces, e.areas) for e in strained
     )
     names = ("stencils", "edges", "matrices", "faces", "areas")
     if len(singles) > 1:
@@ -196,12 +199,12 @@ def membrane_elements(strained: list[Strained], elastic: Array) -> list[Membrane
 
 def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.csr_array:
     """Q (E, E) of all elements together."""
-    total = sps.csr_array((edge_count, edge_count))
+    kinds = []
     for e in elements:
-        rows = np.broadcast_to(e.edges[:, :, None], e.matrices.shape).ravel()
-        columns = np.broadcast_to(e.edges[:, None, :], e.matrices.shape).ravel()
-        total = total + sps.csr_array(sps.coo_array((e.matrices.ravel(), (rows, columns)), shape=total.shape))
-    return sps.csr_array(total)
+        edges = e.edges.astype(np.int32)
+        places = (np.broadcast_to(side, e.matrices.shape).ravel() for side in (edges[:, :, None], edges[:, None, :]))
+        kinds.append(sps.csr_array(sps.coo_array((e.matrices.ravel(), tuple(places)), shape=(edge_count, edge_count))))
+    return sps.csr_array(sum(kinds[1:], kinds[0]))
 
 
 def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -> Array:
@@ -221,9 +224,27 @@ def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -
     return np.asarray(np.linalg.inv(rows))
 
 
-def _products(strain: Array, elastic: Array) -> Array:
-    matrices = np.einsum("eip,eij,ejq->epq", strain, elastic, strain)
-    return np.ascontiguousarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
+def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, shares: Array) -> Array:
+    """Means (P, 3, 5) of the strains of both triangles of hinges (P, 4), with their shares (P, 2, 1, 1)."""
+    strain = np.zeros((len(hinges), 3, 5))
+    # Seen from the edge, the left apex lies at +h, the right one at -h.
+    strain[:, :, [0, 1, 2]] = shares[:, 0] * strain_of_lengths(mesh, hinges[:, [0, 1, 2]])
+    strain[:, :, [0, 3, 4]] += shares[:, 1] * strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
+    return strain
+
+
+def _matrices(e: Strained, elastic: Array) -> Array:
+    """Q (elements, edges, edges) of the elasticity (T, 3, 3) of every triangle."""
+
+    def products(strain: Array, areas: Array, faces: Index) -> Array:
+        part = e._replace(strain=strain, areas=areas, faces=faces).elastic(elastic)
+        matrices = np.empty((len(strain), len(e.pairs), len(e.pairs)))
+        quadratic_forms(strain[None], part[None], matrices)
+        return np.asarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
+
+    matrices = np.empty((len(e.strain), len(e.pairs), len(e.pairs)))
+    fill_in_parts(matrices, products, e.strain, e.areas, e.faces)
+    return matrices
 
 
 def edge_numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:

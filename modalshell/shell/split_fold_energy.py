@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -24,7 +25,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 from modalshell.shell.mirrored_hinges import MirroredHinges
-from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
+from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
@@ -43,7 +44,7 @@ class _State(NamedTuple):
 
 @final
 class SplitFoldEnergy(ElasticEnergy):
-    """Bending by split folds and smoothed membrane of an isotropic sheet.
+    """Bending by split folds and smoothed membrane of an isotropic sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
     Parameters
     ----------
@@ -92,9 +93,9 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        self._strained = membrane.strained_elements(mesh, held, angles, mirrored)
+        self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
         self._by_poisson: SlopesByPoisson | None = None
-        self._membrane = membrane.membrane_elements(self._strained, membrane.plane_stress(stiffness, poisson))
+        self._membrane = membrane.membrane_elements(self._strained(), membrane.plane_stress(stiffness, poisson))
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
@@ -124,7 +125,7 @@ class SplitFoldEnergy(ElasticEnergy):
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
         if name == "poisson":
             if self._by_poisson is None:
-                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._strained)
+                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._strained())
             couples, tensions = self._by_poisson.couples(self._shares, folds), self._by_poisson.tensions(stretches)
         else:
             bending, stretching = rates_by_constant(sheet[1], name)
@@ -158,11 +159,11 @@ class SplitFoldEnergy(ElasticEnergy):
         folds = self._folds
         stencils = [folds.stencils, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
         stencils += [e.stencils for e in self._further.elements]
-        indptr, coupled, share_slots = folds.coupled_vertices(self._vertex_count)
-        internal = InternalUnknowns(indptr, coupled, self._shares.stiffness, self._shares.solve)
+        coupled = folds.coupled_vertices(self._vertex_count)
+        internal = InternalUnknowns(coupled, self._shares.stiffness, self._shares.solve)
         pattern, slots = build_pattern(self._vertex_count, stencils, unknowns, internal)
-        share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
-        return pattern, [*slots, np.ascontiguousarray(share_slots)]
+        place = 0, pattern.indices.size, pattern.size
+        return pattern, [*slots, block_slots(folds.share_index, folds.stencils, coupled, *place)]
 
     @property
     def has_dashpots(self) -> bool:

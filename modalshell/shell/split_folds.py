@@ -10,12 +10,13 @@ without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = 
 
 The energy is least for the shares at which the bending moment across each edge is continuous ([morley1968]; the
 mixed element of [herrmann1967] and [johnson1973]). The shares follow linearly from the fold angles, so the bending
-energy is :math:`\delta^T H \delta / 2` with one constant matrix H.
+energy is :math:`\delta^T H \delta / 2` with one constant matrix H (theory 4, eq. 3 to 10).
 
 Most triangles bend in pairs, which know how moments vary (:mod:`modalshell.shell.triangle_pairs`): the fold inside a
 pair counts in it whole, without a share, and the moment inside it is that across its five edges. Which of two pairs is
-the first at an edge between them is free: pairs are coloured so that neighbours differ where possible, and folds count
-in those of one colour, so that positions are coupled across every other pair only and factors stay sparse.
+the first at an edge between them is free: pairs are coloured so that neighbours differ where possible, and a fold
+counts in the pair of one colour. Pairs of the other colour then couple none of their neighbours' vertices, and factors
+stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
@@ -36,6 +37,7 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.kernels.split_folds import colour_triangles
+from modalshell.shell.pattern import incidence
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
 
@@ -104,14 +106,15 @@ class SplitFolds:
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""
-        count = len(self.stencils)
-        rows = np.arange(5 * count)
-        blocks = sps.block_diag(list(self.moments), format="csr") if count else sps.csr_array((0, 0))
+        rows = np.arange(5 * len(self.stencils), dtype=np.int32)
+        columns = np.broadcast_to(rows.reshape(-1, 1, 5), self.moments.shape).ravel()
+        starts = np.arange(0, columns.size + 1, 5, dtype=np.int32)
+        blocks = sps.csr_array((self.moments.ravel(), columns, starts), shape=(rows.size, rows.size))
 
-        def selection(columns: Index, factors: Array, size: int) -> sps.csr_array:
-            used = columns.ravel() >= 0
-            entries = (factors.ravel()[used], (rows[used], columns.ravel()[used]))
-            return sps.csr_array(sps.coo_array(entries, shape=(5 * count, size)))
+        def selection(numbers: Index, factors: Array, size: int) -> sps.csr_array:
+            used = numbers.ravel() >= 0
+            entries = (factors.ravel()[used], (rows[used], numbers.ravel()[used].astype(np.int32)))
+            return sps.csr_array(sps.coo_array(entries, shape=(rows.size, size)))
 
         by_fold = selection(self.folds, np.ones(self.folds.shape), len(self.hinges))
         by_share = selection(self.share_index, self.shares, self.share_count)
@@ -135,21 +138,11 @@ class SplitFolds:
         found[order[np.searchsorted(keys[order], wanted)]] = values[real]
         return found
 
-    def coupled_vertices(self, count: int) -> tuple[Index, Index, Index]:
-        """Vertices below ``count`` that shares are coupled to: row starts, columns, and places (B, 5, 8) among these.
-
-        Places are those of each pair's vertices in the row of the share at each of its edges, -1 if there is none.
-        """
-        shape = (*self.share_index.shape, 8)
-        shares = np.broadcast_to(self.share_index[:, :, None], shape)
-        vertices = np.broadcast_to(self.stencils[:, None, :], shape)
-        present = (shares >= 0) & (vertices >= 0) & (vertices < count)
-        keys, inverse = np.unique((shares * count + vertices)[present], return_inverse=True)
-        places = np.full(shape, -1)
-        places[present] = inverse
-        rows, columns = np.divmod(keys, count)
-        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.share_count))])
-        return indptr, columns, places
+    def coupled_vertices(self, count: int) -> sps.csr_array:
+        """Vertices below ``count`` that each share is coupled to, a pattern (m, count)."""
+        coupled = incidence(self.share_index, self.share_count).T.tocsr() @ incidence(self.stencils, count)
+        coupled.sort_indices()
+        return sps.csr_array(coupled)
 
     def part(self, chosen: Index, factors: Array, vertices: Index, count: int) -> tuple[SplitFolds, Index, Index]:
         """Chosen pairs times factors, on a numbering of the sorted ``vertices`` out of ``count``.

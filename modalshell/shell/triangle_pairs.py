@@ -6,27 +6,29 @@ triangles that share an edge the moments M, M' of both are known from the moment
 
 .. math:: (1 - w) (A\, M : C : M + A'\, M' : C : M') / 2 + w (A + A') \bar M : C : \bar M / 2 .
 
-Constant moments keep their energy. At w = 2/3 it is the energy of moments that go linearly from edge to edge of a
-parallelogram. A plane wave of wave number k on equilateral triangles of edge h, all pairs in one direction, has the
-stiffness :math:`D k^4 (1 - (1 - w) \beta k^2 h^2)` in the mean over directions, with :math:`\beta` = 0.141, 0.206 and
-0.298 for Poisson's ratios 0, 0.3 and 0.5. With w = 1, at which pairs lose their definite stiffness, frequencies of
-lumped masses are exact to this order; deflections under loads are where :math:`(1 - w) \beta = 1/16`, at w from 0.56
-to 0.79. The weight here lies between both.
+Constant moments keep their energy (theory 5, eq. 2). At w = 2/3 and equal areas it is the energy of a moment that goes
+linearly from M to M' over the pair. A plane wave of wave number k on equilateral triangles of edge h, all pairs in one
+direction, has the stiffness :math:`D k^4 (1 - (1 - w) \beta k^2 h^2)` in the mean over directions, with :math:`\beta`
+= 0.141, 0.206 and 0.298 for Poisson's ratios 0, 0.3 and 0.5 (theory 5, eq. 4 and 5). With w = 1, at which pairs lose
+their definite stiffness, frequencies of lumped masses are exact to this order; deflections under loads are where
+:math:`(1 - w) \beta = 1/16`, at w from 0.56 to 0.79. The weight here lies between both.
 
 Pairs follow from the shape alone: a symmetry of the mesh is one of the energy, and numbers of vertices do not matter.
-Where two edges of a triangle are alike in all respects neither makes a pair.
+Where two edges of a triangle rank the same, it is paired over neither.
 """
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.kernels.split_folds import match_triangles
+from modalshell.shell.kernels.split_folds import match_triangles, quadratic_forms
 from modalshell.shell.smoothed_membrane import SHARP
 
 MEAN_WEIGHT = 5.0 / 6.0
@@ -103,17 +105,10 @@ def fold_moments(
     paired = faces[:, 1] >= 0
     moments = np.zeros((len(faces), 5, 5), dtype=np.result_type(rigidity, poisson))
     moments[~paired, :3, :3] = _single(mesh, faces[~paired, 0], rigidity, poisson, free[~paired, :3])
-    tensors, areas = _pair_tensors(mesh, faces[paired], corners[paired])
-    compliances = np.stack([_compliance(rigidity[own], poisson[own]) for own in faces[paired].T])
-    compliances = compliances * areas[:, :, None, None]
-    mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
-    flexibility = MEAN_WEIGHT * np.einsum("pik,pij,pjl->pkl", mean, compliances.sum(axis=0), mean)
-    flexibility += (1.0 - MEAN_WEIGHT) * np.einsum("spik,spij,spjl->pkl", tensors, compliances, tensors)
-    kept = ~free[paired]
-    kept_pairs = kept[:, :, None] & kept[:, None, :]
-    # A free edge has no moment: the others' flexibility alone is inverted.
-    flexibility = np.where(kept_pairs, flexibility, np.eye(5) * np.einsum("pkk->p", flexibility)[:, None, None])
-    moments[paired] = np.where(kept_pairs, np.linalg.inv(flexibility), 0.0)
+    joined = np.empty((int(paired.sum()), 5, 5), dtype=moments.dtype)
+    constants = mesh, rigidity, poisson
+    fill_in_parts(joined, functools.partial(_joined, constants), faces[paired], corners[paired], free[paired])
+    moments[paired] = joined
     return moments
 
 
@@ -150,6 +145,23 @@ def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any, free:
         condensed[:, k] = condensed[:, :, k] = 0.0
         moments = np.where(free[:, k, None, None], condensed, moments)
     return moments
+
+
+def _joined(constants: tuple[TriangleMesh, Any, Any], faces: Index, corners: Index, free: NDArray[np.bool_]) -> Any:
+    """Stiffness (P, 5, 5) of pairs, of the mesh, rigidity and Poisson's ratio (T,); see :func:`fold_moments`."""
+    mesh, rigidity, poisson = constants
+    tensors, areas = _pair_tensors(mesh, faces, corners)
+    compliances = np.stack([_compliance(rigidity[own], poisson[own]) for own in faces.T])
+    compliances = compliances * areas[:, :, None, None]
+    mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
+    of_mean, of_both = np.empty((2, len(faces), 5, 5), dtype=compliances.dtype)
+    quadratic_forms(mean[None], compliances.sum(axis=0)[None], of_mean)
+    quadratic_forms(tensors, compliances, of_both)
+    flexibility = MEAN_WEIGHT * of_mean + (1.0 - MEAN_WEIGHT) * of_both
+    kept_pairs = ~free[:, :, None] & ~free[:, None, :]
+    # A free edge has no moment: the others' flexibility alone is inverted.
+    flexibility = np.where(kept_pairs, flexibility, np.eye(5) * np.einsum("pkk->p", flexibility)[:, None, None])
+    return np.where(kept_pairs, np.linalg.inv(flexibility), 0.0)
 
 
 def _pair_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array]:

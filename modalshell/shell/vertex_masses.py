@@ -41,7 +41,8 @@ def vertex_masses(
     where ``f = (f_a + f_b) / 2 + (grad f_a - grad f_b) . (x_b - x_a) / 8`` by cubic Hermite interpolation, as the
     trapezoidal rule's end correction. Gradients at a corner are the mean over the triangles that meet there without a
     sharp fold. Those of a kinetic energy are zero where the vertices (n,) are held, and have no part across the planes
-    of symmetry among the supports. The sum of the masses is exact, and no vertex has less than a quarter of its thirds.
+    of symmetry among the supports. The sum of the masses is exact, and no vertex has less than a quarter of its thirds
+    (theory 7, eq. 3 to 6).
     """
     thirds = mesh.shared_among_corners(density * mesh.face_areas)
     corners = _joined_corners(mesh)

@@ -38,10 +38,10 @@ class ImplicitSprings:
     .. math:: (M - h\,\partial f/\partial v - h^2\,\partial f/\partial x)\,\Delta v
               = h\,(f_0 + h\,\partial f/\partial x\,v_0), \qquad \Delta x = h\,(v_0 + \Delta v)
 
-    This is the first Newton step of implicit Euler from where the particles are: first order, and as stable as implicit
-    Euler while one linearisation serves a step. The part of a compressed spring's Hessian that acts across it is left
-    out, so that the matrix is positive definite; dashpots keep their direction over the step. Held particles are held
-    to their new places in the search directions, as there.
+    This is the first Newton step of implicit Euler from where the particles are (theory 17, eq. 2): first order, and
+    as stable as implicit Euler while one linearisation serves a step. The part of a compressed spring's Hessian that
+    acts across it is left out, so that the matrix is positive definite; dashpots keep their direction over the step.
+    Held particles are held to their new places in the search directions, as there.
 
     The particles are renumbered to keep neighbours together, and stay so: the state lives here.
 

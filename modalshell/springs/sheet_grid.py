@@ -106,8 +106,9 @@ class SheetGrid:
         """Largest stable step [s] of Verlet, drag taken at mid-step, about the rest shape.
 
         ``h^2 omega^2 + 2 h c < 4`` for the largest omega^2 and damping rate c of the endless sheet, found among its
-        plane waves: a sheet with edges or pinned masses has none larger. Springs that are stretched far or turn over in
-        large motion ask for shorter steps: 0.7 of this kept the energy of a sheet swinging by two corners, 0.9 did not.
+        plane waves (theory 17, eq. 1): a sheet with edges or pinned masses has none larger. Springs that are stretched
+        far or turn over in large motion ask for shorter steps: 0.7 of this kept the energy of a sheet swinging by two
+        corners, 0.9 did not.
         """
         squared, rate = (self._largest_rate(stiffness) for stiffness in (None, self.spring_damping))
         if squared == 0.0:

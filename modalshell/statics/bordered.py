@@ -67,6 +67,8 @@ class _BorderedFactor(Generic[Matrix]):
 class Bordered(Equations[tuple[Matrix, Array]], Generic[Matrix]):
     """A problem under a load factor that is an unknown too: the last one, after the flattened unknowns.
 
+    See theory 8, eq. 5 and 6.
+
     Parameters
     ----------
     inner : Problem

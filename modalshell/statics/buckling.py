@@ -70,9 +70,9 @@ def buckling_factors(
 ) -> Buckling:
     """The lowest factors by which a load buckles a shell, by linear theory.
 
-    Solves ``(K + lambda (K_g + K_f)) phi = 0``, K the stiffness at rest, K_g the geometric stiffness under the stresses
-    of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell, unsymmetric where they
-    have no potential. That is exact where the shell hardly moves before it buckles; where it
+    Solves ``(K + lambda (K_g + K_f)) phi = 0`` (theory 8, eq. 7), K the stiffness at rest, K_g the geometric stiffness
+    under the stresses of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell,
+    unsymmetric where they have no potential. That is exact where the shell hardly moves before it buckles; where it
     bends first, follow :func:`modalshell.equilibrium_path`. There may be fewer factors than asked for: of a load that
     pulls, none.
 

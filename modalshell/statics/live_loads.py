@@ -1,4 +1,4 @@
-"""Configuration-dependent loads at one time: forces, energy, and entries of the Hessian."""
+"""Configuration-dependent loads at one time: forces, energy, and entries of the Hessian (theory 16, eq. 5)."""
 
 from __future__ import annotations
 

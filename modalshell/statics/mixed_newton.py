@@ -4,7 +4,7 @@ A nearly inextensible sheet defeats plain Newton: a step along the tangent stret
 line search lets only tiny steps through. The mixed step [magisano2017] treats the element stresses as unknowns of
 their own: after elimination the equations are Newton's, but the geometric part of the Hessian takes each stress from
 the last linearised step instead of the (huge) stress of the over-stretched iterate. Full steps then converge in a few
-iterations whatever the membrane stiffness.
+iterations whatever the membrane stiffness (theory 8, eq. 1 and 2).
 
 The methods are written once, over nine operations of a problem that holds its iterate ``x``, changed in place, and two
 ``slots`` of its shape. Python calls them with an object that has these operations as methods. Compiled code calls them
@@ -202,8 +202,9 @@ def iterate(problem: Any, rules: Rules) -> Solved:
 def descend(problem: Any, rules: Rules) -> Solved:
     """Go downhill from the iterate to a minimum, as the shell would move in a thick fluid; saddles are left.
 
-    Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations does
-    not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a step fails.
+    Steps of implicit Euler on ``drag M dx/dt = -grad V`` (theory 8, eq. 4), each solved by mixed Newton, whose number
+    of iterations does not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a
+    step fails.
     """
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)

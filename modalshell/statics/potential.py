@@ -270,7 +270,7 @@ def _symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
-    """Move along ``direction`` (N,), warped, until a vertex rotates by ``largest_turn`` [rad].
+    """Move along ``direction`` (N,), warped (theory 8, eq. 3), until a vertex rotates by ``largest_turn`` [rad].
 
     Returns
     -------

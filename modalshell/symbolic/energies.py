@@ -6,6 +6,8 @@ rest size, so that
 .. math:: \nabla E = 2 w (g - g_0) \nabla g, \qquad
           \nabla^2 E = 2 w \nabla g \nabla g^T + 2 w (g - g_0) \nabla^2 g .
 
+See theory 3, eq. 2.
+
 Measures are written in edge-relative unknowns :math:`p_k = x_k - x_0`: translation is then divided out, and a hinge has
 nine unknowns in place of twelve.
 

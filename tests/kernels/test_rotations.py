@@ -239,7 +239,7 @@ def test_rigid_displacements_give_their_rotation_at_every_vertex(name, a, b):
 def test_triangle_rotation_is_the_least_squares_fit(name):
     mesh = MESHES[name]
     u = np.random.default_rng(1).standard_normal(mesh.vertices.shape)
-    w = np.einsum("tkij,tkj->ti", triangle_rotations(mesh), u[mesh.faces])
+    w = triangle_rotations(mesh, u[:, :, None])[:, :, 0]
     for face, fitted in zip(mesh.faces, w, strict=True):
         arms = mesh.vertices[face] - mesh.vertices[face].mean(axis=0)
         relative = u[face] - u[face].mean(axis=0)
@@ -252,7 +252,7 @@ def test_triangle_rotation_is_the_least_squares_fit(name):
 def test_vertex_rotations_are_the_mean_over_their_triangles(name):
     mesh = MESHES[name]
     u = np.random.default_rng(2).standard_normal(mesh.vertices.shape)
-    per_triangle = np.einsum("tkij,tkj->ti", triangle_rotations(mesh), u[mesh.faces])
+    per_triangle = triangle_rotations(mesh, u[:, :, None])[:, :, 0]
     w = (rotation_matrix(mesh) @ u.ravel()).reshape(-1, 3)
     for vertex in range(len(mesh.vertices)):
         mean = per_triangle[(mesh.faces == vertex).any(axis=1)].mean(axis=0)

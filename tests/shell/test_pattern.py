@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sps
 
 import modalshell as ms
-from modalshell.shell.pattern import build_pattern
+from modalshell.shell.pattern import InternalUnknowns, build_pattern
 
 STENCILS = [np.array([[0, 1, 2], [2, 1, 4]]), np.array([[4, 5]]), np.array([[0, 1, 2, 6], [-1, 3, 4, 7]])]
 """Elements of six vertices and two, 6 and 7, that are not of the mesh."""
@@ -46,3 +47,16 @@ def test_every_diagonal_block_is_there(shell):
     data = np.arange(54.0)
     assert pattern.matrix(data).nnz == 54
     assert pattern.free_matrix(data).shape == (shell.unknowns.count,) * 2
+
+
+def test_internal_unknowns_come_after_the_free_ones(shell):
+    vertices = sps.csr_array(np.array([[1, 0, 1, 0, 1, 0], [0, 1, 0, 0, 1, 1]], dtype=bool))
+    internal = InternalUnknowns(vertices, sps.csr_array([[2.0, 0.5], [0.5, 3.0]]), solve=None)
+    pattern, _ = build_pattern(6, STENCILS, shell.unknowns, internal)
+    data = np.random.default_rng(0).standard_normal(pattern.size)
+    data[-4:] = internal.stiffness.data
+    coupling = pattern.coupling(data).toarray()
+    np.testing.assert_array_equal(coupling != 0.0, np.repeat(vertices.toarray(), 3, axis=1))
+    dense = np.block([[pattern.matrix(data).toarray(), coupling.T], [coupling, internal.stiffness.toarray()]])
+    free = np.concatenate([shell.free_unknowns, [18, 19]])
+    np.testing.assert_array_equal(pattern.free_matrix(data).toarray().T, dense[np.ix_(free, free)])

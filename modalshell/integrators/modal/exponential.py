@@ -8,8 +8,9 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, Step
-from modalshell.integrators.modal.flow import Flow, flow
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.modal.exponential_kernels import correct, predict
+from modalshell.integrators.modal.flow import flow
+from modalshell.integrators.state import COST, MotionState
 
 VIOLENT = 3e-3
 """Change of the coordinates within a step by what was not expected of the force, as a share of the shell's size in the
@@ -34,42 +35,34 @@ class Exponential(ModalIntegrator, key="exponential"):
     backward = False
 
     def __init__(self) -> None:
-        self._kept: tuple[Array, Array, float, Flow] | None = None
+        self._kept: tuple[Array, Array, float, Array, Array] | None = None
 
     def at_rest(self, coordinates: Array) -> MotionState:
-        """State at rest; the last modal force, and whether it is known, are kept."""
+        """State at rest; what is kept are the last modal force, its change, and what :data:`COST` names."""
         none = np.zeros_like(coordinates)
         memory = {"force": none.copy(), "gain": none.copy(), "curvature": none.copy(), "step": np.zeros(1)}
-        return MotionState(coordinates, none, memory)
+        return MotionState(coordinates, none, memory | {COST: np.zeros(3)})
 
     def advance(
         self, state: MotionState, force: ForceInTime, stiffness: Array, damp: Array, h: float, size: float
     ) -> MotionState:
         """State after a step."""
-        q, v, c = state.coordinates, state.rates, self._flow(stiffness, damp, h)
-        memory, last = state.memory, state.memory["step"][0]
+        q, v, memory = state.coordinates, state.rates, state.memory
+        coefficients, reach = self._flow(stiffness, damp, h)
+        last = float(memory["step"][0])
         kept = memory["force"] if last else force(q, v, 0.0)
-        ahead, rates = c.e11 * q + c.e12 * v + c.a1 * kept, c.e21 * q + c.e22 * v + c.b1 * kept
+        ahead, rates, gain, curvature = np.empty((4, q.size))
+        predict(coefficients, q, v, kept, ahead, rates)
         pushed = force(ahead, rates, 1.0)
-        change = pushed - kept
-        missed = c.a2 * change
-        ahead, rates = ahead + missed, rates + c.b2 * change
-        if missed @ missed > (VIOLENT * size) ** 2:
+        if not last:  # the force is taken as straight
+            last, memory = h, memory | {"gain": pushed - kept}
+        missed, *cost = correct(
+            coefficients, reach, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
+        )
+        if missed > (VIOLENT * size) ** 2:
             pushed = force(ahead, rates, 1.0)
-        ratio = h / last if last else 0.0
-        curvature = 2.0 * ratio / (1.0 + ratio) * (change - ratio * memory["gain"])
-        keeps = {"force": pushed, "gain": change, "curvature": curvature, "step": np.array([h])}
+        keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
-
-    def local_error(self, before: MotionState, after: MotionState, stiffness: Array, h: float) -> Array:  # noqa: ARG002
-        """A third of ``h^3 p'' / 12`` in the rates, as the force does not go straight, over the frequency.
-
-        The rest comes and goes: forces turn with twice the frequency of the motion. The share is measured.
-        """
-        # A slow mode keeps an error of its rate for a while; a stiff one answers a force at once; a rigid one moves on.
-        elastic = np.where(stiffness > 0.0, stiffness, 1.0 / h**2)
-        reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic)
-        return np.asarray(after.memory["curvature"] * reach / 36.0)
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step that keeps nothing: the force of the beginning and one predicted."""
@@ -81,8 +74,8 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
         """Change (m,) of coordinates and rates by a unit force at the step's end: one that grows from none."""
-        c = self._flow(stiffness, damp, h)
-        return c.a2, c.b2
+        coefficients, _ = self._flow(stiffness, damp, h)
+        return coefficients[5], coefficients[7]
 
     def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
         """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``."""
@@ -93,9 +86,16 @@ class Exponential(ModalIntegrator, key="exponential"):
         change = pushed - np.eye(count, 3 * count, 2 * count)
         return np.vstack([ahead + c.a2[:, None] * change, rates + c.b2[:, None] * change, pushed])
 
-    def _flow(self, stiffness: Array, damp: Array, h: float) -> Flow:
-        """The coefficients, kept from step to step."""
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+        """The coefficients (8, m), and what turns the curvature of a force into an error (m,); kept from step to step.
+
+        A straight force misses ``h^3 p'' / 12`` in the rates. A slow mode keeps that for a while, a stiff one answers a
+        force at once, a rigid one moves on. A third of it adds up, as measured: the rest comes and goes, as forces turn
+        with twice the frequency of the motion.
+        """
         kept = self._kept  # read once: another thread may ask for others meanwhile
         if kept is None or kept[0] is not stiffness or kept[1] is not damp or kept[2] != h:
-            kept = self._kept = stiffness, damp, h, flow(stiffness, damp, h)
-        return kept[3]
+            elastic = np.where(stiffness > 0.0, stiffness, 1.0 / h**2)
+            reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic) / 36.0
+            kept = self._kept = stiffness, damp, h, np.array(flow(stiffness, damp, h)), reach
+        return kept[3:]

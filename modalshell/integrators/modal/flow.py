@@ -38,7 +38,7 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
 
     They are to rounding for all of them, rigid and overdamped modes among these: with ``z`` the roots of
     ``z^2 + h c z + h^2 lambda``, e12 / h, a1 / h^2 and a2 / h^2 are divided differences of the exponential at the
-    roots, and at none, one and two zeros more [hochbruck2010, section 2].
+    roots, and there with one and with two zeros [hochbruck2010, section 2].
     """
     stiff, drag, step = (np.asarray(part, dtype=np.float64) for part in np.broadcast_arrays(stiffness, damp, h))
     x, y = step**2 * stiff, step * drag

@@ -358,11 +358,6 @@ class Stepper(ABC):
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
 
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> float | None:
-        """Largest error [m] of a vertex that a step of ``dt`` [s] has made; None where it is not known."""
-        change = self.model.local_error(before, after, dt)
-        return None if change is None else self.model.largest_move(change)
-
     @abstractmethod
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s].

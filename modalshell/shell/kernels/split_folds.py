@@ -74,6 +74,20 @@ def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None
                     wanted[first] = wanted[second] = 0
 
 
+@njit
+def quadratic_forms(maps: Any, forms: Any, out: Any) -> None:
+    """Write ``sum_s B^T C B`` into ``out`` (elements, k, k) of B (s, elements, 3, k) and C (s, elements, 3, 3)."""
+    for element in range(out.shape[0]):
+        for p in range(out.shape[1]):
+            for q in range(out.shape[2]):
+                out[element, p, q] = 0.0
+                for side in range(maps.shape[0]):
+                    for i in range(3):
+                        for j in range(3):
+                            left = maps[side, element, i, p] * forms[side, element, i, j]
+                            out[element, p, q] += left * maps[side, element, j, q]
+
+
 @njit(**OPTIONS)
 def solve_factorised(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any) -> None:
     """Solve ``P^T L D L^T P out = right`` for every row (k, m), L below its unit diagonal by columns."""

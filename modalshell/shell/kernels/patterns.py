@@ -1,0 +1,92 @@
+"""Kernels of sparsity patterns: where element blocks stand in them, and the entries of the free unknowns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.kernels.compiler import njit
+
+
+@njit
+def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, shift: int, slots: Any) -> None:
+    """Write ``lead starts[row] + 3 place + shift`` of every pair of an element's rows and columns into ``slots``.
+
+    ``rows`` (elements, r) and ``columns`` (elements, c) are of a CSR pattern of blocks that has all these pairs; where
+    one is negative, or a column is beyond the last, the slot (elements, r, c) is -1.
+    """
+    for element in range(rows.shape[0]):
+        for i in range(rows.shape[1]):
+            row = rows[element, i]
+            last = -1
+            if 0 <= row < starts.size - 1 and starts[row] < starts[row + 1]:
+                last = indices[starts[row + 1] - 1]
+            for j in range(columns.shape[1]):
+                column = columns[element, j]
+                if column < 0 or column > last:
+                    slots[element, i, j] = -1
+                    continue
+                low, high = starts[row], starts[row + 1]
+                while high - low > 1:
+                    middle = (low + high) // 2
+                    if indices[middle] <= column:
+                        low = middle
+                    else:
+                        high = middle
+                slots[element, i, j] = lead * starts[row] + 3 * low + shift
+
+
+@njit
+def free_values(
+    data: Any,
+    free: Any,
+    starts: Any,
+    columns: Any,
+    coupling_starts: Any,
+    coupled: Any,
+    meeting_starts: Any,
+    meeting: Any,
+    own_starts: Any,
+    out: Any,
+) -> None:
+    """Write the entries of the ``free`` (n,) vertices' unknowns and of the internal ones into ``out``, row by row.
+
+    ``starts`` and ``columns`` are the vertices' blocks, ``coupling_starts`` and ``coupled`` the vertices that every
+    internal unknown is coupled to, ``meeting_starts`` and ``meeting`` where each vertex stands in ``coupled``, and
+    ``own_starts`` the row starts of the internal unknowns' own matrix.
+    """
+    at, begin = 0, 0
+    coupling, own = 9 * columns.size, 9 * columns.size + 3 * coupled.size
+    for vertex in range(free.size):
+        width = 3 * (starts[vertex + 1] - starts[vertex])
+        if not free[vertex]:
+            begin += 3 * width
+            continue
+        kept = 0
+        for place in range(starts[vertex], starts[vertex + 1]):
+            kept += 3 * free[columns[place]]
+        for axis in range(3):
+            if kept == width:
+                target, source = np.uintp(at), np.uintp(begin)  # signed ones are checked for counts from the end
+                for k in range(np.uintp(width)):
+                    out[target + k] = data[source + k]
+                at += width
+            else:
+                for k in range(width):
+                    if free[columns[starts[vertex] + k // 3]]:
+                        out[at] = data[begin + k]
+                        at += 1
+            begin += width
+            for place in range(meeting_starts[vertex], meeting_starts[vertex + 1]):
+                out[at] = data[coupling + 3 * meeting[place] + axis]
+                at += 1
+    for unknown in range(own_starts.size - 1):
+        for place in range(coupling_starts[unknown], coupling_starts[unknown + 1]):
+            if free[coupled[place]]:
+                begin = coupling + 3 * place
+                out[at], out[at + 1], out[at + 2] = data[begin], data[begin + 1], data[begin + 2]
+                at += 3
+        for place in range(own_starts[unknown], own_starts[unknown + 1]):
+            out[at] = data[own + place]
+            at += 1

@@ -1,0 +1,42 @@
+"""Rules of time stepping on one damped oscillator, as matrices of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import expm
+
+from modalshell.core.typing import Array
+
+GAMMA = 1.0 - np.sqrt(0.5)
+"""Share of the step in each part of SDIRK2."""
+
+
+def flow(step: float, ratio: float) -> Array:
+    """Matrix of the exact flow of (q, v), for a frequency of 1 rad/s."""
+    return np.asarray(expm(step * np.array([[0.0, 1.0], [-1.0, -2.0 * ratio]])))
+
+
+def euler(step: float, ratio: float) -> Array:
+    """One step of implicit Euler."""
+    return np.asarray(np.linalg.inv(np.eye(2) - step * np.array([[0.0, 1.0], [-1.0, -2.0 * ratio]])))
+
+
+def bdf2(step: float, ratio: float) -> Array:
+    """Theory 12, eq. 7: of a state and the one before, as implicit Euler of two thirds of the step."""
+    solved = euler(2.0 * step / 3.0, ratio)
+    return np.block([[4.0 / 3.0 * solved, -1.0 / 3.0 * solved], [np.eye(2), np.zeros((2, 2))]])
+
+
+def sdirk2(step: float, ratio: float) -> Array:
+    """Theory 12, eq. 8: two steps of implicit Euler of gamma h."""
+    solved = euler(GAMMA * step, ratio)
+    rate = (solved - np.eye(2)) / (GAMMA * step)
+    return solved @ (np.eye(2) + (1.0 - GAMMA) * step * rate)
+
+
+RULES: dict[str, Callable[[float, float], Array]] = {
+    "implicit Euler": euler, "BDF2": bdf2, "SDIRK2": sdirk2, "exponential": flow,
+    "implicit midpoint": lambda step, ratio: 2.0 * euler(0.5 * step, ratio) - np.eye(2),
+}  # fmt: skip
