@@ -21,7 +21,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
@@ -286,11 +286,12 @@ class ModalModel(Warp, FrameModel):
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
         """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
         q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
-        after = _EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt)
-        gain = force - state.memory["force"]
-        # The force acts throughout the step instead of growing within it: a third of its gain is wrong.
-        keeps = {"force": force, "gain": gain, "curvature": 12.0 * gain, "step": np.array([dt])}
-        return MotionState(*after, keeps)
+        after = MotionState(*_EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt))
+        gain, none = force - state.memory["force"], np.zeros_like(q)
+        error = 0.5 * dt * (after.rates - v)
+        cost = [part @ part for part in (error, after.rates - v, after.coordinates - q)]
+        keeps = {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: np.array(cost)}
+        return MotionState(after.coordinates, after.rates, keeps)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
