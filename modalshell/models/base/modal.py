@@ -391,6 +391,8 @@ class ModalStepper(Stepper):
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
+        if isinstance(model.integrator, ImplicitEuler):
+            self._lead = 1.0  # its velocities are the moves of the vertices over a step
         self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
@@ -421,7 +423,7 @@ class ModalStepper(Stepper):
         if self._quadrature is None:
             load, drag = self.felt(time, load, state)
             return model.modal_force(q, load), None if drag is None else model.drag_at(q, *drag)
-        own, lead = self.own_positions(state), LEAD * self.setup.dt
+        own, lead = self.own_positions(state), self._lead * self.setup.dt
         by_velocity = self.setup.loading.by_velocity
         last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)

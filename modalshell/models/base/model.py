@@ -325,6 +325,7 @@ class Stepper(ABC):
         self._frame: SupportPath | None = path if in_frame else None
         self._path: SupportPath | None = None if in_frame else path
         self._patches = patches
+        self._lead = LEAD
         self._known: list[tuple[MotionState, Array]] = []
 
     def start(self, positions: Array | None) -> MotionState:
@@ -378,7 +379,7 @@ class Stepper(ABC):
         if pose is None and not live:
             return load, None
         own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
-        rates, drag, lead = np.zeros_like(own), None, LEAD * self.setup.dt
+        rates, drag, lead = np.zeros_like(own), None, self._lead * self.setup.dt
         if turns or loading.by_velocity:
             rates = self.model.velocities(state, own, lead)
         if live:
