@@ -82,8 +82,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         prepared = time.perf_counter() - begin
         path, constraints = led_by(dancer, garment, tube)
         run = ms.simulate(
-            ms.ModalWarping(basis), duration=duration, dt=DT, damping=garment.damping, supports=path,
-            constraints=constraints,
+            ms.ModalWarping(basis, integrator="implicit_euler"), duration=duration, dt=DT, damping=garment.damping,
+            supports=path, constraints=constraints,
         )  # fmt: skip
         rows.append(findings(garment, basis, run, path, prepared))
         arrays[f"{garment.name}_positions"] = run.positions.astype(np.float32)

@@ -58,7 +58,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -GRAVITY), coarse=coarse, motions=motions)
     seconds = time.process_time() - began
     models: dict[str, ms.Model] = {
-        model.name: model for model in (ms.DiscreteShell(shell, step_tolerance=1e-4), hybrid.coarse, hybrid)
+        model.name: model
+        for model in (ms.DiscreteShell(shell, step_tolerance=1e-4, integrator="bdf2"), hybrid.coarse, hybrid)
     }
     rng, weight = np.random.default_rng(SEED), np.array(shell.gravity_force((0, 0, -GRAVITY)))
     drawn = [(random_load(shell, weight, rng), random_damping(rng)) for _ in range(count)]

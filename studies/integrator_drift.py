@@ -7,7 +7,8 @@ part vanishes with the step at first order. The *path's* part does not: the sum 
 ``R(Psi q) Phi dq`` along the path, which depends on more than its ends, so a loop drifts however small the step. The
 closed form depends on q alone and returns to rest.
 
-The same two loads are also applied and taken away again in damped motion, at a frame's step and finer ones.
+The same two loads are also applied and taken away again in damped motion, at a frame's step and finer ones, by implicit
+Euler, the paper's rule.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
@@ -75,7 +77,7 @@ class SummedWarp(ModalModel):
     name = "MWTS, summed warp"
     conservative = False
 
-    def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
+    def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         super().__init__(basis, integrator=integrator)
         self.closed = ms.ModalWarping(basis, integrator=integrator)
 
@@ -90,21 +92,20 @@ class SummedWarp(ModalModel):
     def start_motion(self, positions: np.ndarray | None = None) -> MotionState:
         """Modal state at rest."""
         state = super().start_motion(positions)
-        return MotionState(state.coordinates, state.rates, {"sum": self.raw_displacement(state.coordinates)})
+        state.memory["sum"] = self.raw_displacement(state.coordinates)
+        return state
 
-    def step(
-        self, state: MotionState, dt: float, load: np.ndarray, damping: ms.Damping, held: np.ndarray | None = None
-    ) -> tuple[MotionState, bool]:
+    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: ms.Damping) -> tuple[MotionState, bool]:
         """One step of the integrator, and of the sum."""
-        after, solved = super().step(state, dt, load, damping, held)
-        return self.advanced(state, after.coordinates, after.rates), solved
+        after, solved = super().march(state, dt, force, damping)
+        return self.summed(state, after), solved
 
-    def advanced(self, state: MotionState, q: np.ndarray, rates: np.ndarray) -> MotionState:
-        """State at q (m,) after ``state``; the displacement grows by ``R(w) Phi dq``."""
-        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
+    def summed(self, state: MotionState, after: MotionState) -> MotionState:
+        """``after``, a state that follows ``state``, with its displacement; this grows by ``R(w) Phi dq``."""
+        change = np.asarray(self.basis.modes @ (after.coordinates - state.coordinates)).reshape(-1, 3)
         turned = np.empty_like(change)
-        rotations.rotate(self.closed.rotation_vectors(q), change, 1.0, turned)
-        return MotionState(q, rates, {"sum": state.memory["sum"] + turned})
+        rotations.rotate(self.closed.rotation_vectors(after.coordinates), change, 1.0, turned)
+        return MotionState(after.coordinates, after.rates, after.memory | {"sum": state.memory["sum"] + turned})
 
     def positions(self, state: MotionState) -> np.ndarray:
         """Vertex positions (n, 3) [m] of a state: the sum so far."""
@@ -153,7 +154,7 @@ def carry(model: SummedWarp, path: np.ndarray, cycles: int) -> np.ndarray:
     left = []
     for _ in range(cycles):
         for q in path[1:]:
-            state = model.advanced(state, q, state.rates)
+            state = model.summed(state, MotionState(q, state.rates))
         left.append(model.positions(state) - model.shell.rest_positions)
     return np.array(left)
 
@@ -195,7 +196,8 @@ def motion_findings(basis: ms.Basis, force: np.ndarray, refinements: tuple[int, 
     rows = []
     for refinement in refinements:
         row = {"step": MOTION_STEP / refinement}
-        for warp, model in (("sum", SummedWarp(basis)), ("closed_form", ms.ModalWarping(basis))):
+        for warp, build in (("sum", SummedWarp), ("closed_form", ms.ModalWarping)):
+            model = build(basis, integrator="implicit_euler")
             motion = Motion(model, basis.shell.loading(force=force), dt=row["step"], damping=MOTION_DAMPING)
             count = round(MOTION_TIME / row["step"])
             for _ in range(count):

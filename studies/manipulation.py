@@ -42,7 +42,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     material = ms.Material(MEMBRANE, MEMBRANE, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
     basis = ms.solve_modes(shell, MODES)
-    model = ms.ModalWarping(basis)
+    model = ms.ModalWarping(basis, integrator="implicit_euler")
     tip = int(np.argmin(np.linalg.norm(mesh.vertices - [LENGTH, 0.0, 0.0], axis=1)))
     rows = []
     arrays = {"faces": mesh.faces, "rest": mesh.vertices, "tip": np.array(tip)}

@@ -95,12 +95,16 @@ ADVICE = """Before choosing a step:
 * Explicit Euler and Verlet: stay below `stable_step(damping)` of `DiscreteShell` or `SpringSheet`{steps}. A stiffer
   membrane and needles shorten it; so do springs across hinges. It is a limit of small motion about rest: under very
   large loads even half of it may fail. The classical grid has its own, `SheetGrid.stable_step()`.
+* The exponential rule of modal models, their default, follows every mode exactly while forces do not turn. BDF2 and
+  SDIRK2, the defaults of models of vertices, are stable at any step as such; they add less than 5 % of damping to the
+  first mode, and shift its frequency by less, up to {bdf2} / ω₁ and {sdirk2} / ω₁.
 * Implicit Euler is stable at any step as such, but adds less than 5 % of damping to the first mode only below 0.1 / ω₁.
-  The midpoint rule shifts that mode's frequency by less than 5 % up to 0.79 / ω₁, and rings on at long steps.
+  The midpoint rule shifts that mode's frequency by less than 5 % up to {midpoint} / ω₁, and rings on at long steps.
 * Linearised implicit Euler solves once a step, and gives up less often than the Newton of implicit Euler; but nothing
   says that one solution was enough: take half the step and compare.
-* MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
-  by that, the sooner the larger the load: where `studies.stability_limits.step_radius` passes one.
+* MWTS and RSW take their modal force from the step before, or from a predicted middle or end. Long steps lose the
+  equilibrium by that, the sooner the larger the load, and by the exponential rule the sooner the stiffer the modes that
+  the step does not show: where `studies.stability_limits.step_radius` passes one.
 * MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
 * Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step avoids that, a
   better mesh does.
@@ -213,15 +217,22 @@ def crossings(row: IntegratedModel, plane: Slice, base: StripScene, y: float) ->
 
 def coloured_step(row: IntegratedModel, scene: StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
-    omega = models.first_frequency(scene.ratio, scene.fold)
-    if not row.bends or row.theory not in ("implicit", "midpoint"):
+    if not row.bends or row.theory not in ("implicit", "midpoint", "bdf2", "sdirk2"):
         return None
-    steps = np.geomspace(1e-3, 1.0 if row.theory == "implicit" else 10.0, 2000) / omega
-    if row.theory == "implicit":  # a damping ratio: about omega h / 2
-        off = -np.log(ImplicitEuler().amplification(omega**2, 0.0, steps)) / (omega * steps)
+    return uncoloured(row.theory) / models.first_frequency(scene.ratio, scene.fold)
+
+
+def uncoloured(theory: str) -> float:
+    """Longest step, times a mode's angular frequency, at which a rule is off by less than 5 % in either."""
+    turns = np.geomspace(1e-3, 1.0 if theory == "implicit" else 10.0, 2000)
+    if theory == "implicit":  # a damping ratio: about omega h / 2
+        off = -np.log(ImplicitEuler().amplification(1.0, 0.0, turns)) / turns
+    elif theory == "midpoint":
+        off = 1.0 - ImplicitMidpoint().frequency(1.0, 0.0, turns)
     else:
-        off = 1.0 - ImplicitMidpoint().frequency(omega**2, 0.0, steps) / omega
-    return float(steps[np.searchsorted(off, COLOURED)])
+        factors = limits.multipliers(theory, 1.0, 0.0, turns)
+        off = np.maximum(-np.log(np.abs(factors)), np.abs(turns - np.angle(factors))) / turns
+    return float(turns[np.searchsorted(off, COLOURED)])
 
 
 def work(name: str, quick: bool) -> dict[str, Any]:
@@ -286,7 +297,10 @@ def table(result: StudyResult) -> str:
     steps = " and ".join(f"{1e3 * explicit[model]['theory']:.2g} ms for {model}" for model in sorted(explicit))
     cells = [c for maps in found["rows"].values() for one in maps.values() for line in one["classes"] for c in line]
     return paragraphs(
-        ADVICE.format(steps=f" (here, undamped, {steps})").rstrip("\n"),
+        ADVICE.format(
+            steps=f" (here, undamped, {steps})",
+            **{rule: f"{uncoloured(rule):.2g}" for rule in ("bdf2", "sdirk2", "midpoint")},
+        ).rstrip("\n"),
         "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
         "outcome.",
         f"A strip clamped at one end, {models.CELLS[0]} x {models.CELLS[1]} cells, at the base point: step 1/30 s "

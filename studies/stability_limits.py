@@ -5,10 +5,13 @@ Limits are those of small motion about an equilibrium:
 * Explicit (symplectic) Euler of DS and springs: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta
   omega^2``; Verlet takes xi at mid-step, which leaves it out. The classical grid takes omega of the endless sheet.
 * Modal models: the spectral radius of the step's linearisation at the model's own equilibrium. Modal forces that depend
-  on q are taken late, from the step before by implicit Euler, from a predicted middle by the midpoint rule: both can
-  miss an equilibrium that the model has.
+  on q are taken late, from the step before by implicit Euler, from a predicted middle by the midpoint rule, from a
+  predicted end by the exponential rule, which keeps it as a third part of its state: all can miss an equilibrium that
+  the model has.
 * Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
-* Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode; of full models in the stiffest.
+* Numerical damping of implicit Euler, BDF2 and SDIRK2, and frequencies of the other rules, mode by mode; of full models
+  in the stiffest. BDF2's are the roots of ``(3/2 - z) r^2 - 2 r + 1/2``, SDIRK2's ``(1 + (1 - 2 g) z) / (1 - g z)^2``,
+  z being h times a root of ``z^2 + c z + omega^2``.
 * A rigid body that spins: one radian a step.
 """
 
@@ -23,8 +26,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 import modalshell as ms
+from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ImplicitEuler
-from modalshell.integrators.state import MotionState
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel
 from modalshell.modes import largest_eigenvalue
@@ -100,7 +103,7 @@ def linear_limits(row: IntegratedModel, model: ms.LinearModal, quick: bool) -> I
     shape = np.eye(model.basis.count)[mode]
     if row.theory == "implicit":
         damping = ms.Damping(0.2 * first_frequency(BASE.ratio, BASE.fold), 0.01)
-        pair = shrinking(model, float(omega[mode]), shape, shape, BASE.step, damping, 20)
+        pair = shrinking(row.theory, model, float(omega[mode]), shape, shape, BASE.step, damping, 20)
         yield "shrinking of mode 1 stepped at 30 Hz", "1", *pair
         return
     state, load, values = model.start_motion(), np.zeros_like(model.shell.rest_positions), np.empty(1000)
@@ -115,13 +118,28 @@ def linear_limits(row: IntegratedModel, model: ms.LinearModal, quick: bool) -> I
     yield "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, float(measured)
 
 
+def multipliers(theory: str, omega: np.ndarray | float, damp: float, dt: np.ndarray | float) -> np.ndarray:
+    """What a step of BDF2, SDIRK2 or implicit Euler multiplies oscillations by, of frequencies ``omega`` [rad/s]."""
+    stiffness = np.asarray(omega) ** 2
+    z = dt * (-0.5 * damp + 1j * np.sqrt(stiffness - 0.25 * damp**2))
+    rule = FullIntegrator.chosen(theory)
+    return np.array([rule.growth(complex(one)) for one in np.ravel(z)]).reshape(np.shape(z))
+
+
 def shrinking(
-    model: Any, omega: float, shape: np.ndarray, weight: np.ndarray, dt: float, damping: ms.Damping, count: int
+    theory: str,
+    model: Any,
+    omega: float,
+    shape: np.ndarray,
+    weight: np.ndarray,
+    dt: float,
+    damping: ms.Damping,
+    count: int,
 ) -> tuple[float, float]:
-    """Factor by which a step of implicit Euler shrinks a mode of frequency ``omega`` [rad/s]: theory, and measured.
+    """Factor by which a step of a rule shrinks a mode of frequency ``omega`` [rad/s]: theory, and measured.
 
     Two motions begin with its ``shape`` as displacement and as velocity; ``weight`` takes its part of both. The root of
-    the area that they span is free of the phase.
+    the area that they span is free of the phase. The first third of the ``count`` steps is the rule's start.
     """
     states, load = [model.start_motion(), model.start_motion()], np.zeros_like(model.shell.rest_positions)
     rest, areas = np.array(states[0].coordinates), []
@@ -131,13 +149,15 @@ def shrinking(
         (q, v), (r, w) = ((np.vdot(weight, one.coordinates - rest), np.vdot(weight, one.rates)) for one in states)
         areas.append(abs(q * w - r * v))
         states = [model.step(state, dt, load, damping)[0] for state in states]
-    damp = damping.mass_factor + damping.stiffness_factor * omega**2
-    theory = float(ImplicitEuler().amplification(omega**2, damp, dt)[0])
-    return theory, float((areas[-1] / areas[0]) ** (0.5 / (count - 1)))
+    damp, first = damping.mass_factor + damping.stiffness_factor * omega**2, count // 3
+    measured = float((areas[-1] / areas[first]) ** (0.5 / (count - 1 - first)))
+    if theory == "implicit":
+        return float(ImplicitEuler().amplification(omega**2, damp, dt)[0]), measured
+    return float(np.abs(multipliers(theory, omega, damp, dt))), measured
 
 
 def step_matrix(model: ModalModel, q: np.ndarray, load: np.ndarray, dt: float, damping: ms.Damping) -> np.ndarray:
-    """Matrix (2m, 2m) that takes small deviations of q (m,) and its rate from an equilibrium over one step [s]."""
+    """Matrix that takes small deviations of q (m,), its rate and what is kept from an equilibrium over a step [s]."""
     eigenvalues, jacobian = model.basis.eigenvalues, model.modal_force_jacobian(q, load)
     return np.asarray(model.integrator.matrix(eigenvalues, damping.of_modes(eigenvalues), dt, jacobian))
 
@@ -173,9 +193,13 @@ def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Dampi
     load, root = model.shell.gravity_force(gravity), np.sqrt(model.basis.eigenvalues)
     disturbed = SMALL * float(np.linalg.norm(root * q)) * np.random.default_rng(0).standard_normal(2 * q.size)
 
-    def step(away: np.ndarray) -> np.ndarray:
-        after, _ = model.step(MotionState(q + away[: q.size] / root, away[q.size :]), dt, load, damping)
-        return np.concatenate([root * (after.coordinates - q), after.rates])
+    state = model.start_motion()
+    state.coordinates, state.rates = q + disturbed[: q.size] / root, disturbed[q.size :]
+
+    def step(_: np.ndarray) -> np.ndarray:
+        nonlocal state
+        state = model.step(state, dt, load, damping)[0]
+        return np.concatenate([root * (state.coordinates - q), state.rates])
 
     return dies_out(step, disturbed, count)
 
@@ -231,7 +255,7 @@ def full_limits(row: IntegratedModel, model: FullModel, quick: bool) -> Iterator
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     shell, omega = model.shell, float(np.sqrt(largest_eigenvalue(model.shell)))
     rest, free = shell.rest_positions, shell.free_unknowns
-    if row.theory == "implicit":
+    if row.theory != "explicit":
         mass = np.repeat(shell.mass, 3)
         root = np.sqrt(mass[free])
         scaled = shell.stiffness(rest).toarray()[np.ix_(free, free)] / np.outer(root, root)
@@ -241,7 +265,7 @@ def full_limits(row: IntegratedModel, model: FullModel, quick: bool) -> Iterator
         weight = (mass * shape / (mass @ shape**2)).reshape(rest.shape)
         damping = ms.Damping(0.1 * omega, 0.2 / omega)
         stiffest = float(np.sqrt(values[0]))
-        pair = shrinking(model, stiffest, shape.reshape(rest.shape), weight, 1.0 / omega, damping, 10)
+        pair = shrinking(row.theory, model, stiffest, shape.reshape(rest.shape), weight, 1.0 / omega, damping, 15)
         yield "shrinking of the stiffest mode at h omega = 1", "1", *pair
         return
     load, start = np.zeros_like(rest), noise(rest.shape, shell.clamped)

@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 import modalshell as ms
-from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.base import Integrator
+from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
@@ -23,7 +24,14 @@ MOTIONS = 12
 """Motions that a model is trained on, where it is."""
 RIGIDITY = 5.0 * FLEXURE
 """D [N m] of this mesh family, for Gamma = (mass per area) g L^3 / D."""
-THEORY = {"implicit_midpoint": "midpoint", "explicit": "explicit", "verlet": "explicit"}
+THEORY = {
+    "exponential": "exact",
+    "implicit_midpoint": "midpoint",
+    "bdf2": "bdf2",
+    "sdirk2": "sdirk2",
+    "explicit": "explicit",
+    "verlet": "explicit",
+}
 """Theory of the limits of integrators that are not implicit Euler."""
 
 
@@ -62,8 +70,9 @@ class IntegratedModel:
         For readers.
     make : callable
         The model of a shell.
-    theory : {"implicit", "midpoint", "explicit", "rigid"}
-        Which theory its limits have. Explicit rows take half their longest stable step at the base point for their own.
+    theory : {"implicit", "exact", "midpoint", "bdf2", "sdirk2", "explicit", "rigid"}
+        Which theory its limits have: that of implicit Euler, of the exact flow of each mode, and so on. Explicit rows
+        take half their longest stable step at the base point for their own.
     kind : {"rigid", "linear", "modal", "full", "other"}
         What steps: a rigid body, modes by themselves, modes under a force that turns with them, every vertex, or
         something without a theory.
@@ -115,6 +124,14 @@ def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
     return CoarseMesh(ms.TriangleMesh(vertices, mesh.faces), f"{along}x{CELLS[1]}")
 
 
+def rules_of(spec: ms.ModelSpec) -> Iterator[type[Integrator]]:
+    """The integrators that a model takes, each once whatever its other names."""
+    kind = ModalIntegrator if spec.on_modes else FullIntegrator
+    for rule in dict.fromkeys(kind.known.values()):
+        if spec.on_modes or spec.key in ("ds", "springs") or issubclass(rule, ImplicitRule):
+            yield rule
+
+
 def integrated_models() -> Iterator[IntegratedModel]:
     """Every registered model with every integrator, and variants that move otherwise."""
     known = ms.models()
@@ -122,18 +139,23 @@ def integrated_models() -> Iterator[IntegratedModel]:
         name = spec.name.replace(",", "")
         if spec.response == "rigid":
             yield IntegratedModel(f"{name}, free and spinning", partial(built, spec, {}), "rigid", "rigid")
-        elif "integrator" in model_tables()[spec.key].__struct_fields__:
-            kind: Any = "full" if not spec.on_modes else "linear" if spec.response == "linear" else "modal"
-            for key, rule in (ModalIntegrator if spec.on_modes else FullIntegrator).known.items():
-                make, theory = partial(built, spec, {"integrator": key}), THEORY.get(key, "implicit")
-                yield IntegratedModel(f"{name}, {rule.name}", make, theory, kind, spec.bends)
-        else:
-            yield IntegratedModel(f"{name}, implicit Euler", partial(built, spec, {}), bends=spec.bends)
-    for key, rule in ModalIntegrator.known.items():
-        make, same = partial(summed, integrator=key), f"{known['mwts'].name}, {rule.name}"
-        theory = THEORY.get(key, "implicit")
+            continue
+        kind: Any = "other"
+        if spec.on_modes:
+            kind = "linear" if spec.response == "linear" else "modal"
+        elif spec.key in ("ds", "springs"):
+            kind = "full"
+        for rule in rules_of(spec):
+            make, theory = partial(built, spec, {"integrator": rule.key}), THEORY.get(rule.key, "implicit")
+            yield IntegratedModel(f"{name}, {rule.name}", make, theory, kind, spec.bends)
+    for rule in rules_of(known["mwts"]):
+        make, same = partial(summed, integrator=rule.key), f"{known['mwts'].name}, {rule.name}"
+        theory = THEORY.get(rule.key, "implicit")
         yield IntegratedModel(f"MWTS sum, {rule.name}", make, theory, "modal", coordinates=same)
-    yield IntegratedModel("MD-ROM with cubature, implicit Euler", partial(built, known["md-rom"], {"cubature": True}))
+    for rule in rules_of(known["md-rom"]):
+        options = {"cubature": True, "integrator": rule.key}
+        theory = THEORY.get(rule.key, "implicit")
+        yield IntegratedModel(f"MD-ROM with cubature, {rule.name}", partial(built, known["md-rom"], options), theory)
     by_iterations = partial(built, known["springs"], {"integrator": "linear_implicit", "solver": "cg"})
     name = "springs, linearised implicit Euler by CG"
     yield IntegratedModel(name, by_iterations, kind="full", bends=known["springs"].bends)

@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
-from modalshell.integrators.modal import ImplicitEuler
+from modalshell.integrators.modal import Exponential
 from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
@@ -120,5 +120,5 @@ def scene_case(scene: ShellScene) -> Case:
         build_damping(motion) if motion else Damping(),
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
-        None if rule == ImplicitEuler.key else rule,
+        None if rule == Exponential.key else rule,
     )

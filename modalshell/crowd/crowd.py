@@ -52,6 +52,8 @@ class Crowd(ShellCrowd):
     ----------
     coordinates, rates : ndarray, shape (B, m)
         Modal coordinates and their rates; zero at the start.
+    forces : ndarray, shape (B, m)
+        Modal forces at the last step's end, from which the next one goes on; NaN where none are known, as at the start.
     levels : ndarray of int8, shape (B,)
         Index into :data:`modalshell.crowd.LEVELS`; MWTS at the start.
 
@@ -81,11 +83,11 @@ class Crowd(ShellCrowd):
         self._rest, self._mass = packs(shell.rest_positions.astype(self.dtype)), packs(shell.mass)
         self._force_work = aligned_zeros((self.threads, kernels.WORK), np.dtype(np.float64))
 
-    def _modal_forces(self, felt: Array) -> Array:
+    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
         force = np.asarray(felt @ self.modal_weights)
         warped = np.flatnonzero(self.levels == kernels.WARPED)
         force[warped] = 0.0
-        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
+        given = (warped, self._force_modal, self._mass, coordinates, self._force_powers, felt)
         if self.threads == 1:
             kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
         else:

@@ -133,7 +133,7 @@ class DeviceCrowd(ShellCrowd):
         library.launch(crowd_positions, shape, inputs, device=self.device)
         return out
 
-    def _modal_forces(self, felt: Array) -> Array:
+    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
         from modalshell.crowd.kernels.device_flock import modal_forces, turned_back
 
         library, (real, vector) = warp(), device_types(np.float64)
@@ -143,7 +143,7 @@ class DeviceCrowd(ShellCrowd):
             library.array(self.levels, dtype=int, device=self.device),
             rotations,
             self._masses,
-            self._numbers(self.coordinates, np.float64),
+            self._numbers(coordinates, np.float64),
             self._numbers(felt, np.float64, vectors=True),
             forces,
         ]

@@ -15,13 +15,14 @@ from modalshell.core.typing import Array
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.crowd.shell_crowd import ShellCrowd
+from modalshell.integrators.modal.flow import flow
 from modalshell.page import Page
 from modalshell.page.html import encoded, filled_page, modal_data
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _SAMPLE = 1.0 / 30.0
 """Time [s] between the samples of a moving target on a page."""
-_CROWD = ("coordinates", "rates", "levels")
+_CROWD = ("coordinates", "rates", "forces", "levels")
 _MOST_BIRDS = 20_000
 """Birds of a page: each looks at all the others."""
 
@@ -158,8 +159,7 @@ class Flight:
             "knots": flock.knots.tolist(),
             "gravity": self.gravity.tolist(),
             "modalWeights": crowd.modal_weights.T.tolist(),
-            "eigenvalues": basis.eigenvalues.tolist(),
-            "damping": crowd.damping.tolist(),
+            "flow": np.array(flow(basis.eigenvalues, crowd.damping, dt)).T.tolist(),
             "flapForce": flap.force.tolist(),
             "beats": flap.frequency,
             "largest": flap.largest_load_factor,

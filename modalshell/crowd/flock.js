@@ -55,18 +55,20 @@ mat3 frameOf(vec3 forward, vec3 pull, vec3 gravity) {  // x forward, z up, banke
 }
 `;
 const MODES = FETCH + FRAME + `
-uniform sampler2D modal, heading, pull, own, modes; uniform vec3 gravity; uniform float dt, time, beat, largest, flap;
+uniform sampler2D modal, heading, pull, own, modes; uniform vec3 gravity; uniform float time, beat, largest, flap;
 out vec4 after;
 void main() {
   int at = int(gl_FragCoord.x) + ${WIDTH} * int(gl_FragCoord.y), i = at / ${m}, k = at % ${m};
   if (i >= ${birds}) { after = vec4(0.0); return; }
-  vec4 mode = texelFetch(modes, ivec2(k, 0), 0), rates = texelFetch(modes, ivec2(k, 1), 0);  // weights and flap; stiffness, damping
+  vec4 mode = texelFetch(modes, ivec2(k, 0), 0);  // weights and flap
+  vec4 free = texelFetch(modes, ivec2(k, 1), 0), push = texelFetch(modes, ivec2(k, 2), 0);  // exact flow: e11 e12 e21 e22; a1 a2 b1 b2
   vec3 a = of(pull, i), felt = transpose(frameOf(of(heading, i), a, gravity)) * (gravity - a);
   float factor = min(length(felt) / length(gravity), largest);
   float force = dot(mode.xyz, felt) + flap * factor * sin(beat * time + of(own, i).y) * mode.w;
-  vec2 old = texelFetch(modal, ivec2(gl_FragCoord.xy), 0).xy;
-  float v = (old.y + dt * (force - rates.x * old.x)) / (1.0 + dt * rates.y + dt * dt * rates.x);
-  after = vec4(old.x + dt * v, v, 0.0, 0.0);
+  vec4 old = texelFetch(modal, ivec2(gl_FragCoord.xy), 0);  // coordinate, rate, and the last force if w is 1
+  float kept = old.w == 1.0 ? old.z : force, change = force - kept;
+  float q = dot(free.xy, old.xy) + push.x * kept + push.y * change, v = dot(free.zw, old.xy) + push.z * kept + push.w * change;
+  after = vec4(q, v, force, 1.0);
 }`;
 const DRAWN = FETCH + FRAME + WARP + `
 uniform sampler2D table, place, heading, pull, modal, scales; uniform mat4 camera; uniform vec3 gravity;
@@ -86,11 +88,11 @@ void main() {
   gl_Position = camera * vec4(place_, 1.0);
 }`;
 const rest = new Float32Array(bytes(data.rest)), faces = new Uint32Array(bytes(data.faces));
-const scales = new Float32Array(4 * m), modeTable = new Float32Array(8 * m), knots = new Float32Array(4 * 256);
+const scales = new Float32Array(4 * m), modeTable = new Float32Array(12 * m), knots = new Float32Array(4 * 256);
 for (let k = 0; k < m; k++) {
   scales.set([data.phi.scales[k], data.psi.scales[k]], 4 * k);
   modeTable.set([...data.modalWeights[k], data.flapForce[k]], 4 * k);
-  modeTable.set([data.eigenvalues[k], data.damping[k], 0, 0], 4 * (m + k));
+  modeTable.set(data.flow[k].slice(0, 4), 4 * (m + k)); modeTable.set(data.flow[k].slice(4), 4 * (2 * m + k));
 }
 data.knots.forEach((value, i) => { knots[4 * i] = value; });
 let boids = null, modes = null, drawn = null, mesh = null, empty = null, fixed = null, now = null, next = null;
@@ -134,7 +136,7 @@ function step() {
   gl.useProgram(modes.made);
   bind(own, {modal: now.modal, heading: next.heading, pull: next.pull, own: fixed.own, modes: fixed.modes});
   gl.uniform3fv(own.gravity, data.gravity);
-  const beats = {dt, time: state.time, beat: 2 * Math.PI * data.beats, largest: data.largest, flap: state.flap};
+  const beats = {time: state.time, beat: 2 * Math.PI * data.beats, largest: data.largest, flap: state.flap};
   for (const [name, value] of Object.entries(beats)) gl.uniform1f(own[name], value);
   into([next.modal], WIDTH, modeRows);
   [now, next] = [next, now];
@@ -195,7 +197,7 @@ if (gl && gl.getExtension("EXT_color_buffer_float")) {
   mesh = surface(drawn.made, rest, faces);
   empty = gl.createVertexArray();
   const halves = [data.phi, data.psi].map(part => new Uint16Array(bytes(part.halves)));
-  fixed = {table: modalTexture(halves, n), scales: floats(m, 1, scales), modes: floats(m, 2, modeTable),
+  fixed = {table: modalTexture(halves, n), scales: floats(m, 1, scales), modes: floats(m, 3, modeTable),
            knots: floats(256, 1, knots), own: spread(new Float32Array(bytes(data.own)), 2)};
   restart();
   connect();

@@ -22,7 +22,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST
 from modalshell.crowd.kernels import instances as kernels
-from modalshell.integrators.modal import ImplicitEuler
+from modalshell.integrators.modal.exponential import VIOLENT
+from modalshell.integrators.modal.flow import Flow, flow
 from modalshell.integrators.state import Damping
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.modes import Basis
@@ -32,7 +33,6 @@ LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 
 _BATCH = 256
 """Number of instances per batch in the computation of errors."""
-_RULE = ImplicitEuler()
 
 
 class ShellCrowd(ABC):
@@ -57,33 +57,55 @@ class ShellCrowd(ABC):
         modes, turns = (a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations))
         self.modal_weights = np.einsum("n,nik->ik", basis.shell.mass, modes)
         self._reach, self._turn = (np.linalg.norm(a, axis=1).max(axis=0) for a in (modes, turns))
+        size = float(np.ptp(basis.shell.rest_positions, axis=0).max())
+        self._violent = (VIOLENT * size) ** 2 * float(basis.shell.mass.sum())
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)
+        self.forces = np.full_like(self.coordinates, np.nan)
+        self._kept_flow: tuple[float, Flow] | None = None
         self.levels = np.full(self.count, kernels.WARPED, np.int8)
 
     def step(self, dt: float, *, felt: ArrayLike = (0.0, 0.0, 0.0), forcing: ArrayLike | None = None) -> None:
-        """One step of implicit Euler for every mode of every instance, under the forces at its beginning.
+        """One step of :class:`modalshell.integrators.modal.Exponential` for every mode of every instance.
 
         Parameters
         ----------
         dt : float
             Step [s].
         felt : array_like, shape (3,) or (B, 3)
-            Gravity less the acceleration of the instance's frame, in that frame, the same for all its vertices
-            [m/s^2]. What a turning frame adds (Euler, centrifugal and Coriolis forces) is left out: for a boid it is
-            smaller than this by the shell's size over the radius of the turn.
+            Gravity less the acceleration of the instance's frame at the step's end, in that frame, the same for all its
+            vertices [m/s^2]. What a turning frame adds (Euler, centrifugal and Coriolis forces) is left out: for a boid
+            it is smaller than this by the shell's size over the radius of the turn.
         forcing : array_like, shape (B, m), optional
-            Further modal forces, such as those of :class:`modalshell.crowd.Flap`.
+            Further modal forces at the step's end, such as those of :class:`modalshell.crowd.Flap`.
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
         self._check_state()
-        felt = self._per_instance("felt", felt, (3,))
-        force = self._modal_forces(felt)
+        felt, further = self._per_instance("felt", felt, (3,)), np.zeros_like(self.coordinates)
         if forcing is not None:
-            force += checked_vectors("forcing", forcing, force.shape, OptionError)
-        self.coordinates, self.rates = _RULE.step(
-            self.coordinates, self.rates, lambda _: force, self.basis.eigenvalues, self.damping, dt
-        )
+            further = checked_vectors("forcing", forcing, self.coordinates.shape, OptionError)
+
+        def force(coordinates: Array) -> Array:
+            return self._modal_forces(coordinates, felt) + further
+
+        q, v, kept, c = self.coordinates, self.rates, self.forces, self._flow(dt)
+        if (unknown := np.isnan(kept)).any():
+            kept = np.where(unknown, force(q), kept)
+        ahead = c.e11 * q + c.e12 * v + c.a1 * kept
+        pushed = force(ahead)
+        change = pushed - kept
+        missed = c.a2 * change
+        self.coordinates, self.rates = ahead + missed, c.e21 * q + c.e22 * v + c.b1 * kept + c.b2 * change
+        violent = np.einsum("bm,bm->b", missed, missed) > self._violent
+        if violent.any():
+            pushed = np.where(violent[:, None], force(self.coordinates), pushed)
+        self.forces = pushed
+
+    def _flow(self, dt: float) -> Flow:
+        """The rule's coefficients, kept from step to step."""
+        if self._kept_flow is None or self._kept_flow[0] != dt:
+            self._kept_flow = dt, flow(self.basis.eigenvalues, self.damping, dt)
+        return self._kept_flow[1]
 
     def positions(
         self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None, out: NDArray[Any] | None = None
@@ -185,8 +207,8 @@ class ShellCrowd(ABC):
         return errors
 
     @abstractmethod
-    def _modal_forces(self, felt: Array) -> Array:
-        """Modal forces (B, m) at the present coordinates and levels, of accelerations (B, 3)."""
+    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
+        """Modal forces (B, m) at coordinates (B, m) and the present levels, of accelerations (B, 3)."""
 
     @abstractmethod
     def _reconstruct(
@@ -197,7 +219,7 @@ class ShellCrowd(ABC):
     def _check_state(self) -> None:
         """OptionError where coordinates, rates or levels were replaced by what the kernels would read beyond."""
         shape = self.count, self.basis.count
-        for name in ("coordinates", "rates"):
+        for name in ("coordinates", "rates", "forces"):
             values = as_array(name, getattr(self, name), f"numbers of shape {shape}", OptionError)
             if values.shape != shape:
                 raise OptionError(f"{name} must have shape {shape} (got {values.shape})")

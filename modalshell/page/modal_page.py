@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.typing import Array
+from modalshell.integrators.modal.exponential import VIOLENT
 from modalshell.modes import Basis
 from modalshell.page.html import Page, encoded, encoded_columns, filled_page, modal_data
 
@@ -32,10 +33,11 @@ def modal_page(
 ) -> Page:
     """A self-contained web page on which a shell moves by LMA and MWTS; notebooks show it live.
 
-    It integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by implicit Euler with the force of the
-    step's beginning, p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS [choi2007, eq. 16-20]. Its modes and rotations
-    are half floats: coordinates agree with the models of this package to about 1e-3. A shell without supports is warped
-    as if it were held, without a frame of its own: its centre strays where it turns far.
+    It integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by the models' own rule,
+    :class:`modalshell.integrators.modal.Exponential`, with p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS
+    [choi2007, eq. 16-20]. Its modes and rotations are half floats: coordinates agree with the models of this package to
+    about 1e-3. A shell without supports is warped as if it were held, without a frame of its own: its centre strays
+    where it turns far.
 
     Parameters
     ----------
@@ -81,6 +83,7 @@ def modal_page(
         "gravity": pull.tolist(),
         "damping": factors.tolist(),
         "dt": dt,
+        "violent": (VIOLENT * float(np.ptp(rest, axis=0).max())) ** 2 * float(shell.mass.sum()),
         "held": held.tolist(),
         "tip": int(far.argmax()),
         "size": float(mesh.size),

@@ -24,7 +24,7 @@ const state = {
   gravity: data.gravity.slice(), pull: null, shown: -1, paused: false,
 };
 
-// ---- the model: warp, modal force, implicit Euler of modes ----
+// ---- the model: warp, modal force, exact flow of modes under a kept force ----
 function rowsTimes(matrix, i, q, out) {
   const m = q.length;
   let x = 0, y = 0, z = 0, at = 3 * i * m;
@@ -114,24 +114,82 @@ function modalForce(q, p) {
   }
   if (state.model === "rsw") addBentForce(q, push, p);
 }
-const load = new Float64Array(m);
-function step(h, xi) {
-  modalForce(state.q, load);
+// Divided differences of exp at both roots of z^2 + y z + x, and at none, one and two zeros more.
+function differences(x, y) {
+  if (x + y < 0.5) {
+    const sums = [0, 0, 0];
+    for (let k = 0, before = 0, term = 1, factorial = 1; k < 24; k++) {
+      sums[0] += term / factorial; sums[1] += term / (factorial * (k + 2)); sums[2] += term / (factorial * (k + 2) * (k + 3));
+      [before, term] = [term, -y * term - x * before];
+      factorial *= k + 2;
+    }
+    return sums;
+  }
+  const half = 0.5 * y, squared = x - half * half, root = Math.sqrt(Math.abs(squared));
+  if (x < 1e-2 * y) {
+    const fast = -(half + root), slow = x / fast, share = f => (f(slow) - f(fast)) / (slow - fast);
+    const once = z => z === 0 ? 1 : Math.expm1(z) / z;
+    const twice = z => {
+      if (Math.abs(z) >= 0.1) return (once(z) - 1) / z;
+      let sum = 0;
+      for (let k = 0, term = 0.5; k < 10; term *= z / (k + 3), k++) sum += term;
+      return sum;
+    };
+    return [share(Math.exp), share(once), share(twice)];
+  }
+  const slow = Math.exp(-x / (half + root)), fast = Math.exp(-(half + root)), small = root < 1e-3;
+  const sine = small ? Math.exp(-half) * (1 - squared / 6) : squared > 0 ? Math.exp(-half) * Math.sin(root) / root : (slow - fast) / (2 * root);
+  const cosine = squared > 0 ? Math.exp(-half) * Math.cos(root) : 0.5 * (slow + fast), second = (1 - cosine - half * sine) / x;
+  return [sine, second, (1 - sine - y * second) / x];
+}
+const kept = new Float64Array(m), pushed = new Float64Array(m);  // modal forces of the last step and of this one
+let known = false, flow = {};
+function flowOf(h, xi, zeta) {  // of every mode: q, v after a step from q, v, the kept force and its change
+  if (flow.h !== h || flow.xi !== xi || flow.zeta !== zeta)
+    flow = {h, xi, zeta, modes: lambda.map(stiffness => {
+      const c = xi + zeta * stiffness, x = h * h * stiffness, y = h * c, [first, second, third] = differences(x, y);
+      return [1 - x * second, h * first, h * h * second, h * h * third, -stiffness * h * first, 1 - x * second - y * first, h * first, h * second];
+    })};
+  return flow.modes;
+}
+function step() {  // the exponential rule [hochbruck2010]
+  const {q, v} = state, modes = flowOf(data.dt, state.xi, state.zeta);
+  if (!known) modalForce(q, kept);
+  for (let k = 0; k < m; k++) {
+    const [e11, e12, a1, , e21, e22, b1] = modes[k], before = q[k];
+    q[k] = e11 * before + e12 * v[k] + a1 * kept[k]; v[k] = e21 * before + e22 * v[k] + b1 * kept[k];
+    if (k >= state.count) q[k] = v[k] = 0;
+  }
+  modalForce(q, pushed);
+  let missed = 0;
+  for (let k = 0; k < state.count; k++) {
+    const change = pushed[k] - kept[k];
+    q[k] += modes[k][3] * change; v[k] += modes[k][7] * change;
+    missed += (modes[k][3] * change) ** 2;
+  }
+  if (missed > data.violent) modalForce(q, pushed);
+  kept.set(pushed);
+  known = true;
+  state.time += data.dt;
+}
+function steps(count) { for (let i = 0; i < count; i++) step(); }
+function relax(h, xi) {  // a step of implicit Euler
+  modalForce(state.q, pushed);
   for (let k = 0; k < m; k++) {
     if (k >= state.count) { state.q[k] = state.v[k] = 0; continue; }
     const c = xi + state.zeta * lambda[k];
-    state.v[k] = (state.v[k] + h * (load[k] - lambda[k] * state.q[k])) / (1 + h * c + h * h * lambda[k]);
+    state.v[k] = (state.v[k] + h * (pushed[k] - lambda[k] * state.q[k])) / (1 + h * c + h * h * lambda[k]);
     state.q[k] += h * state.v[k];
   }
   state.time += h;
 }
-function steps(count) { for (let i = 0; i < count; i++) step(data.dt, state.xi); }
 function settle() {  // heavily damped steps to a standstill; whether they came to one
   const soft = Math.max(...lambda.slice(0, state.count).filter(x => x > 0).slice(0, 1), 1e-12), root = Math.sqrt(soft);
   state.v.fill(0);
+  known = false;
   for (let i = 0; i < 4000; i++) {
     const before = state.q.slice();
-    step(1 / root, 2 * root);
+    relax(1 / root, 2 * root);
     let change = 0, size = 1e-300;
     for (let k = 0; k < m; k++) {
       change += lambda[k] * (state.q[k] - before[k]) ** 2; size += lambda[k] * state.q[k] ** 2;
@@ -150,7 +208,7 @@ function playAt(time) {  // amplitudes between the two nearest frames
     state.q[k] = f < last ? here + share * (play[(f + 1) * m + k] - here) : here;
   }
 }
-function release() { state.q.fill(0); state.v.fill(0); state.time = 0; }
+function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; }
 function positions(q = state.q) {
   const out = new Float64Array(3 * n), x = new Float64Array(3);
   bend(q);
@@ -257,9 +315,9 @@ function connect() {
   element("pause").onclick = () => { state.paused = !state.paused; labels(); };
   element("release").onclick = () => { release(); state.shown = -1; state.paused = false; labels(); };
   element("settle").onclick = () => { show("shape", settle() ? "Settled." : "It does not settle: no static shape near here."); };
-  element("model").onchange = event => { state.model = event.target.value; };
+  element("model").onchange = event => { state.model = event.target.value; known = false; };
   if (!reduced) element("model").querySelector("[value=rsw]").remove();
-  element("count").oninput = event => { state.count = +event.target.value; labels(); };
+  element("count").oninput = event => { state.count = +event.target.value; known = false; labels(); };
   for (const name of ["gravity", "azimuth", "elevation"]) element(name).oninput = aim;
   element("damping").oninput = event => { state.xi = +event.target.value; labels(); };
   for (let k = 0; k < m; k++) {

@@ -33,7 +33,8 @@ class SpringSheet(FullModel):
     springs : Springs, optional
         Springs between the mesh's vertices; by default those of :func:`modalshell.springs.shell_springs`.
     integrator : str or FullIntegrator
-        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+        As for :class:`DiscreteShell`, by default ``"bdf2"``. ``"linear_implicit"`` is the method of Baraff and Witkin
+        [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
@@ -63,7 +64,7 @@ class SpringSheet(FullModel):
         shell: Shell,
         springs: Springs | None = None,
         *,
-        integrator: str | FullIntegrator = "implicit",
+        integrator: str | FullIntegrator = "bdf2",
         solver: Literal["factor", "cg"] = "factor",
         iterations: int = 1000,
         allow_unstable_step: bool = False,

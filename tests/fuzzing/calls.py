@@ -235,7 +235,7 @@ def _followed_well(**given: Any) -> ms.EquilibriumPath:
 
 def _models() -> list[Target]:
     basis, shell, mesh, rsw = part("basis"), part("shell"), part("mesh"), model("rsw")
-    integrators = {"integrator": ("implicit_euler", "implicit_midpoint", "euler", None, 1)}
+    integrators = {"integrator": ("exponential", "implicit_euler", "implicit_midpoint", "euler", None, 1)}
     gravity, start = np.array([0.0, 0.0, -2.0]), part("shell", "rest_positions").then(np.array)
     force = start.then(lambda positions: np.full(positions.shape, 0.01))
     hung = shell.then(

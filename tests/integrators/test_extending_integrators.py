@@ -25,7 +25,7 @@ def toy(install_modules):
     """A package of one file, found as an installed one is."""
     install_modules("rule = toy_rule", toy_rule=MODULE)
     yield
-    ModalIntegrator.known.pop("exponential", None)
+    ModalIntegrator.known.pop("exponential_euler", None)
     FullIntegrator.known.pop("frozen", None)
 
 
@@ -38,7 +38,7 @@ def command(*arguments):
 @pytest.mark.usefixtures("toy")
 def test_an_integrator_of_another_package_runs_by_scene(scene_file, tmp_path):
     """Linear motion from rest under gravity has a closed form, which the toy steps exactly."""
-    file = scene_file(SOFT, DAMPED, ('"mwts"', '"lma"\nintegrator = "exponential"'))
+    file = scene_file(SOFT, DAMPED, ('"mwts"', '"lma"\nintegrator = "exponential_euler"'))
     assert command("run", file, "--out", tmp_path / "out") == 0
     run = ms.load_trajectory(tmp_path / "out" / "scene.npz")
     basis = ms.load_scene(file).build().model.basis
@@ -54,7 +54,7 @@ def test_an_integrator_of_another_package_runs_by_scene(scene_file, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_the_frames_of_a_tradeoff_are_stepped_by_it(scene_file, tmp_path):
-    file = scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential"'))
+    file = scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential_euler"'))
     assert command("tradeoff", file, "--modes", "4", "--out", tmp_path / "out") == 0
     rows = json.loads((tmp_path / "out" / "scene_tradeoff.json").read_text())["findings"]["rows"]
     on_modes = [row["motion"] for row in rows if row["label"] in ("LMA 4", "MWTS 4", "MWTS, consistent 4", "RSW 4")]
@@ -65,7 +65,7 @@ def test_the_frames_of_a_tradeoff_are_stepped_by_it(scene_file, tmp_path):
 
 @pytest.mark.usefixtures("toy")
 def test_theory_and_statics_know_it(scene_file):
-    model = ms.load_scene(scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential"'))).build().model
+    model = ms.load_scene(scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential_euler"'))).build().model
     basis, damping = model.basis, Damping(0.5, 0.0)
     assert type(model.integrator).__name__ == "ExponentialEuler"
     assert model.decay_rate(0.1, damping) == pytest.approx(0.5)
@@ -88,7 +88,9 @@ def test_full_models_take_a_rule_of_another_package_as_well(scene_file, tmp_path
 
 
 @pytest.mark.usefixtures("toy")
-@pytest.mark.parametrize(("name", "rule"), [("mwts", "frozen"), ("ds", "exponential"), ("mwts", "exponentail")])
+@pytest.mark.parametrize(
+    ("name", "rule"), [("mwts", "frozen"), ("ds", "exponential_euler"), ("mwts", "exponential_eluer")]
+)
 def test_a_rule_of_another_kind_is_refused(scene_file, tmp_path, capsys, name, rule):
     file = scene_file(('"mwts"', f'"{name}"\nintegrator = "{rule}"'))
     assert command("run", file, "--out", tmp_path / "out") == 2

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import modalshell as ms
 from modalshell.core.errors import OptionError
-from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint, ModalIntegrator
+from modalshell.integrators.modal import Exponential, ImplicitEuler, ImplicitMidpoint, ModalIntegrator
+from modalshell.integrators.modal.flow import flow
 
 STIFFNESS = np.array([1e-3, 0.5, 30.0, 4e4, 1e9])
 DAMP = 0.2 + 1e-3 * np.sqrt(STIFFNESS)
@@ -29,19 +31,52 @@ def test_midpoint_rule_keeps_the_amplitude_and_turns_the_phase_by_twice_an_arcta
     np.testing.assert_allclose(rule.frequency(4.0, 0.0, steps), 2.0 * np.arctan(steps) / steps)
 
 
-def test_compliance_is_the_answer_to_a_unit_force():
+def test_impulse_is_the_answer_to_a_unit_force():
     euler = STEP**2 / (1.0 + STEP * DAMP + STEP**2 * STIFFNESS)
     midpoint = 0.5 * STEP**2 / (1.0 + 0.5 * STEP * DAMP + 0.25 * STEP**2 * STIFFNESS)
-    np.testing.assert_allclose(ImplicitEuler().compliance(STIFFNESS, DAMP, STEP), euler, rtol=1e-14)
-    np.testing.assert_allclose(ImplicitMidpoint().compliance(STIFFNESS, DAMP, STEP), midpoint, rtol=1e-14)
+    np.testing.assert_allclose(ImplicitEuler().impulse(STIFFNESS, DAMP, STEP)[0], euler, rtol=1e-14)
+    np.testing.assert_allclose(ImplicitMidpoint().impulse(STIFFNESS, DAMP, STEP)[0], midpoint, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damp"),
+    [
+        (0.0, 0.0),
+        (0.0, 3.0),
+        (0.0, 600.0),
+        (1e-3, 0.2),
+        (1e-3, 900.0),
+        (30.0, 0.2),
+        (4e3, 0.0),
+        (4e3, 126.5),
+        (4e3, 900.0),
+    ],
+)
+def test_exact_flow_is_that_of_the_matrix_exponential(stiffness, damp):
+    """Free, overdamped, rigid and near critical, under a force that goes straight from p_0 to p_1."""
+    matrix = np.zeros((4, 4))  # of q, v, p and what p grows by in the step
+    matrix[0, 1], matrix[1, :3], matrix[2, 3] = 1.0, (-stiffness, -damp, 1.0), 1.0 / STEP
+    exact, c = expm(STEP * matrix), flow(stiffness, damp, STEP)
+    found = np.array([[c.e11, c.e12, c.a1, c.a2], [c.e21, c.e22, c.b1, c.b2]])
+    np.testing.assert_allclose(found, exact[:2], rtol=1e-9, atol=1e-14)
+
+
+def test_the_exponential_rule_keeps_the_damping_and_the_frequency_of_free_motion():
+    stiffness, ratio = np.array([1.0, 4e3, 1e5]), 0.03
+    damp = 2.0 * ratio * np.sqrt(stiffness)
+    for step in (1e-3, 1.0 / 30.0, 0.3):
+        decay = np.exp(-ratio * np.sqrt(stiffness) * step)
+        np.testing.assert_allclose(Exponential().amplification(stiffness, damp, step), decay, rtol=1e-9)
+    turn = np.sqrt((1.0 - ratio**2) * stiffness[:1])
+    np.testing.assert_allclose(Exponential().frequency(stiffness[:1], damp[:1], 0.3), turn, rtol=1e-9)
 
 
 def test_free_motion_of_a_rigid_mode_does_not_decay():
-    for rule in (ImplicitEuler(), ImplicitMidpoint()):
+    for rule in (Exponential(), ImplicitEuler(), ImplicitMidpoint()):
         assert rule.decay_rate(np.array([0.0, 5.0]), np.array([3.0, 3.0]), STEP) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("rule", "order"), [(ImplicitEuler(), 1.0), (ImplicitMidpoint(), 2.0)])
+@pytest.mark.parametrize(("rule", "order"), [(Exponential(), 2.0), (ImplicitEuler(), 1.0), (ImplicitMidpoint(), 2.0)])
 def test_order_under_a_force_that_couples_the_modes(rule, order):
     stiffness, damp = np.array([4.0, 9.0]), np.array([0.3, 0.5])
     ends = []
@@ -67,7 +102,7 @@ def test_matrix_takes_any_state_over_a_step(rule):
     )
 
 
-@pytest.mark.parametrize("rule", [ImplicitEuler(), ImplicitMidpoint()])
+@pytest.mark.parametrize("rule", [Exponential(), ImplicitEuler(), ImplicitMidpoint()])
 def test_many_motions_step_as_one_by_one(rule):
     q, v = np.random.default_rng(1).standard_normal((2, 4, 5))
     together = rule.step(q, v, zero, STIFFNESS, DAMP, STEP)
@@ -81,11 +116,11 @@ def test_models_take_a_key_or_a_rule():
     mesh = ms.flat_beam(cells=(6, 2))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
     basis = ms.solve_modes(shell, 3)
-    assert tuple(ModalIntegrator.known)[:2] == ("implicit_euler", "implicit_midpoint")
+    assert tuple(ModalIntegrator.known)[:3] == ("exponential", "implicit_euler", "implicit_midpoint")
     for choice in ("implicit_midpoint", ImplicitMidpoint()):
         assert isinstance(ms.LinearModal(basis, integrator=choice).integrator, ImplicitMidpoint)
     for wrong in ("verlet", None, 3, ImplicitMidpoint):
-        with pytest.raises(OptionError, match="integrator must be one of 'implicit_euler'"):
+        with pytest.raises(OptionError, match="integrator must be one of 'exponential', 'implicit_euler'"):
             ms.LinearModal(basis, integrator=wrong)
 
 

@@ -261,12 +261,14 @@ def swung(ratio, **options):
 @pytest.mark.parametrize(
     "ratio", [1e2, pytest.param(1e5, marks=pytest.mark.slow), pytest.param(1e8, marks=pytest.mark.slow)]
 )
-def test_implicit_euler_is_stable_at_a_frames_step(ratio):
-    """Energy never rises above where the sheet was let go, and the sheet comes to hang."""
-    run = swung(ratio)
+@pytest.mark.parametrize("integrator", ["bdf2", "implicit"])
+def test_implicit_rules_are_stable_at_a_frames_step(ratio, integrator):
+    """Energy never rises above where the sheet was let go, and by implicit Euler the sheet comes to hang."""
+    run = swung(ratio, integrator=integrator)
     assert run.energies.sum(axis=1).max() < 1e-6
-    assert run.energies[-1].sum() == pytest.approx(-2.2, rel=0.02)
-    assert run.energies[-1, 0] < 0.01 * run.energies[:, 0].max()
+    if integrator == "implicit":
+        assert run.energies[-1].sum() == pytest.approx(-2.2, rel=0.02)
+        assert run.energies[-1, 0] < 0.01 * run.energies[:, 0].max()
 
 
 @pytest.mark.parametrize("solver", ["factor", "cg"])

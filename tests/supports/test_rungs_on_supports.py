@@ -89,7 +89,7 @@ def test_reduced_energy_of_half_a_shell_is_stress_free_in_its_plane():
 
 
 def test_moving_supports_carry_planes_and_rollers_with_them():
-    """In the frame of the supports, to the first order of the step what held vertices do in the world."""
+    """In the frame of the supports, to the second order of the step what held vertices do in the world."""
     whole, part, numbers = whole_and_half(ISOTROPIC)
     errors = []
     for step in (1.0 / 120.0, 1.0 / 240.0):
@@ -100,7 +100,7 @@ def test_moving_supports_carry_planes_and_rollers_with_them():
         errors.append(np.abs(found.positions[-1] - expected.positions[-1][numbers]).max())
         held = part.shell.clamped
         assert found.positions[-1][held] == pytest.approx(expected.positions[-1][numbers][held], abs=1e-12)
-    assert 1.7 < errors[0] / errors[1] < 2.3
+    assert 3.4 < errors[0] / errors[1] < 4.6
     assert errors[0] < 0.1 * np.abs(expected.positions[-1] - whole.shell.rest_positions).max()
 
 

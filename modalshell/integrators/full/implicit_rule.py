@@ -203,6 +203,8 @@ class ShellSteps(LoadedSteps):
         shell = body.shell
         first = hold(shell, start.origin + start.dt * start.rates, held)
         viscosity = self._viscosity(body, start)
+        if self._damping.stiffness_factor:
+            load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
         # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
         near = start.near if shell is body.start_shell else first

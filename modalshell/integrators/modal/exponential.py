@@ -12,7 +12,7 @@ from modalshell.integrators.modal.exponential_kernels import correct, predict
 from modalshell.integrators.modal.flow import flow
 from modalshell.integrators.state import COST, MotionState
 
-_VIOLENT = 3e-3
+VIOLENT = 3e-3
 """Change of the coordinates within a step by what was not expected of the force, as a share of the shell's size in the
 norm of the mass, from which the force is asked for again."""
 
@@ -60,7 +60,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         missed, *cost = correct(
             coefficients, reach, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
         )
-        if missed > (_VIOLENT * size) ** 2:
+        if missed > (VIOLENT * size) ** 2:
             pushed = force(ahead, rates, 1.0)
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)

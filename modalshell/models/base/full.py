@@ -256,7 +256,7 @@ class FullModel(Model):
         """Vertex positions (n, 3) [m]: the coordinates themselves, copied."""
         return state.coordinates.copy()
 
-    def velocities(self, state: MotionState, lead: float) -> Array:
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
         """Velocities (n, 3) [m/s]: the rates themselves."""
         return state.rates
 

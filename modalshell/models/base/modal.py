@@ -17,16 +17,16 @@ from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.modal_motion import CONSTRAINT_MET, ModalMotion
+from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
-from modalshell.models.base.stepper import LEAD, Stepper
+from modalshell.models.base.stepper import Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
@@ -222,6 +222,8 @@ class ModalStepper(Stepper):
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
+        if isinstance(model.integrator, ImplicitEuler):
+            self._lead = 1.0  # its velocities are the moves of the vertices over a step
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints."""
@@ -233,9 +235,12 @@ class ModalStepper(Stepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
-        after, solved = model.march(state, dt, force, damping)
+        (after, solved), rule = model.march(state, dt, force, damping), model.integrator
+        if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
+            rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
+            after = model.euler_step(state, dt, pushed, damping)
         if last:
-            after = model.slowed(after, last[0][0], dt, damping, last[0][1])
+            after = model.slowed(after, last[0][0], dt, damping, last[0][1], rule)
         if self.setup.constraints:
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
@@ -249,9 +254,9 @@ class ModalStepper(Stepper):
             load, drag = self.felt(time, load, state)
             pushed = model.push(q, state.rates, load, self.setup.dt)
             return pushed, None if drag is None else model.drag_at(q, *drag)
-        own, lead = self.own_positions(state), LEAD * self.setup.dt
+        own, lead = self.own_positions(state), self._lead * self.setup.dt
         by_velocity = self.setup.loading.by_velocity
-        last = own - lead * model.velocities(state, lead) if by_velocity else own
+        last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
         push += model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None

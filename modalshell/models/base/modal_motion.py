@@ -15,9 +15,9 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.model import FrameModel, probes
@@ -37,6 +37,11 @@ FAST = (
     f"a part without supports spins faster than {FAST_SPIN:g} of its lowest elastic frequency: linear modes lack the "
     "stiffness that spin gives; take DS"
 )
+
+_STOPPED = 0.5
+"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell."""
+EULER = ImplicitEuler()
+"""What steps a shell that a drag stops."""
 
 
 class ModalMotion(Warp, FrameModel):
@@ -124,10 +129,10 @@ class ModalMotion(Warp, FrameModel):
             return self.warped_positions(state.coordinates)
         return self.frames.positions(state.coordinates, self.warped_positions)
 
-    def velocities(self, state: MotionState, lead: float) -> Array:
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state; see :meth:`Model.velocities`."""
         if self.frames is None:
-            return super().velocities(state, lead)
+            return super().velocities(state, own, lead)
         return self.frames.velocities(state, lead, self.warped_positions)
 
     def displacement_gradient(self, q: Array, weights: Array) -> Array:
@@ -247,9 +252,26 @@ class ModalMotion(Warp, FrameModel):
         """A cheap sum of the loads that change, for steps of this model, if there is one."""
         return None
 
-    def slowed(self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array) -> MotionState:
-        """``state`` after a step, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
-        by_position, by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
+    def stops(self, dt: float, damping: Damping, drag: Array) -> bool:
+        """Whether a drag (m, m) in the modes stops a held shell within a step: a kept force would throw it back."""
+        by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)[1]
+        return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
+
+    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
+        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
+        q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
+        after = MotionState(*EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt))
+        gain, none = force - state.memory["force"], np.zeros_like(q)
+        error = 0.5 * dt * (after.rates - v)
+        cost = [part @ part for part in (error, after.rates - v, after.coordinates - q)]
+        keeps = {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: np.array(cost)}
+        return MotionState(after.coordinates, after.rates, keeps)
+
+    def slowed(
+        self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
+    ) -> MotionState:
+        """``state`` after a step of a rule, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
+        by_position, by_rate = rule.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
         # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
         whole, gain = self._identity + by_rate[:, None] * drag, state.rates - rates
         if self.frames is not None:

@@ -209,10 +209,10 @@ class Model(ABC):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, a new array each time."""
 
-    def velocities(self, state: MotionState, lead: float) -> Array:
-        """Velocities (n, 3) [m/s] of a state, by where the vertices were a short time ``lead`` [s] before."""
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state at ``own`` (n, 3), by where it was a short time ``lead`` [s] before."""
         earlier = MotionState(state.coordinates - lead * state.rates, state.rates)
-        return np.asarray((self.positions(state) - self.positions(earlier)) / lead)
+        return np.asarray((own - self.positions(earlier)) / lead)
 
     def centred(self) -> tuple[Model, Array]:
         """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""

@@ -74,6 +74,7 @@ class Stepper(ABC):
         self._frame: SupportPath | None = path if in_frame else None
         self._path: SupportPath | None = None if in_frame else path
         self._patches = patches
+        self._lead = LEAD
         self._known: list[tuple[MotionState, Array]] = []
 
     def start(self, positions: Array | None) -> MotionState:
@@ -127,9 +128,9 @@ class Stepper(ABC):
         if pose is None and not live:
             return load, None
         own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
-        rates, drag, lead = np.zeros_like(own), None, LEAD * self.setup.dt
+        rates, drag, lead = np.zeros_like(own), None, self._lead * self.setup.dt
         if turns or loading.by_velocity:
-            rates = self.model.velocities(state, lead)
+            rates = self.model.velocities(state, own, lead)
         if live:
             now = last = self._in_world(own, time)
             if loading.by_velocity:
