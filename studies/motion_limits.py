@@ -72,7 +72,8 @@ def invariants(model: ms.Model, **motion: Any) -> dict[str, float | None]:
     given, pull = np.zeros(3), np.cross(run.positions() - first, force).sum(axis=0)
     for _ in range(count):
         run.advance()
-        x, v = run.positions(), run.model.velocities(run.state, 1e-3 * FREE_STEP)
+        x = run.positions()
+        v = run.model.velocities(run.state, x, 1e-3 * FREE_STEP)
         centre, moving = mass @ x / total, mass @ v
         wander = max(wander, float(np.linalg.norm(centre - first - 0.5 * gravity * run.time**2)))
         momentum = max(momentum, float(np.linalg.norm(moving - total * gravity * run.time)))
