@@ -176,7 +176,10 @@ class Recorder:
         if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         notes = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
-        notes += [note for note in (motion.errors.remark(), motion.errors.undersampled()) if note]
+        said = [motion.errors.remark(), motion.errors.undersampled()]
+        if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
+            said.append(motion.errors.unresolved())
+        notes += [note for note in said if note]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
 
     @property

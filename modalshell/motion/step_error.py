@@ -13,6 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
+from modalshell.models.linear import LinearModal
 
 _SEEN = 8
 """Steps from one look at the motion's size to the next."""
@@ -23,6 +24,8 @@ _PLAIN = 1e-2, 0.2
 """Damping ratio that steps add, and its share of the one asked for, from which a motion says so."""
 _FEW, _MUCH = 4.0, 0.02
 """Steps a period below which frames do not show a mode, and its share of the motion from which it counts."""
+_RESOLVED = 6.0
+"""Steps a period from which the exponential rule follows a mode under forces that turn."""
 _LEAST = 1e-300
 _AIM = 0.05
 """Share of the damping asked for, or of its least that counts, that a better step may add."""
@@ -205,6 +208,20 @@ class StepErrors:
         return (
             f"mode {first + 1}{others} at most {2.0 * np.pi / (dt * frequencies[first]):.2g} steps a period: it moves "
             "faster than frames can show"
+        )
+
+    def unresolved(self) -> str:
+        """What may feed a motion that does not die: forces that turn, on modes that steps do not resolve; else ""."""
+        modal, dt = as_modal(self._stepper.model), self._stepper.setup.dt
+        if modal is None or modal.integrator.backward or isinstance(modal, LinearModal):
+            return ""
+        fastest = math.sqrt(float(modal.basis.eigenvalues.max()))
+        resolved = 2.0 * math.pi / (_RESOLVED * fastest)
+        if dt <= resolved:
+            return ""
+        return (
+            f"forces that turn can feed modes of fewer than {_RESOLVED:g} steps a period: take dt <= {resolved:.2g} s, "
+            "fewer modes, or integrator 'implicit_euler'"
         )
 
     def _damping_rate(self) -> float:
