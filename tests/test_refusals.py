@@ -36,6 +36,7 @@ BETWEEN_PARTS = {
     "factor",
     "step",
     "march",
+    "push",
     "velocities",
     "velocity_at",
     "growth",

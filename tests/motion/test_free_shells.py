@@ -276,7 +276,7 @@ def test_velocities_are_those_of_the_positions(name):
     for _ in range(100):
         motion.advance()
         frames.append(motion.positions())
-        speeds.append(motion.model.velocities(motion.state, 1e-6))
+        speeds.append(motion.model.velocities(motion.state, motion.model.positions(motion.state), 1e-6))
     middle = (frames[-1] - frames[-3]) * 1000.0
     np.testing.assert_allclose(speeds[-2], middle, rtol=0, atol=1e-2 * np.abs(middle).max())
 

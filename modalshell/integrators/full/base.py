@@ -154,7 +154,5 @@ def step_potential(
     quadratic = np.zeros(shell.pattern.size) if viscosity is None else viscosity / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * rates / dt
-    if damping.stiffness_factor:
-        push -= damping.stiffness_factor * body.support_rate(x)
     problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, kept_within=np.inf)
     return problem, problem.scale_at(x)

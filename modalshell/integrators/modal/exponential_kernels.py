@@ -5,7 +5,7 @@ from __future__ import annotations
 from modalshell.kernels.compiler import njit
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", fastmath=False)
 def predict(c, q, v, kept, ahead, rates):  # type: ignore[no-untyped-def]
     """Flow of coordinates and rates under the ``kept`` force; ``c`` (8, m) are the coefficients of a :class:`Flow`."""
     for k in range(q.size):
@@ -13,7 +13,7 @@ def predict(c, q, v, kept, ahead, rates):  # type: ignore[no-untyped-def]
         rates[k] = c[2, k] * q[k] + c[3, k] * v[k] + c[6, k] * kept[k]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", fastmath=False)
 def correct(c, reach, ratio, q, v, kept, pushed, last, ahead, rates, gain, curvature):  # type: ignore[no-untyped-def]
     """Correct a prediction for the force ``pushed`` there; ``reach`` (m,) turns the force's curvature into an error.
 

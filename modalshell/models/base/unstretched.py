@@ -87,7 +87,7 @@ class UnstretchedModel(ModalModel):
 
     def remark(self, state: MotionState) -> str:
         """That supports hold opposite ends, and the model does not stretch between them."""
-        return self._stretch_remark(state.coordinates)
+        return "; ".join(filter(None, [super().remark(state), self._stretch_remark(state.coordinates)]))
 
     def _stretch_remark(self, q: Array) -> str:
         ends = self._held_ends

@@ -82,7 +82,7 @@ def stated(trained: Trained, snap: str = "") -> str:
         parts.append(f"its coarse shell's own {size} % against DS at rest under {_listed(shares[near])} of the load")
     if not near.all():
         parts.append(f"DS has no stable state near that of the coarse shell under {_listed(shares[~near])} of the load")
-    return f"trained on {trained.description}; {', '.join(parts)}, more just below a snap and in lightly damped motion"
+    return f"trained on {trained.description}; {', '.join(parts)}, more just below a snap"
 
 
 def _listed(shares: Array) -> str:

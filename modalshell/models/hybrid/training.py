@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.full import ImplicitEuler
+from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
@@ -48,9 +48,8 @@ _SMALL = 0.02
 """Share of the largest energy in training that counts as small."""
 
 
-RULE = ImplicitEuler()
-"""Steps of motions in training: its damping lets them settle, so that errors are those of shapes and not of phases that
-drift apart after a snap."""
+RULE = BDF2()
+"""Steps of motions in training, those of the models."""
 
 
 @final

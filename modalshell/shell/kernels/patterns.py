@@ -9,7 +9,7 @@ import numpy as np
 from modalshell.kernels.compiler import njit
 
 
-@njit
+@njit(fastmath=False)
 def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, shift: int, slots: Any) -> None:
     """Write ``lead starts[row] + 3 place + shift`` of every pair of an element's rows and columns into ``slots``.
 
@@ -37,7 +37,7 @@ def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, s
                 slots[element, i, j] = lead * starts[row] + 3 * low + shift
 
 
-@njit
+@njit(fastmath=False)
 def free_values(
     data: Any,
     free: Any,

@@ -74,7 +74,7 @@ def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None
                     wanted[first] = wanted[second] = 0
 
 
-@njit
+@njit(fastmath=False)
 def quadratic_forms(maps: Any, forms: Any, out: Any) -> None:
     """Write ``sum_s B^T C B`` into ``out`` (elements, k, k) of B (s, elements, 3, k) and C (s, elements, 3, 3)."""
     for element in range(out.shape[0]):
