@@ -58,8 +58,8 @@ def simulate(
     loads : sequence of Load, optional
         Further loads, such as :class:`~modalshell.PointForce`.
     damping : (float, float) or Damping
-        Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
-        the model's own frame: relative to the supports for modal models, absolute for full ones.
+        Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity
+        relative to them.
     start : array_like, shape (n, 3), optional
         Positions at the start [m], with zero velocity and the supports in their rest pose; by default the rest shape.
     supports : SupportPath, optional

@@ -57,10 +57,9 @@ class FullModel(Model):
     (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
     from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
     step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
-    shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch, which is
-    located on the path of equilibria. A saddle on the way is left along its unstable mode, to the lower of both sides,
-    and ``message`` says so. Patches under constraints are led to their targets as moving boundaries; ``residual`` there
-    is relative to load and reactions.
+    shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch. A saddle
+    on the way is left along its unstable mode, to the lower of both sides, and ``message`` says so. Patches under
+    constraints are led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
 
     Parameters
     ----------
@@ -368,6 +367,7 @@ class FullStepper(Stepper):
         time, path = begin + start.end * dt, self._path or self._frame
         if self._path is not None:
             model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)
+            load = load + self.drag_along(self._path, time, start.guess.coordinates)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
             load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)

@@ -142,6 +142,18 @@ class Stepper(ABC):
             load = pose.shell_load(load, self.model.shell.mass, own, rates)
         return load, drag
 
+    def drag_along(self, path: SupportPath, time: float, positions: Array) -> Array:
+        """Force (n, 3) [N] of the damping by the mass on a shell in the world that moves with its supports.
+
+        Such damping slows velocities relative to the supports, ``xi M (v - v_s)``, v_s being that of a body which moves
+        along with these.
+        """
+        damping, lead = self.setup.damping, LEAD * self.setup.dt
+        if damping.mass_factor == 0.0:
+            return np.zeros_like(positions)
+        moved = positions - path.at(time - lead).to_world(path.at(time).to_shell(positions))
+        return np.asarray(damping.mass_factor / lead * self.model.shell.mass[:, None] * moved)
+
     def _held_positions(self, time: float, pose: Pose | None) -> Array | None:
         """Where the held vertices are at ``time``, in their order; None where they rest."""
         shell, moved = self.model.shell, pose is not None and self._frame is None
