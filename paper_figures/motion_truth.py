@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.files.study_result import StudyResult
+from modalshell.models.registry import TRUTH, models
 from modalshell.render.curves import Curve, Panel, draw_curves
 
 COLORS = {
@@ -16,7 +17,8 @@ COLORS = {
 }
 NAMES = {"exponential": "exponential", "implicit_midpoint": "midpoint", "sdirk2": "SDIRK2", "bdf2": "BDF2"}
 NAMES["implicit_euler"] = "implicit Euler"
-DASHED = {"MWTS": False, "coarse DS": True, "DS": False}
+WARPING, COARSE, REFERENCE = models()["mwts"].name, models()["coarse-ds"].name, models()[TRUTH].name
+MARKERS = {WARPING: "s", COARSE: "v", REFERENCE: "o"}
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -25,25 +27,25 @@ def draw(results: Path, folder: Path) -> Path:
     panels = []
     for rows, title in (
         (findings["cost"], "strip let fall, one period, damped by 0.03"),
-        ([row for row in findings["snap"] if row["rung"] == "coarse DS"], "V-beam through its snap, coarse DS"),
+        ([row for row in findings["snap"] if row["rung"] == COARSE], f"V-beam through its snap, {COARSE}"),
     ):
         curves = []
         for rung in dict.fromkeys(row["rung"] for row in rows):
             for rule in dict.fromkeys(row["rule"] for row in rows if row["rung"] == rung):
                 own = [row for row in rows if (row["rung"], row["rule"]) == (rung, rule)]
                 errors, work = [100.0 * row["error"] for row in own], [1e3 * row["cost"] for row in own]
-                marker = {"MWTS": "s", "coarse DS": "v"}.get(rung, "o")
-                curves.append(Curve(work, errors, f"{rung}, {NAMES[rule]}", COLORS[rule], DASHED[rung], marker=marker))
+                label, dashed = f"{rung}, {NAMES[rule]}", rung == COARSE
+                curves.append(Curve(work, errors, label, COLORS[rule], dashed, marker=MARKERS[rung]))
         panels.append(
             Panel(curves, title, "counted work [ms of a reference machine]", "error [% of the length]", True, True)
         )
     curves = []
-    for rung in ("MWTS", "DS"):
+    for rung in (WARPING, REFERENCE):
         rows = [
             row for row in findings["damping"] if (row["energy"], row["rung"], row["asked"]) == ("hinges", rung, 0.03)
         ]
         for row in rows:
-            if rung == "DS" or row["rule"] == "exponential":
+            if rung == REFERENCE or row["rule"] == "exponential":
                 label = f"{rung}, {NAMES[row['rule']]}"
                 curves.append(Curve(row["steps"], row["obtained"], label, COLORS[row["rule"]]))
     ends = [3.0, max(row["steps"][-1] for row in findings["damping"])]

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from studies.motion_rungs import LENGTH, Rung, first_frequency, moved, rungs, sheet_in_plane, strip, weight
+from studies.motion_rungs import LENGTH, REFERENCE, Rung, first_frequency, moved, rungs, sheet_in_plane, strip, weight
 from studies.pages import counted
 
 RATIOS = (0.01, 0.03, 0.1)
@@ -58,7 +58,7 @@ def damping_rungs(energy: str) -> list[tuple[Rung, ms.Shell]]:
     found = [(rung, shell) for rung in rungs(shell, GAMMA, with_hybrid=energy == "hinges")]
     if energy == "hinges":
         flat = sheet_in_plane()
-        springs = Rung("springs", found[-1][0].rules, lambda rule: ms.SpringSheet(flat, integrator=rule))
+        springs = Rung(ms.SpringSheet.name, found[-1][0].rules, lambda rule: ms.SpringSheet(flat, integrator=rule))
         found.append((springs, springs.make("bdf2").shell))
     return found
 
@@ -138,12 +138,12 @@ def damping_findings(quick: bool, on_step: Progress | None) -> dict[str, Any]:
     for energy, rung, shell in counted(cases, on_step):
         rows = damping_rows(rung, shell, RATIOS[1:2] if quick else RATIOS, 75 if quick else max(FULL_STEPS))
         found["damping"] += [{"energy": energy} | row for row in rows]
-        if rung.name not in ("LMA", "springs"):
+        if rung.name not in (ms.LinearModal.name, ms.SpringSheet.name):
             counts = ORDER_STEPS["modal" if rung.modal or quick else "full"]
             for rule in rung.rules[:1] if rung.modal else rung.rules[:2]:
                 found["orders"].append({"energy": energy} | order_of(rung, shell, rule, counts))
     if not quick:
-        thin, shell = next(pair for pair in damping_rungs(THIN) if pair[0].name == "DS")
+        thin, shell = next(pair for pair in damping_rungs(THIN) if pair[0].name == REFERENCE)
         for rule in thin.rules[:2]:
             found["orders"].append({"energy": THIN} | order_of(thin, shell, rule, ORDER_STEPS["full"]))
     for energy in energies:

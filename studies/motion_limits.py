@@ -43,15 +43,15 @@ def bent(shell: ms.Shell, stretch: float) -> np.ndarray:
 
 def free_rungs(shell: ms.Shell) -> dict[str, Callable[[], ms.Model]]:
     """Rungs that take a free shell."""
-    basis = ms.solve_modes(shell, 6 + PANEL_MODES)
+    basis, consistent = ms.solve_modes(shell, 6 + PANEL_MODES), ms.models()["mwts-consistent"]
     return {
-        "LMA": lambda: ms.LinearModal(basis),
-        "MWTS": lambda: ms.ModalWarping(basis),
-        "MWTS, consistent": lambda: ms.ModalWarping(basis, consistent_force=True),
-        "RSW": lambda: ms.RotationStrain(basis),
-        "MD-ROM": lambda: ms.ModalDerivatives(shell, 6 + PANEL_MODES),
-        "coarse DS": lambda: ms.CoarseDiscreteShell(shell, shell),
-        "DS": lambda: ms.DiscreteShell(shell),
+        ms.LinearModal.name: lambda: ms.LinearModal(basis),
+        ms.ModalWarping.name: lambda: ms.ModalWarping(basis),
+        consistent.name: lambda: consistent.builder(basis),
+        ms.RotationStrain.name: lambda: ms.RotationStrain(basis),
+        ms.ModalDerivatives.name: lambda: ms.ModalDerivatives(shell, 6 + PANEL_MODES),
+        ms.CoarseDiscreteShell.name: lambda: ms.CoarseDiscreteShell(shell, shell),
+        ms.DiscreteShell.name: lambda: ms.DiscreteShell(shell),
     }
 
 
@@ -173,7 +173,7 @@ def cost_rows(quick: bool) -> list[dict[str, Any]]:
     period, damping = 2.0 * np.pi / omega, ms.Damping(0.03 * omega, 0.03 / omega)
     steps, fine = (COST_STEPS[:3], COST_FINE // 4) if quick else (COST_STEPS, COST_FINE)
     for rung in rungs(shell, 5.0, with_hybrid=False):
-        if rung.name not in ("MWTS", "coarse DS", "DS"):
+        if rung.name not in (ms.ModalWarping.name, ms.CoarseDiscreteShell.name, ms.DiscreteShell.name):
             continue
 
         def motion(rule: str, count: int, *, rung=rung) -> tuple[np.ndarray, dict[str, Any]]:  # type: ignore[no-untyped-def]

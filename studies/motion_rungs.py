@@ -13,7 +13,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.cost import counted
 from modalshell.models.hybrid.training import Trained, Training, train
-from modalshell.models.registry import models
+from modalshell.models.registry import TRUTH, models
 
 LENGTH, WIDTH, CELLS, MODES = 1.0, 0.2, (12, 2), 8
 HINGES = ms.Material(200.0, 200.0, 0.05, 0.2)
@@ -25,8 +25,16 @@ MOTIONS = 6
 """Motions that the hybrid is trained on."""
 MODAL_RULES = ("exponential", "implicit_midpoint", "implicit_euler")
 FULL_RULES = ("sdirk2", "bdf2", "implicit_euler")
-DEFAULTS = {"DS": "sdirk2", "coarse DS": "bdf2", "hybrid": "bdf2", "springs": "bdf2", "MD-ROM": "bdf2"}
+DEFAULTS = {
+    ms.DiscreteShell.name: "sdirk2",
+    ms.CoarseDiscreteShell.name: "bdf2",
+    ms.HybridStress.name: "bdf2",
+    ms.SpringSheet.name: "bdf2",
+    ms.ModalDerivatives.name: "bdf2",
+}
 """Rule by which each full rung is judged; modal rungs are judged by the exponential one."""
+REFERENCE = models()[TRUTH].name
+"""Name of the model that others are compared with."""
 
 
 @dataclass(frozen=True)
@@ -83,21 +91,25 @@ def rungs(shell: ms.Shell, gamma: float, *, with_hybrid: bool) -> list[Rung]:
     basis = ms.solve_modes(shell, MODES)
     load = shell.gravity_force(weight(shell, gamma))
     loads = np.array([share * load for share in (0.2, 0.4, 0.6, 0.8, 1.0)])
-    reduced = models()["reduced-rsw"].builder
+    reduced = models()["reduced-rsw"]
     found = [
-        Rung("LMA", MODAL_RULES, lambda rule: ms.LinearModal(basis, integrator=rule)),
-        Rung("MWTS", MODAL_RULES, lambda rule: ms.ModalWarping(basis, integrator=rule)),
-        Rung("RSW", MODAL_RULES, lambda rule: ms.RotationStrain(basis, integrator=rule)),
-        Rung("reduced RSW", MODAL_RULES, lambda rule: reduced(basis, loads, integrator=rule)),
-        Rung("MD-ROM", FULL_RULES, lambda rule: ms.ModalDerivatives(shell, MODES, integrator=rule)),
-        Rung("coarse DS", FULL_RULES, lambda rule: ms.CoarseDiscreteShell(shell, shell, integrator=rule)),
-        Rung("DS", FULL_RULES, lambda rule: ms.DiscreteShell(shell, integrator=rule)),
+        Rung(ms.LinearModal.name, MODAL_RULES, lambda rule: ms.LinearModal(basis, integrator=rule)),
+        Rung(ms.ModalWarping.name, MODAL_RULES, lambda rule: ms.ModalWarping(basis, integrator=rule)),
+        Rung(ms.RotationStrain.name, MODAL_RULES, lambda rule: ms.RotationStrain(basis, integrator=rule)),
+        Rung(reduced.name, MODAL_RULES, lambda rule: reduced.builder(basis, loads, integrator=rule)),
+        Rung(ms.ModalDerivatives.name, FULL_RULES, lambda rule: ms.ModalDerivatives(shell, MODES, integrator=rule)),
+        Rung(
+            ms.CoarseDiscreteShell.name, FULL_RULES, lambda rule: ms.CoarseDiscreteShell(shell, shell, integrator=rule)
+        ),
+        Rung(ms.DiscreteShell.name, FULL_RULES, lambda rule: ms.DiscreteShell(shell, integrator=rule)),
     ]
     if with_hybrid:
         found.insert(
             5,
             Rung(
-                "hybrid", FULL_RULES, lambda rule: ms.HybridStress(shell, shell, trained(shell, gamma), integrator=rule)
+                ms.HybridStress.name,
+                FULL_RULES,
+                lambda rule: ms.HybridStress(shell, shell, trained(shell, gamma), integrator=rule),
             ),
         )
     return found

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from studies.motion_rungs import FULL_RULES, LENGTH, first_frequency, moved, rungs, strip
+from studies.motion_rungs import FULL_RULES, LENGTH, REFERENCE, first_frequency, moved, rungs, strip
 from studies.pages import counted
 from studies.shell_theory import Sheet, flat_shell
 
@@ -87,8 +87,8 @@ def snap_models() -> dict[str, Callable[[str], ms.Model]]:
     """DS and coarse DS on the same mesh, so that the errors of steps alone are seen."""
     shell = snapping_shell()
     return {
-        "DS": lambda rule: ms.DiscreteShell(shell, integrator=rule),
-        "coarse DS": lambda rule: ms.CoarseDiscreteShell(shell, shell, integrator=rule),
+        ms.DiscreteShell.name: lambda rule: ms.DiscreteShell(shell, integrator=rule),
+        ms.CoarseDiscreteShell.name: lambda rule: ms.CoarseDiscreteShell(shell, shell, integrator=rule),
     }
 
 
@@ -201,7 +201,7 @@ def led_rows(quick: bool) -> list[dict[str, Any]]:
         for rung in rungs(shell, 1.0, with_hybrid=False):
             model = rung.make(rung.default)
             found = frames(model, 1)
-            exact = truth if rung.name == "DS" else frames(model, fine)
+            exact = truth if rung.name == REFERENCE else frames(model, fine)
             errors = [float(np.linalg.norm(found - other, axis=2).max()) / size for other in (truth, exact)]
             rows.append({"scene": scene, "rung": rung.name, "rule": rung.default, "size": size})
             rows[-1] |= {"error": errors[0], "own": errors[1]}

@@ -20,6 +20,8 @@ from modalshell.scene.models import model_tables
 from studies.integrator_drift import SummedWarp
 
 LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
+VERTEX_MODELS = ms.DiscreteShell.name, ms.SpringSheet.name
+"""Models whose unknowns are the vertices of the shell itself: explicit rules step them too."""
 MOTIONS = 12
 """Motions that a model is trained on, where it is."""
 RIGIDITY = 5.0 * FLEXURE
@@ -128,7 +130,7 @@ def rules_of(spec: ms.ModelSpec) -> Iterator[type[Integrator]]:
     """The integrators that a model takes, each once whatever its other names."""
     kind = ModalIntegrator if spec.on_modes else FullIntegrator
     for rule in dict.fromkeys(kind.known.values()):
-        if spec.on_modes or spec.key in ("ds", "springs") or issubclass(rule, ImplicitRule):
+        if spec.on_modes or spec.name in VERTEX_MODELS or issubclass(rule, ImplicitRule):
             yield rule
 
 
@@ -143,7 +145,7 @@ def integrated_models() -> Iterator[IntegratedModel]:
         kind: Any = "other"
         if spec.on_modes:
             kind = "linear" if spec.response == "linear" else "modal"
-        elif spec.key in ("ds", "springs"):
+        elif spec.name in VERTEX_MODELS:
             kind = "full"
         for rule in rules_of(spec):
             make, theory = partial(built, spec, {"integrator": rule.key}), THEORY.get(rule.key, "implicit")
