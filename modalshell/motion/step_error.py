@@ -13,7 +13,6 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
-from modalshell.models.linear import LinearModal
 
 _SEEN = 8
 """Steps from one look at the motion's size to the next."""
@@ -213,7 +212,7 @@ class StepErrors:
     def unresolved(self) -> str:
         """What may feed a motion that does not die: forces that turn, on modes that steps do not resolve; else ""."""
         modal, dt = as_modal(self._stepper.model), self._stepper.setup.dt
-        if modal is None or modal.integrator.backward or isinstance(modal, LinearModal):
+        if modal is None or modal.integrator.backward or modal.largest_turn(np.ones(modal.basis.count)) == 0.0:
             return ""
         fastest = math.sqrt(float(modal.basis.eigenvalues.max()))
         resolved = 2.0 * math.pi / (_RESOLVED * fastest)
