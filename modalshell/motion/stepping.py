@@ -54,6 +54,8 @@ class Motion:
         Steps done.
     state : MotionState
         The model's state after them.
+    errors : StepErrors
+        What its steps have cost so far.
     unconverged : int
         Steps whose own solver did not converge.
     finite : bool
