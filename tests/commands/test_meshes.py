@@ -262,7 +262,8 @@ def test_a_killed_command_goes_on_where_it_was(capsys, tmp_path):
     status, out, err = run(capsys, "simulate", mesh, *SLOW, "--out", tmp_path / "whole")
     assert status == 0, err
     assert "earlier run" not in out
-    record = 2 * ms.load_trajectory(tmp_path / "whole" / "strip 1_ds.npz").positions[0].nbytes
+    # Positions, and what a step begins with: coordinates, rates, and three vectors that the rule keeps.
+    record = 6 * ms.load_trajectory(tmp_path / "whole" / "strip 1_ds.npz").positions[0].nbytes
     process = started(mesh, tmp_path / "killed")
     while not frames.exists() or frames.stat().st_size < 20 * record:
         assert process.poll() is None, process.communicate()

@@ -2,6 +2,7 @@
 
 import contextlib
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -247,10 +248,14 @@ def test_wrong_uses_are_refused():
 
 @pytest.mark.slow
 def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
-    """m = 32, none of the loads in training: 3 % in motion, 2 % at rest after the snap."""
-    fine = snapping_beam(150.0, (80, 16))
-    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -70), coarse=coarse_beam(fine, 150.0, (40, 8)))
-    truth = ms.DiscreteShell(fine, step_tolerance=1e-4)
+    """m = 44, none of the loads in training: 3 % in motion, 2 % at rest after the snap.
+
+    In motion by implicit Euler, which damps what would drift apart in phase after the snap.
+    """
+    fine, rule = snapping_beam(150.0, (80, 16)), "implicit_euler"
+    coarse = coarse_beam(fine, 150.0, (40, 8))
+    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -70), coarse=coarse, modes=44, integrator=rule)
+    truth = ms.DiscreteShell(fine, step_tolerance=1e-4, integrator=rule)
     for load in snapping_loads(fine, 70.0):
         exact = frames_through(truth, load, ms.Damping(*DAMPING))
         assert exact[:30, :, 2].min() < -0.7
@@ -266,7 +271,9 @@ def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
 def test_other_folds_and_flanges_are_as_near_at_rest_after_their_snap(fold, width, gravities):
     fine = snapping_beam(fold, (80, round(80 * width)), width=width)
     coarse = coarse_beam(fine, fold, (40, round(40 * width)), width=width)
-    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -gravities[-1]), coarse=coarse)
+    with warnings.catch_warnings():  # of motions: what is asked here are states at rest
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
+        hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -gravities[-1]), coarse=coarse)
     near_at_rest(fine, hybrid, gravities, 0.04)
 
 
