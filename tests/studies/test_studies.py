@@ -83,7 +83,8 @@ def test_the_hybrid_follows_the_shell_that_trained_it_through_held_out_snaps(qui
     found = StudyResult.load(quick_study("held_out_snaps"), "held_out_snaps").findings
     drawn, named = ([row for row in found["rows"] if row["drawn"] is kind] for kind in (True, False))
     assert np.quantile([row["coarse"] for row in drawn], 0.9) < 0.06
-    assert all(row["coarse"] < 0.03 and all(row["snaps"].values()) for row in named)
+    # By rules of second order motions are lively after a snap: 1.5 to 6.2 %, where implicit Euler damped all below 3 %.
+    assert all(row["coarse"] < 0.07 and all(row["snaps"].values()) for row in named)
     assert all(row["coarse"] < 0.02 for row in found["equilibria"])
     assert found["snaps"]["hybrid"] == pytest.approx(found["snaps"]["coarse DS"], rel=0.03)
 
