@@ -1,6 +1,7 @@
 """What the hybrid says of its error: that of its coarse shell against DS next to its own, and none next to a snap."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ def fine():
 
 @pytest.fixture(scope="module")
 def hybrid(fine):
-    return ms.HybridStress.trained(fine, gravity=(0, 0, -100), coarse=coarse_beam(fine, 135.0, (20, 4)))
+    with warnings.catch_warnings():  # motions through its snap are far off; these tests are of states at rest
+        warnings.filterwarnings("ignore", "no basis of up to", ms.ModalShellWarning)
+        return ms.HybridStress.trained(fine, gravity=(0, 0, -100), coarse=coarse_beam(fine, 135.0, (20, 4)))
 
 
 def test_the_coarse_shells_own_error_is_measured_against_ds_and_stated(fine, hybrid):
