@@ -15,7 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.crowd.shell_crowd import ShellCrowd
-from modalshell.integrators.modal.flow import flow
+from modalshell.integrators.modal.flow import turning_flow
 from modalshell.page import Page
 from modalshell.page.html import encoded, filled_page, modal_data
 
@@ -159,7 +159,7 @@ class Flight:
             "knots": flock.knots.tolist(),
             "gravity": self.gravity.tolist(),
             "modalWeights": crowd.modal_weights.T.tolist(),
-            "flow": np.array(flow(basis.eigenvalues, crowd.damping, dt)).T.tolist(),
+            "flow": np.array(turning_flow(basis.eigenvalues, crowd.damping, dt)).T.tolist(),
             "flapForce": flap.force.tolist(),
             "beats": flap.frequency,
             "largest": flap.largest_load_factor,

@@ -23,7 +23,7 @@ from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST
 from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal.exponential import VIOLENT
-from modalshell.integrators.modal.flow import Flow, flow
+from modalshell.integrators.modal.flow import Flow, turning_flow, twice
 from modalshell.integrators.state import Damping
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.modes import Basis
@@ -68,6 +68,8 @@ class ShellCrowd(ABC):
     def step(self, dt: float, *, felt: ArrayLike = (0.0, 0.0, 0.0), forcing: ArrayLike | None = None) -> None:
         """One step of :class:`modalshell.integrators.modal.Exponential` for every mode of every instance.
 
+        It is that of forces that turn at every level of detail, so that changes of level do not show.
+
         Parameters
         ----------
         dt : float
@@ -97,6 +99,8 @@ class ShellCrowd(ABC):
         missed = c.a2 * change
         self.coordinates, self.rates = ahead + missed, c.e21 * q + c.e22 * v + c.b1 * kept + c.b2 * change
         violent = np.einsum("bm,bm->b", missed, missed) > self._violent
+        if twice(self.basis.eigenvalues, dt):
+            violent[:] = True
         if violent.any():
             pushed = np.where(violent[:, None], force(self.coordinates), pushed)
         self.forces = pushed
@@ -104,7 +108,7 @@ class ShellCrowd(ABC):
     def _flow(self, dt: float) -> Flow:
         """The rule's coefficients, kept from step to step."""
         if self._kept_flow is None or self._kept_flow[0] != dt:
-            self._kept_flow = dt, flow(self.basis.eigenvalues, self.damping, dt)
+            self._kept_flow = dt, turning_flow(self.basis.eigenvalues, self.damping, dt)
         return self._kept_flow[1]
 
     def positions(

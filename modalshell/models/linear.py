@@ -25,6 +25,7 @@ class LinearModal(ModalModel):
     """
 
     name = "LMA"
+    straight = True
 
     def warped(self, q: Array) -> Array:
         """Displacements ``Phi q`` (n, 3) [m]."""

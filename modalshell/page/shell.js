@@ -144,16 +144,23 @@ function differences(x, y) {
 }
 const kept = new Float64Array(m), pushed = new Float64Array(m);  // modal forces of the last step and of this one
 let known = false, flow = {};
-function flowOf(h, xi, zeta) {  // of every mode: q, v after a step from q, v, the kept force and its change
-  if (flow.h !== h || flow.xi !== xi || flow.zeta !== zeta)
-    flow = {h, xi, zeta, modes: lambda.map(stiffness => {
-      const c = xi + zeta * stiffness, x = h * h * stiffness, y = h * c, [first, second, third] = differences(x, y);
+function flowOf(h, xi, zeta, turning) {  // of every mode: q, v after a step from q, v, the kept force and its change
+  const outrun = (stiffness, count) => h * h * stiffness > (1 + 1e-6) * (2 * Math.PI / count) ** 2;
+  const twice = turning && lambda.some(stiffness => outrun(stiffness, 4) && !outrun(stiffness, 3)), share = twice ? 1 : 0.5;
+  if (flow.h !== h || flow.xi !== xi || flow.zeta !== zeta || flow.turning !== turning)
+    flow = {h, xi, zeta, turning, twice, modes: lambda.map(stiffness => {
+      const c = xi + zeta * stiffness, x = h * h * stiffness, y = h * c;
+      if (turning && outrun(stiffness, 3)) {  // implicit Euler: forces that turn feed unresolved modes
+        const whole = 1 + y + x, push = h / whole;
+        return [(1 + y) / whole, push, h * push, share * h * push, -stiffness * push, 1 / whole, push, share * push];
+      }
+      const [first, second, third] = differences(x, y);
       return [1 - x * second, h * first, h * h * second, h * h * third, -stiffness * h * first, 1 - x * second - y * first, h * first, h * second];
     })};
   return flow.modes;
 }
 function step() {  // the exponential rule [hochbruck2010]
-  const {q, v} = state, modes = flowOf(data.dt, state.xi, state.zeta);
+  const {q, v} = state, modes = flowOf(data.dt, state.xi, state.zeta, state.model !== "lma");
   if (!known) modalForce(q, kept);
   for (let k = 0; k < m; k++) {
     const [e11, e12, a1, , e21, e22, b1] = modes[k], before = q[k];
@@ -167,7 +174,7 @@ function step() {  // the exponential rule [hochbruck2010]
     q[k] += modes[k][3] * change; v[k] += modes[k][7] * change;
     missed += (modes[k][3] * change) ** 2;
   }
-  if (missed > data.violent) modalForce(q, pushed);
+  if (flow.twice || missed > data.violent) modalForce(q, pushed);
   kept.set(pushed);
   known = true;
   state.time += data.dt;

@@ -5,24 +5,13 @@ from __future__ import annotations
 import cmath
 from typing import final
 
-from modalshell.core.typing import Array
-from modalshell.integrators.full.implicit_rule import (
-    VIOLENT,
-    EulerStart,
-    EulerSteps,
-    ImplicitRule,
-    euler_step,
-    kept,
-    remembering,
-    second_order_at_rest,
-    second_order_error,
-)
-from modalshell.integrators.full.sdirk2 import started
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, euler_step
+from modalshell.integrators.full.second_order import VIOLENT, SecondOrderRule
 from modalshell.integrators.state import MotionState
 
 
 @final
-class BDF2(ImplicitRule, key="bdf2"):
+class BDF2(SecondOrderRule, key="bdf2"):
     r"""BDF2 [hairer1996, section V.1], as one step of implicit Euler.
 
     With :math:`w = h / h_{n-1}`, one where steps are alike, its length is :math:`h' = h (1 + w) / (1 + 2 w)`, and it
@@ -31,47 +20,29 @@ class BDF2(ImplicitRule, key="bdf2"):
     .. math:: x' = x_n + \frac{w^2}{1 + 2 w} (x_n - x_{n-1}), \qquad v' = v_n + \frac{w^2}{1 + 2 w} (v_n - v_{n-1}).
 
     Order two, at one solve a step. Stable at any step; stiff motion dies at once. A damping ratio is within 1 % of
-    0.01, 0.03 or 0.1 from 75, 45 or 20 steps a period on. It begins with a step of
-    SDIRK2, or with two half steps of implicit Euler where the motion is violent, and takes one of a whole step there
-    later.
+    0.01, 0.03 or 0.1 from 75, 45 or 20 steps a period on. It begins with a step of SDIRK2, or with two half steps of
+    implicit Euler where the motion is violent, and takes one of a whole step there later.
     """
 
     name = "BDF2"
-
-    def at_rest(self, coordinates: Array) -> MotionState:
-        """State at rest, with room for what is kept of a step."""
-        return second_order_at_rest(coordinates)
+    error_constant = 1.0 / 3.0  # its truncation error, 2/9, over what is left of a difference from step to step
 
     def growth(self, rate: complex) -> complex:
         """The larger root of ``(3/2 - h lambda) r^2 - 2 r + 1/2 = 0``."""
         root = cmath.sqrt(1.0 + 2.0 * rate)
         return max((2.0 + root) / (3.0 - 2.0 * rate), (2.0 - root) / (3.0 - 2.0 * rate), key=abs)
 
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
-        """``h^3 v'' / 3``: its truncation error, 2/9 of that, over what is left of a difference from step to step."""
-        return second_order_error(1.0 / 3.0, after, dt)
-
-    def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """One solve, or steps of implicit Euler instead."""
-        state = remembering(state)
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
+        """One solve, and a step of implicit Euler where the motion is violent or that fails."""
         x, v, memory = state.coordinates, state.rates, state.memory
-        solved, order = False, 1
-        if not memory["order"][0]:
-            after, solved, order = started(euler, state, dt)
-        else:
-            ratio = dt / memory["step"][0]
-            move, gain = ratio * memory["move"], ratio * memory["gain"]
-            if euler.turn(x, dt * gain) <= VIOLENT:
-                ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-                earlier = MotionState(x - memory["move"], v - memory["gain"])
-                lead = ahead * ratio
-                start = EulerStart(
-                    x + ahead * move, v + ahead * gain, length, 1.0, v + gain, x, x + move, 1.0,
-                    ((1.0 + lead, state), (-lead, earlier)),
-                )  # fmt: skip
-                after, solved = euler.solve(start)
-                order = 2
-        if not solved:
-            after, solved = euler_step(euler, state, dt, 0.0, 1.0)
-            order = 1
-        return kept(state, euler.landed(state, after, dt), dt, order), solved
+        ratio = dt / memory["step"][0]
+        move, gain = ratio * memory["move"], ratio * memory["gain"]
+        if euler.turn(x, dt * gain) <= VIOLENT:
+            ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
+            earlier = MotionState(x - memory["move"], v - memory["gain"])
+            made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
+            begin, rates = x + ahead * move, v + ahead * gain
+            after, solved = euler.solve(EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of))
+            if solved:
+                return after, True, 2
+        return *euler_step(euler, state, dt, 0.0, 1.0), 1

@@ -19,10 +19,6 @@ from modalshell.kernels.rotations import largest_turn
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.potential import solve
 
-VIOLENT = 0.3
-"""Turn [rad] of a vertex, by the last change of velocity over a step, from which motion is not smooth: there a rule of
-order two keeps a false velocity."""
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -122,54 +118,10 @@ class ImplicitRule(FullIntegrator):
         return self.march(steps_of(ShellSteps(body, at, damping), body.free_parts, damping), state, dt)
 
 
-def kept(before: MotionState, after: MotionState, dt: float, order: int) -> MotionState:
-    """``after``, a step of ``dt`` [s], with what rules of order two keep of it, and the ``order`` it was made with.
-
-    Kept are the changes of coordinates ("move") and rates ("gain"), the curvature ``h^2 v''`` of the rates that they
-    show, and the length of the step.
-    """
-    memory = before.memory
-    gain, ratio = after.rates - before.rates, dt / memory["step"][0] if memory["order"][0] else 0.0
-    curvature = 2.0 * ratio / (1.0 + ratio) * (gain - ratio * memory["gain"])
-    keeps = {"move": after.coordinates - before.coordinates, "gain": gain, "curvature": curvature}
-    return MotionState(
-        after.coordinates, after.rates, keeps | {"step": np.array([dt]), "order": np.array([float(order)])}
-    )
-
-
-def second_order_at_rest(coordinates: Array) -> MotionState:
-    """State at rest with room for what :func:`kept` keeps."""
-    none = np.zeros_like(coordinates)
-    memory = {name: none.copy() for name in ("move", "gain", "curvature")}
-    return MotionState(coordinates, none, memory | {"step": np.zeros(1), "order": np.zeros(1)})
-
-
-def remembering(state: MotionState) -> MotionState:
-    """``state``, with an empty memory if it has none: one that was not made by the rule is taken for a start."""
-    if "order" in state.memory:
-        return state
-    return MotionState(state.coordinates, state.rates, second_order_at_rest(state.coordinates).memory)
-
-
-def second_order_error(constant: float, after: MotionState, dt: float) -> Array:
-    """Error of a step: ``constant h^3 v''`` of a rule of order two, and that of implicit Euler where it stood in."""
-    memory = after.memory
-    if memory["order"][0] == 2.0:
-        return constant * dt * memory["curvature"]
-    return 0.5 * dt * memory["gain"]
-
-
 def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, end: float) -> tuple[MotionState, bool]:
     """A step of implicit Euler over the part of a step of ``dt`` [s] from ``begin`` to ``end``, shares of it."""
     x, v = state.coordinates, state.rates
     return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin, ((1.0, state),)))
-
-
-def two_euler_steps(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-    """Two half steps of implicit Euler, as a start [rannacher1984]."""
-    middle, first = euler_step(euler, state, dt, 0.0, 0.5)
-    after, second = euler_step(euler, middle, dt, 0.5, 1.0)
-    return after, first and second
 
 
 class StageOf(Protocol):

@@ -59,6 +59,10 @@ class ModalIntegrator(Integrator):
         """State at rest, with what the rule keeps from step to step."""
         return MotionState(coordinates, np.zeros_like(coordinates))
 
+    def under_turning_forces(self) -> ModalIntegrator:
+        """The rule for forces that turn with the shell; itself, unless it has another one for them."""
+        return self
+
     def advance(
         self,
         state: MotionState,

@@ -9,7 +9,7 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, Step
 from modalshell.integrators.modal.exponential_kernels import correct, predict
-from modalshell.integrators.modal.flow import flow
+from modalshell.integrators.modal.flow import flow, outrun, turning_flow, twice
 from modalshell.integrators.state import COST, MotionState
 
 VIOLENT = 3e-3
@@ -28,14 +28,26 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     Order two, at one modal force a step, and at a second one, at :math:`q_{n+1}`, where the force changes violently.
     Exact at any step, damping too, under dead modal forces that are piecewise linear in time. Forces that turn with the
-    shell can feed undamped motion that implicit Euler would damp.
+    shell would feed modes that steps do not resolve: those of fewer than three steps a period take implicit Euler's
+    coefficients, and die, and where some have three to four, each step takes a second force.
+
+    Parameters
+    ----------
+    turning : bool
+        Whether the forces turn with the shell.
     """
 
     name = "exponential"
     backward = False
 
-    def __init__(self) -> None:
-        self._kept: tuple[Array, Array, float, Array, Array] | None = None
+    def __init__(self, *, turning: bool = False) -> None:
+        self.turning = turning
+        self._coefficients = turning_flow if turning else flow
+        self._kept: tuple[Array, Array, float, Array, Array, Array, bool] | None = None
+
+    def under_turning_forces(self) -> Exponential:
+        """The rule whose fast modes take implicit Euler's coefficients."""
+        return self if self.turning else Exponential(turning=True)
 
     def at_rest(self, coordinates: Array) -> MotionState:
         """State at rest; what is kept are the last modal force, its change, and what :data:`COST` names."""
@@ -49,7 +61,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         """State after a step."""
         # A state that was not made by the rule is taken for a start.
         q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
-        coefficients, reach = self._flow(stiffness, damp, h)
+        coefficients, reach, lost, again = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         kept = memory["force"] if last else force(q, v, 0.0)
         ahead, rates, gain, curvature = np.empty((4, q.size))
@@ -58,16 +70,16 @@ class Exponential(ModalIntegrator, key="exponential"):
         if not last:  # the force is taken as straight
             last, memory = h, memory | {"gain": pushed - kept}
         missed, *cost = correct(
-            coefficients, reach, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
+            coefficients, reach, lost, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
         )
-        if missed > (VIOLENT * size) ** 2:
+        if again or missed > (VIOLENT * size) ** 2:
             pushed = force(ahead, rates, 1.0)
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step that keeps nothing: the force of the beginning and one predicted."""
-        c = flow(stiffness, damp, h)
+        c = self._coefficients(stiffness, damp, h)
         first = force(q)
         ahead = c.e11 * q + c.e12 * v + c.a1 * first
         change = force(ahead) - first
@@ -75,20 +87,22 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
         """Change (m,) of coordinates and rates by a unit force at the step's end: one that grows from none."""
-        coefficients, _ = self._flow(stiffness, damp, h)
+        coefficients, *_ = self._flow(stiffness, damp, h)
         return coefficients[5], coefficients[7]
 
     def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
         """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``."""
-        c, count = flow(stiffness, damp, h), stiffness.size
+        c, count = self._coefficients(stiffness, damp, h), stiffness.size
         ahead = np.hstack([np.diag(c.e11), np.diag(c.e12), np.diag(c.a1)])
         rates = np.hstack([np.diag(c.e21), np.diag(c.e22), np.diag(c.b1)])
         pushed = slope @ ahead
         change = pushed - np.eye(count, 3 * count, 2 * count)
-        return np.vstack([ahead + c.a2[:, None] * change, rates + c.b2[:, None] * change, pushed])
+        ahead = ahead + c.a2[:, None] * change
+        again = self.turning and twice(stiffness, h)
+        return np.vstack([ahead, rates + c.b2[:, None] * change, slope @ ahead if again else pushed])
 
-    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
-        """The coefficients (8, m), and what turns the curvature of a force into an error (m,); kept from step to step.
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, bool]:
+        """The coefficients (8, m), errors per curvature of a force and change of rates (m,), whether two forces; kept.
 
         A straight force misses ``h^3 p'' / 12`` in the rates. A slow mode keeps that for a while, a stiff one answers a
         force at once, a rigid one moves on. A third of it adds up, as measured: the rest comes and goes, as forces turn
@@ -98,5 +112,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         if kept is None or kept[0] is not stiffness or kept[1] is not damp or kept[2] != h:
             elastic = np.where(stiffness > 0.0, stiffness, 1.0 / h**2)
             reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic) / 36.0
-            kept = self._kept = stiffness, damp, h, np.array(flow(stiffness, damp, h)), reach
+            coefficients, lost = np.array(self._coefficients(stiffness, damp, h)), outrun(stiffness, h) & self.turning
+            again = self.turning and twice(stiffness, h)
+            kept = self._kept = stiffness, damp, h, coefficients, reach, 0.5 * h * lost, again
         return kept[3:]

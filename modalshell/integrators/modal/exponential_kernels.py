@@ -14,8 +14,10 @@ def predict(c, q, v, kept, ahead, rates):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=False)
-def correct(c, reach, ratio, q, v, kept, pushed, last, ahead, rates, gain, curvature):  # type: ignore[no-untyped-def]
+def correct(c, reach, lost, ratio, q, v, kept, pushed, last, ahead, rates, gain, curvature):  # type: ignore[no-untyped-def]
     """Correct a prediction for the force ``pushed`` there; ``reach`` (m,) turns the force's curvature into an error.
+
+    ``lost`` (m,) turns the change of rates into that of implicit Euler, in the modes that take its coefficients.
 
     ``gain`` and ``curvature`` (m,) of the force are written, ``last`` being the gain of the step before, and ``ratio``
     the step over the one before. Returns the square of the correction, and those of the step's error and of the changes
@@ -30,7 +32,8 @@ def correct(c, reach, ratio, q, v, kept, pushed, last, ahead, rates, gain, curva
         gain[k] = change
         curvature[k] = 2.0 * ratio / (1.0 + ratio) * (change - ratio * last[k])
         missed += off * off
-        error += (reach[k] * curvature[k]) ** 2
-        gained += (rates[k] - v[k]) ** 2
+        gain_of_rates = rates[k] - v[k]
+        error += (reach[k] * curvature[k]) ** 2 + (lost[k] * gain_of_rates) ** 2
+        gained += gain_of_rates**2
         moved += (ahead[k] - q[k]) ** 2
     return missed, error, gained, moved

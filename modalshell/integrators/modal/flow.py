@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.typing import Array
 
+RESOLVED, FOLLOWED = 3.0, 4.0
+"""Steps a period from which modes are followed under forces that turn, and from which a predicted force serves that."""
 _SERIES = 0.5
 """``h^2 lambda + h c`` below which all coefficients are sums of a power series."""
 _TERMS = 24
@@ -55,6 +57,35 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     e11, e12 = 1.0 - x * second, step * first
     a1, a2 = step**2 * second, step**2 * third
     return Flow(e11, e12, -stiff * e12, e11 - y * first, a1, a2, e12, step * second)
+
+
+def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> Array:
+    """Whether modes have fewer ``steps`` a period; just as many, but for rounding, are enough."""
+    return np.asarray(np.square(h) * stiffness > (1.0 + 1e-6) * (2.0 * np.pi / steps) ** 2)
+
+
+def twice(stiffness: Array, h: ArrayLike) -> bool:
+    """Whether forces that turn are to be taken again at the step's end: some modes are followed with few steps."""
+    return bool((outrun(stiffness, h, FOLLOWED) & ~outrun(stiffness, h)).any())
+
+
+def turning_flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
+    """Coefficients under forces that turn with the shell: those of implicit Euler for modes that steps do not resolve.
+
+    Such a mode, of fewer than :data:`RESOLVED` steps a period, would be fed by a force that follows it a step late. The
+    force on it is that of the step's end where this is taken :func:`twice`, else the mean of the step's two.
+    """
+    exact = flow(stiffness, damp, h)
+    stiff, drag, step = np.broadcast_arrays(*(np.asarray(part, dtype=np.float64) for part in (stiffness, damp, h)))
+    fast = outrun(stiff, step)
+    if not fast.any():
+        return exact
+    whole = 1.0 + step * drag + step**2 * stiff
+    moved, pushed, share = step**2 / whole, step / whole, 1.0 if twice(stiff, step) else 0.5
+    euler = (
+        (1.0 + step * drag) / whole, pushed, -stiff * pushed, 1.0 / whole, moved, share * moved, pushed, share * pushed
+    )  # fmt: skip
+    return Flow(*(np.where(fast, slow, known) for slow, known in zip(euler, exact, strict=True)))
 
 
 @lru_cache(maxsize=64)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg.lapack
@@ -62,12 +63,17 @@ class ModalMotion(Warp, FrameModel):
     ----------
     frames : FreeFrames or None
         Frames of the parts that no support holds.
+    straight : bool
+        Whether displacements are linear in the coordinates, so that dead loads push the modes as they are.
     """
+
+    straight: ClassVar[bool] = False
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        rule: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        self.integrator = rule if self.straight else rule.under_turning_forces()
         self.frames = FreeFrames.of(basis)
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None

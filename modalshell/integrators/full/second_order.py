@@ -1,0 +1,105 @@
+"""What implicit rules of order two share: their memory, their start, and steps that are not smooth."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, ImplicitRule, euler_step
+from modalshell.integrators.state import MotionState
+
+VIOLENT = 0.3
+"""Turn [rad] of a vertex, by the last change of velocity over a step, from which motion is not smooth: there a rule of
+order two keeps a false velocity."""
+GAMMA = 1.0 - np.sqrt(0.5)
+"""Share of the step in each of the two parts of SDIRK2, by which it is of order two and L-stable."""
+
+
+class SecondOrderRule(ImplicitRule):
+    """A rule of order two, which keeps the changes of coordinates ("move") and rates ("gain") of the step before.
+
+    Kept are also the curvature ``h^2 v''`` of the rates that they show, the length of the step, and the order that it
+    was made with: 0 before the first step, 1 where implicit Euler stood in.
+    """
+
+    error_constant: ClassVar[float]
+    """Error of a step over ``h^3 v''``."""
+
+    @abstractmethod
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
+        """A step after another one of ``state``'s memory, whether it was solved, and its order."""
+
+    def at_rest(self, coordinates: Array) -> MotionState:
+        """State at rest, with room for what is kept of a step."""
+        none = np.zeros_like(coordinates)
+        memory = {name: none.copy() for name in ("move", "gain", "curvature")}
+        return MotionState(coordinates, none, memory | {"step": np.zeros(1), "order": np.zeros(1)})
+
+    def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s]; also returns whether the equations were solved."""
+        if "order" not in state.memory:  # not made by the rule: taken for a start
+            state = MotionState(state.coordinates, state.rates, self.at_rest(state.coordinates).memory)
+        go_on = self.go_on if state.memory["order"][0] else started
+        after, solved, order = go_on(euler, state, dt)
+        after = euler.landed(state, after, dt)
+        return MotionState(after.coordinates, after.rates, _memory(state, after, dt, order)), solved
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
+        """Error of a step, and that of implicit Euler where it stood in."""
+        memory = after.memory
+        if memory["order"][0] == 2.0:
+            return self.error_constant * dt * memory["curvature"]
+        return 0.5 * dt * memory["gain"]
+
+
+def _memory(before: MotionState, after: MotionState, dt: float, order: int) -> dict[str, Array]:
+    """What is kept of a step of ``dt`` [s], made with ``order``."""
+    last = before.memory
+    gain, ratio = after.rates - before.rates, dt / last["step"][0] if last["order"][0] else 0.0
+    curvature = 2.0 * ratio / (1.0 + ratio) * (gain - ratio * last["gain"])
+    changes = {"move": after.coordinates - before.coordinates, "gain": gain, "curvature": curvature}
+    return changes | {"step": np.array([dt]), "order": np.array([float(order)])}
+
+
+def two_euler_steps(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+    """Two half steps of implicit Euler, as a start [rannacher1984]."""
+    middle, first = euler_step(euler, state, dt, 0.0, 0.5)
+    after, second = euler_step(euler, middle, dt, 0.5, 1.0)
+    return after, first and second
+
+
+def started(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
+    """A first step, whether it was solved, and its order.
+
+    Two half steps of implicit Euler, and where these show no violent motion, a step of SDIRK2 in their place.
+    """
+    tried, solved = two_euler_steps(euler, state, dt)
+    if solved:
+        after, better = two_parts(euler, state, dt, tried.rates - state.rates)
+        if better:
+            return after, True, 2
+    return tried, solved, 1
+
+
+def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> tuple[MotionState, bool]:
+    r"""Both parts of a step of SDIRK2 of ``dt`` [s]; not solved where the ``gain`` of rates expected in it is violent.
+
+    With the first part's end y, from :math:`x_n, v_n`, its rates w and :math:`k = (w - v_n) / (\gamma h)`, the second
+    one begins at :math:`x_n + (1 - \gamma) h w, v_n + (1 - \gamma) h k`.
+    """
+    x, v = state.coordinates, state.rates
+    if euler.turn(x, dt * gain) > VIOLENT:
+        return state, False
+    part, rest = GAMMA * dt, (1.0 - GAMMA) * dt
+    # The viscous matrix of each part is that of where it ends, else turning of a stiff sheet is resisted.
+    middle = x + part * (v + 0.5 * GAMMA * gain)
+    half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, GAMMA, ((1.0, state),)))
+    if not solved:
+        return half, False
+    w, lead, near = half.rates, rest / part, half.coordinates
+    change, last = lead * (w - v), v + (w - v) / GAMMA
+    end, made_of = x + 0.5 * dt * (v + last), ((1.0 - lead, state), (lead, half))
+    return euler.solve(EulerStart(x + rest * w, v + change, part, 1.0, last, near, end, 1.0, made_of))
