@@ -112,7 +112,8 @@ class Exponential(ModalIntegrator, key="exponential"):
         if kept is None or kept[0] is not stiffness or kept[1] is not damp or kept[2] != h:
             elastic = np.where(stiffness > 0.0, stiffness, 1.0 / h**2)
             reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic) / 36.0
-            coefficients, lost = np.array(self._coefficients(stiffness, damp, h)), outrun(stiffness, h) & self.turning
+            coefficients = np.array(self._coefficients(stiffness, damp, h))
+            lost = np.where(outrun(stiffness, h) & self.turning, 0.5 * h, 0.0)
             again = self.turning and twice(stiffness, h)
-            kept = self._kept = stiffness, damp, h, coefficients, reach, 0.5 * h * lost, again
+            kept = self._kept = stiffness, damp, h, coefficients, reach, lost, again
         return kept[3:]

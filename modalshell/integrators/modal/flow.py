@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.typing import Array
 
@@ -59,7 +59,7 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     return Flow(e11, e12, -stiff * e12, e11 - y * first, a1, a2, e12, step * second)
 
 
-def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> Array:
+def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> NDArray[np.bool_]:
     """Whether modes have fewer ``steps`` a period; just as many, but for rounding, are enough."""
     return np.asarray(np.square(h) * stiffness > (1.0 + 1e-6) * (2.0 * np.pi / steps) ** 2)
 
