@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
@@ -31,6 +31,8 @@ _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
 """Share of the largest energy below which kinetic energy counts as none."""
+_HUGE = 1e9
+"""Coordinate from which positions may overflow single precision."""
 _FAULTS = {
     Outcome.DISTORTED: "the surface stretched or folded over beyond what the model can describe",
     Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi",
@@ -72,6 +74,8 @@ class Recorder:
         Frames are stored every ``store_every`` steps, and at the last one.
     patience : int, optional
         Number of steps that may fail to converge before the motion is aborted.
+    precision : dtype, optional
+        In which positions are stored: a motion beyond its numbers has diverged.
 
     Attributes
     ----------
@@ -87,8 +91,17 @@ class Recorder:
         When that was first [s].
     """
 
-    def __init__(self, motion: Motion, total: int, *, store_every: int = 1, patience: int | None = None) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        total: int,
+        *,
+        store_every: int = 1,
+        patience: int | None = None,
+        precision: DTypeLike = np.float64,
+    ) -> None:
         self.motion, self.total, self.store_every, self.patience = motion, total, store_every, patience
+        self._largest = float(np.finfo(np.dtype(precision)).max)
         self.times: list[float] = []
         self.energies: list[Array] = []
         self.residuals: list[Array] = []
@@ -120,10 +133,18 @@ class Recorder:
             yield
         for _ in take_steps(motion, self.total, self.patience):
             if motion.count % self.store_every == 0 or motion.count == self.total:
+                if not self._stores():
+                    motion.finite = False
+                    return
                 self._look()
                 yield
             if on_step is not None:
                 on_step(motion.count, self.total)
+
+    def _stores(self) -> bool:
+        """Whether positions fit the precision in which they are stored; looked at where coordinates are huge."""
+        near = float(np.abs(self.motion.state.coordinates).max(initial=0.0)) < _HUGE
+        return near or float(np.abs(self.motion.positions()).max()) <= self._largest
 
     def _look(self) -> None:
         """Take note of the present state."""

@@ -113,7 +113,7 @@ def simulate(
         constraints=constraints,
         tolerance=None if tolerance is None else Tolerance(tolerance, duration),
     )
-    recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
+    recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)
     positions = _stored_frames(recorder, dtype, on_step)
     return with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
 

@@ -164,8 +164,9 @@ def _move(
 ) -> tuple[Trajectory, int]:
     """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()
-    recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
-    fields = _record_fields(motion, built.scene.output.positions)
+    precision, steps = built.scene.output.positions, step_count(table.duration, table.dt)
+    recorder = Recorder(motion, steps, store_every=table.store_every, precision=precision)
+    fields = _record_fields(motion, precision)
     frames = recorder.total // table.store_every + 2
     # The stored frames, and the results that are made of them.
     size = (1 + len(built.scene.output.formats)) * frames * np.dtype(fields).itemsize

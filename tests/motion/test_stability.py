@@ -394,6 +394,14 @@ def test_loads_whose_squares_no_sum_can_hold_are_refused(basis, gravity):
             ms.simulate(model, duration=5.0, dt=0.5, gravity=(0, 0, -gravity))
 
 
+@pytest.mark.parametrize("gravity", [1e18, 1e30, 1e39])
+def test_frames_that_overflow_single_precision_are_not_stored(basis, gravity):
+    for name, model in models(basis, "exponential").items():
+        motion = ms.simulate(model, duration=0.3, dt=0.1, gravity=(0, gravity, -2.0), dtype="float32")
+        assert np.isfinite(motion.positions).all(), name
+        assert len(motion.times) == len(motion.positions)
+
+
 @pytest.mark.parametrize("gravity", [1e40, 1e50])
 def test_absurd_loads_leave_finite_frames_and_a_name(basis, gravity):
     """Coordinates that are finite, but whose squares are not, once made frames of NaN under the status "diverged"."""
