@@ -3,7 +3,7 @@
 From the answer x two steps of mixed Newton are taken, as DS takes them,
 
     K_1(x) d_0 = -g(x),        x_1 = W(x, d_0),      s_1 = s(x) + ds(x)[d_0],
-    K_M(x_1, s_1) d_1 = -g(x_1),   x_2 = W(x_1, d_1),    s_2 likewise,
+    K_M(x_1, s_1) d_1 = -g(x_1),   x_2 = W(x_1, d_1),    s_2 in the same way,
 
 with the gradient g of the potential, the first part K_1 of its Hessian, the mixed Hessian K_M with predicted stresses,
 and warped steps W (theory 8, eq. 1 to 3). The estimated error is ``|x_2 - x| / |x_2 - rest|`` in the norm of the mass.
@@ -94,15 +94,21 @@ class ErrorBar:
     def __str__(self) -> str:
         if self.message:
             return f"no error bar: {self.message}"
-        if not self.valid:
-            where = "past the end of its branch" if self.margin <= 0.0 else "near the end of its branch"
-            return f"void: the answer is {where} (stability margin {self.margin:.2f}, must exceed {LEAST_MARGIN:g})"
-        error = f"beyond {100.0 * LARGEST_BAR:.0f} %" if self.beyond else _share(self.displacement)
-        taken = 1.0 - self.margin
-        return f"{error} from DS" + (f"; {100.0 * taken:.0f} % of the way to a snap" if taken > _FEEBLE else "")
+        return bar_as_text(self.displacement, self.margin)
 
 
-def _share(error: float) -> str:
+def bar_as_text(displacement: float, margin: float) -> str:
+    """What a bar says, or that it is void."""
+    if not margin > LEAST_MARGIN:
+        where = "past the end of its branch" if margin <= 0.0 else "near the end of its branch"
+        return f"void: the answer is {where} (stability margin {margin:.2f}, must exceed {LEAST_MARGIN:g})"
+    error = share_as_text(displacement) if displacement <= LARGEST_BAR else f"beyond {100.0 * LARGEST_BAR:.0f} %"
+    taken = 1.0 - margin
+    return f"{error} from DS" + (f"; {100.0 * taken:.0f} % of the way to a snap" if taken > _FEEBLE else "")
+
+
+def share_as_text(error: float) -> str:
+    """A share in percent, to two digits."""
     percent = 100.0 * error
     return "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
 
