@@ -82,9 +82,9 @@ def simulate(
         Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
         :class:`~modalshell.ShellFields`.
     bars : int, optional
-        Check every this many stored frames how far the motion is from that of DS: two Newton steps and a stability margin
-        under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of a
-        model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
+        Check every this many stored frames how far the motion is from that of DS: two Newton steps and a stability
+        margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of
+        a model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
         differences. Lags of phase that add up do not show.
     on_step : callable, optional
         Called after each step with the steps done and their total.

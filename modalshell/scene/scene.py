@@ -341,8 +341,8 @@ class BuiltScene:
         if not self.scene.bar or self.scene.motion is None:
             return run
         damping = build_damping(self.scene.motion)
-        every = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
-        return with_bars(run, self.model, self.loading(), **every)
+        options: dict[str, Any] = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
+        return with_bars(run, self.model, self.loading(), **options)
 
     def loading(self) -> Loading:
         """All loads together."""
