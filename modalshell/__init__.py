@@ -66,6 +66,7 @@ from modalshell.models import (
     coarse_shell,
 )
 from modalshell.models.error_bars import error_bar
+from modalshell.models.quantity_bars import QuantityBar, quantity_bars
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
@@ -130,6 +131,7 @@ __all__ = [
     "PointForce",
     "PositionConstraint",
     "Pressure",
+    "QuantityBar",
     "ReducedRotationStrain",
     "RepairReport",
     "RigidShell",
@@ -174,6 +176,7 @@ __all__ = [
     "models",
     "paper_bird",
     "plot",
+    "quantity_bars",
     "remesh",
     "repair",
     "run_scene",

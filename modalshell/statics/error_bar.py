@@ -24,8 +24,8 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
-from modalshell.modes import Factoriser
-from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.modes import Factor, Factoriser, TangentStiffness
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import Margin, lowest_ratio
 from modalshell.statics.potential import Potential
@@ -198,8 +198,26 @@ class ErrorEstimator:
 
         start = np.random.default_rng(0).standard_normal(unknowns.count)
         found = lowest_ratio(factor.solve, softening, start)
-        self.last = LastStep(problem, x, stressed, found.direction)
+        self.last = LastStep(problem, x, stressed, found.direction, factor)
         return found
+
+    def refined(self) -> Array:
+        """Positions (n, 3) [m] after a third step from the last bar's, by the factor that its margin has left."""
+        last = self._last()
+        with np.errstate(over="ignore", invalid="ignore"):
+            direction = -last.factor.solve(last.problem.residual(last.x))
+            return np.asarray(last.problem.moved(last.x, direction)[0] + self.origin)
+
+    def lowest_eigenvalue(self) -> float:
+        """Lowest squared angular frequency [1/s^2] of small motion of DS about the positions of :meth:`refined`."""
+        problem = self._last().problem
+        hessian = problem.linearise(self.refined() - self.origin, EXACT)[1]
+        return TangentStiffness(self.shell, hessian, self._factoriser).lowest_mode()[0]
+
+    def _last(self) -> LastStep:
+        if self.last is None:
+            raise SolverError("no bar has been found yet")
+        return self.last
 
     def _norm(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self.shell.mass[:, None] * displacement**2)))
@@ -220,12 +238,15 @@ class LastStep:
         Entries of the mixed Hessian there, without that of live loads.
     direction : ndarray, shape (N,)
         The shape in which the shell has the least margin.
+    factor : Factor
+        Of the first part of the Hessian there.
     """
 
     problem: Potential = field(repr=False)
     x: Array
     stressed: Array
     direction: Array
+    factor: Factor = field(repr=False)
 
 
 def _allowed(shell: Shell, positions: Array) -> Array:
