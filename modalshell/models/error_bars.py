@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import shown
+from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.timings import Stopwatch
 from modalshell.loads import Load, Loading
@@ -16,7 +16,6 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.hybrid_stress import HybridStress
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 
@@ -66,9 +65,7 @@ def error_bar(
     LoadError
         For positions or loads of the wrong shape or not finite.
     """
-    if not isinstance(model_or_shell, Model | Shell):
-        raise OptionError(f"model_or_shell must be a Model or a Shell (got {shown(model_or_shell)})")
-    shell = model_or_shell if isinstance(model_or_shell, Shell) else model_or_shell.shell
+    shell = shell_of(model_or_shell)
     given = any(part is not None for part in (gravity, force, loads))
     loading, constrained = None, False
     if isinstance(answer, Equilibrium):
@@ -82,6 +79,13 @@ def error_bar(
     if isinstance(on, str) and on == "shell":
         return bar_on_shell(shell, positions, loading)
     return CoarseBars(_coarse(model_or_shell, shell, on)).bar(positions, loading)
+
+
+def shell_of(model_or_shell: Model | Shell) -> Shell:
+    """The shell itself, or that of the model; OptionError for anything else."""
+    if isinstance(model_or_shell, Shell):
+        return model_or_shell
+    return checked_kind("model_or_shell", model_or_shell, Model).shell  # type: ignore[type-abstract]
 
 
 class CoarseBars:
@@ -111,8 +115,5 @@ def _coarse(model: Model | Shell, shell: Shell, on: str | Shell) -> CoarseDiscre
         return CoarseDiscreteShell(shell, on)
     if on != "coarse":
         raise OptionError(f'on must be "shell", "coarse" or a coarse Shell (got {shown(on)})')
-    if isinstance(model, HybridStress):
-        model = model.coarse
-    if isinstance(model, CoarseDiscreteShell):
-        return model
-    return CoarseDiscreteShell(shell, coarse_shell(shell, COARSE_TRIANGLES))
+    own = None if isinstance(model, Shell) else model.coarse_shell
+    return CoarseDiscreteShell(shell, own or coarse_shell(shell, COARSE_TRIANGLES))

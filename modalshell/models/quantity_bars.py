@@ -20,6 +20,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
+from modalshell.models.error_bars import shell_of
 from modalshell.shell import Isotropic, Shell
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, share_as_text
 from modalshell.statics.live_loads import LiveLoads
@@ -97,7 +98,7 @@ def quantity_bars(
     """
     if not isinstance(answer, Equilibrium) or answer.loading is None:
         raise OptionError("quantities need an equilibrium that knows its load, as model.equilibrium returns it")
-    shell = model_or_shell if isinstance(model_or_shell, Shell) else model_or_shell.shell
+    shell = shell_of(model_or_shell)
     check_bar(shell, constrained=answer.constraint_residuals.size > 0)
     loading = answer.loading
     chosen = _chosen(of, shell, answer, loading)
@@ -144,7 +145,7 @@ def _frequency(model: Model | Shell, answer: Equilibrium, estimator: ErrorEstima
     """Lowest frequency [Hz] about the answer by its own model, and about the corrected one by DS."""
     assert answer.loading is not None
     own = None
-    if isinstance(model, Model):
+    if not isinstance(model, Shell):
         own = model.tangent_eigenvalue(answer, answer.loading.force(answer.positions))
     if own is None:
         raise OptionError("a frequency needs the model that found the answer, one that has frequencies")

@@ -151,7 +151,7 @@ def test_what_has_no_bar_is_refused():
         ms.error_bar(held, answer, gravity=aside(0.1))
     with pytest.raises(ms.OptionError, match=r'on must be "shell", "coarse" or a coarse Shell \(got .fine.\)'):
         ms.error_bar(held, answer, on="fine")
-    with pytest.raises(ms.OptionError, match="must be a Model or a Shell"):
+    with pytest.raises(ms.OptionError, match="model_or_shell must be"):
         ms.error_bar(mesh, answer)
     with pytest.raises(ms.LoadError, match="positions"):
         ms.error_bar(held, np.zeros((3, 3)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.motion.motion_check import balancing_load, instant_of
+from modalshell.models.motion_check import balancing_load, instant_of
 
 DT = 1.0 / 60.0
 

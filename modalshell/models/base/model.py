@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +37,10 @@ class Model(ABC):
 
     name: str
     shell: Shell
+    follows_snaps: ClassVar[bool] = False
+    """Whether it leaves a branch where DS does, and so stays on the one that DS is on."""
+    coarse_shell: Shell | None = None
+    """The coarse shell on which it stands, if it does."""
 
     def equilibrium(
         self,
