@@ -40,7 +40,10 @@ class Shell(ReadOnlyArrays):
     Parameters
     ----------
     mesh : TriangleMesh
-        The rest shape; its fold angles, areas and lengths are the rest values of the energies.
+        The rest shape; its fold angles, areas and lengths are the rest values of the energies. Where three triangles
+        or more meet at an edge an :class:`Isotropic` shell has a rigid joint that is free to turn; a
+        :class:`Material`'s has a hinge between the first of them and each of the others, so that a couple goes from
+        one to the next through that first one alone.
     material : Material or Isotropic
         Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
     clamped : str, array_like of bool, shape (n,), or of int, optional

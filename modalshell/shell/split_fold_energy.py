@@ -93,6 +93,7 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
+        mirrored = mirrored[~np.isin(mirrored, mesh.joints.edges)]
         self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
         self._by_poisson: SlopesByPoisson | None = None
         self._membrane = membrane.membrane_elements(self._strained(), membrane.plane_stress(stiffness, poisson))
@@ -135,7 +136,7 @@ class SplitFoldEnergy(ElasticEnergy):
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
         couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
-        return self._folds.of_hinges(self._parts[0], -couples)
+        return self._folds.of_hinges(-couples)
 
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
