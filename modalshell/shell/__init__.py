@@ -4,6 +4,19 @@ from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTE
 from modalshell.shell.fields import ShellFields
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.orthotropic import Orthotropic
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.shell import Shell
 
-__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Isotropic", "Material", "Shell", "ShellFields"]
+__all__ = [
+    "EXACT",
+    "GAUSS_NEWTON",
+    "MIXED",
+    "PROJECTED",
+    "Isotropic",
+    "Material",
+    "Orthotropic",
+    "Sheet",
+    "Shell",
+    "ShellFields",
+]

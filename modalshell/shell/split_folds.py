@@ -36,10 +36,11 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import colour_triangles
 from modalshell.shell.pattern import incidence
 from modalshell.shell.slopes import HeldSlopes
-from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
+from modalshell.shell.triangle_pairs import ALIKE, fold_moments, paired_triangles
 from modalshell.shell.wings import Wings, wings_of
 
 _ALONG = np.array([[1, 2, 0, 3], [2, 0, 1, 4], [0, 1, 2, 5], [1, 3, 2, 6], [3, 2, 1, 7]])
@@ -203,6 +204,7 @@ def split_folds(
     scale: float,
     *,
     halved: bool = False,
+    bending: Elasticity | None = None,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -221,8 +223,11 @@ def split_folds(
     halved : bool
         Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
         than that. The energy is the same, but every pair couples all the vertices around it.
+    bending : Elasticity, optional
+        That of a sheet that is not isotropic; its means over directions are ``rigidity`` and ``poisson``.
     """
-    pairs = _bending_pairs(mesh, rigidity, poisson, slopes, held_vertices)
+    alike = np.ones(len(mesh.edges), dtype=bool) if bending is None else bending.alike(mesh, ALIKE - 1.0)
+    pairs = _bending_pairs(mesh, rigidity, poisson, slopes, held_vertices, alike)
     split, takes_fold = pairs.kinds == EdgeKind.SPLIT, _takes_fold(pairs)
     folded = np.isin(pairs.kinds, (EdgeKind.INNER, EdgeKind.SPLIT, EdgeKind.HELD)) & (pairs.hinges >= 0)
     inner, folds = _numbered(pairs.hinges, folded)
@@ -242,7 +247,7 @@ def split_folds(
     at = np.nonzero(folds >= 0)
     stencils[at[0], _ALONG[at[1], 3]] = hinges[folds[at], np.where(left[at], 3, 2)]
 
-    moments = fold_moments(mesh, pairs.faces, pairs.corners, rigidity, poisson, pairs.kinds == EdgeKind.FREE)
+    moments = fold_moments(mesh, pairs.faces, pairs.corners, rigidity, poisson, pairs.kinds == EdgeKind.FREE, bending)
     shared, share_index = _numbered(pairs.edges, split)
     gains = np.where(pairs.joined, pairs.forward, pairs.left if halved else ~takes_fold)
     shares = _share_factors(share_index, gains, moments, scale)
@@ -283,9 +288,14 @@ def _sources(mesh: TriangleMesh, wings: Wings, inner: Index, count: int) -> sps.
 
 
 def _bending_pairs(
-    mesh: TriangleMesh, rigidity: Array, poisson: Array, slopes: HeldSlopes, held_vertices: NDArray[np.bool_]
+    mesh: TriangleMesh,
+    rigidity: Array,
+    poisson: Array,
+    slopes: HeldSlopes,
+    held_vertices: NDArray[np.bool_],
+    alike: NDArray[np.bool_],
 ) -> _Pairs:
-    """Pairs of the triangles that bend, and what their edges are."""
+    """Pairs of the triangles that bend, over ``alike`` edges (E,) alone, and what their edges are."""
     clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
     loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
     held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
@@ -293,7 +303,7 @@ def _bending_pairs(
     meeting = np.append(~held, False)[mesh.edge_faces].all(axis=1) & ~clamped
     meeting[mesh.joints.edges] = False
     wings = wings_of(mesh, held, slopes)
-    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting)
+    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting & alike)
     own = faces[:, [0, 0, 0, 1, 1]]
     turned = (corners[:, [0, 0, 0, 1, 1]] + np.array([1, 2, 3, 2, 3])) % 3
     edges = np.where(own >= 0, mesh.face_edges[own, turned], -1)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.smoothed_membrane import SHARP
 from modalshell.supports import Support
 
@@ -21,7 +21,7 @@ _LEAST = 0.25
 
 
 def masses_of(
-    mesh: TriangleMesh, material: Material | Isotropic, held: NDArray[np.bool_], supports: Sequence[Support]
+    mesh: TriangleMesh, material: Material | Sheet, held: NDArray[np.bool_], supports: Sequence[Support]
 ) -> Array:
     """Masses (n,) [kg] of a shell's vertices: thirds of the triangles' on hinges, else :func:`vertex_masses`."""
     density = material.area_density(mesh)
