@@ -7,11 +7,13 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from modalshell.scene.tables import PhysicalSheet, Positive, Stiffnesses, Table, Vector
-from modalshell.shell import Orthotropic
+from modalshell.shell import Fabric, Orthotropic
 from modalshell.shell.sheet import Sheet
 
 _Direction = float | Vector
 """An angle [deg] from the projection of the x axis, or a vector."""
+_Constants = Annotated[list[float], Meta(min_length=3, max_length=4)]
+"""Three numbers, or four with a coupling."""
 
 
 class SheetTable(Table, frozen=True):
@@ -42,11 +44,29 @@ class OrthotropicTable(SheetTable, frozen=True):
         return Orthotropic(**_parameters(self))
 
 
+class FabricTable(SheetTable, frozen=True):
+    """``[material]`` of ``kind = "fabric"``: see :class:`modalshell.Fabric`.
+
+    ``stretch`` C1, C2, G and perhaps C12 [N/m], ``bending`` B1, B2, B12 and perhaps the coupling [N m], ``density`` per
+    area [kg/m^2], ``direction`` of the warp.
+    """
+
+    kind: Literal["fabric"]
+    stretch: _Constants
+    bending: _Constants
+    density: Positive
+    direction: _Direction = 0.0
+
+    def sheet(self) -> Fabric:
+        """The sheet."""
+        return Fabric(**_parameters(self))
+
+
 def _parameters(table: SheetTable) -> dict[str, Any]:
     return {name: getattr(table, name) for name in table.__struct_fields__ if name != "kind"}
 
 
 MaterialTable = Stiffnesses | PhysicalSheet | SheetTable
 """What ``[material]`` may be."""
-SHEET_TABLES: dict[str, type[SheetTable]] = {"orthotropic": OrthotropicTable}
+SHEET_TABLES: dict[str, type[SheetTable]] = {"orthotropic": OrthotropicTable, "fabric": FabricTable}
 """Tables of sheets by their kind."""

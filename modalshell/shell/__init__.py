@@ -1,6 +1,7 @@
 """Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
 from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.fabric import Fabric
 from modalshell.shell.fields import ShellFields
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
@@ -13,6 +14,7 @@ __all__ = [
     "GAUSS_NEWTON",
     "MIXED",
     "PROJECTED",
+    "Fabric",
     "Isotropic",
     "Material",
     "Orthotropic",

@@ -105,7 +105,7 @@ class ShellFields:
         found: Array | None = getattr(self, name)
         if found is None:
             raise OptionError(
-                f"{name} needs a sheet with a thickness (got a Material, which has stiffnesses alone): take "
+                f"{name} needs a sheet with a thickness (got a material of stiffnesses alone): take "
                 "ms.Isotropic, or membrane_strain, curvature or energy_density"
             )
         return found

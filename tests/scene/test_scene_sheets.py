@@ -58,6 +58,18 @@ def test_an_orthotropic_scene_is_the_sheet_in_python(tmp_path, direction):
     assert shell.energy(x) == same.energy(x)
 
 
+def test_a_fabric_scene_is_the_fabric_in_python(tmp_path):
+    text = """kind = "fabric"
+stretch = [2000.0, 1500.0, 300.0]
+bending = [64e-6, 97e-6, 33e-6, 1e-6]
+density = 0.324
+"""
+    shell = scene(tmp_path, text).build_shell()
+    sheet = ms.Fabric(stretch=(2000.0, 1500.0, 300.0), bending=(64e-6, 97e-6, 33e-6, 1e-6), density=0.324)
+    x = shell.rest_positions + 1e-3 * np.random.default_rng(0).normal(size=shell.rest_positions.shape)
+    assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
+
+
 @pytest.mark.parametrize(
     ("material", "match"),
     [
