@@ -52,6 +52,7 @@ from modalshell.mesh import (
     v_beam,
 )
 from modalshell.models import (
+    Auto,
     CoarseDiscreteShell,
     DiscreteShell,
     Equilibrium,
@@ -87,6 +88,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Advice",
+    "Auto",
     "Basis",
     "BasisSensitivity",
     "Buckling",
