@@ -6,7 +6,7 @@ from modalshell.core import interruption as _interruption  # noqa: F401 (first, 
 from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
-from modalshell.compare import Advice, Tradeoff, advise, tradeoff
+from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint
 from modalshell.core.errors import (
     FileFormatError,
@@ -52,6 +52,7 @@ from modalshell.mesh import (
     v_beam,
 )
 from modalshell.models import (
+    Auto,
     CoarseDiscreteShell,
     DiscreteShell,
     Equilibrium,
@@ -87,6 +88,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Advice",
+    "Auto",
     "Basis",
     "BasisSensitivity",
     "Buckling",
@@ -134,6 +136,7 @@ __all__ = [
     "PositionConstraint",
     "Pressure",
     "QuantityBar",
+    "QuickAdvice",
     "ReducedRotationStrain",
     "RepairReport",
     "RigidShell",
@@ -179,6 +182,7 @@ __all__ = [
     "paper_bird",
     "plot",
     "quantity_bars",
+    "quick_advice",
     "remesh",
     "repair",
     "run_scene",

@@ -112,6 +112,9 @@ def advise(
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
     write: Annotated[Path | None, Parameter(help="Write the scene with the named model to this file.")] = None,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
+    quick: Annotated[
+        bool, Parameter(negative="", help="At rest, by error bars instead of measured runs: seconds; no files.")
+    ] = False,
 ) -> None:
     """Name the cheapest model that meets an error and a frame rate on a scene, from measured runs.
 
@@ -121,6 +124,13 @@ def advise(
     """
     if write is not None:
         checked_target("--write", write, (".toml",), scene)
+    if quick:
+        with progress(f"{scene.stem} rungs") as on_step:
+            found = ms.quick_advice(scene, error=error, modes=modes, on_step=on_step)
+        CONSOLE.print(Markdown(found.explanation))
+        if write is not None:
+            say(found.write_scene(scene, write))
+        return
     _spare_measurements(scene, out)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:

@@ -65,6 +65,8 @@ class Trajectory(Drawn):
         Vertex positions at rest [m].
     fields : dict of ndarray
         Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
+    levels : tuple of str
+        The model of each frame, of a model that switches itself; else empty.
     bars : Bars or None
         Error bars of some frames, where these were asked for.
     units : UnitSystem
@@ -84,6 +86,7 @@ class Trajectory(Drawn):
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
     fields: dict[str, Array] = field(default_factory=dict)
+    levels: tuple[str, ...] = ()
     bars: Bars | None = None
     units: UnitSystem = SI
 

@@ -227,6 +227,8 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
             "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start again"
         )
+    if motion.model.level_names:
+        recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
     fault = bytes(last["fault"]).decode()
     recorder.resume(
         np.array(records["time"]),

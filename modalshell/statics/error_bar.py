@@ -187,7 +187,7 @@ class ErrorEstimator:
         elastic = replace(problem, live=None)
         factor = elastic.definite_factor(pattern.free_matrix(stiffness))
         if factor is None:
-            raise SolverError("a part of the shell has no stiffness of its own, so that the margin has no measure")
+            raise SolverError("two Newton steps lead to a shape without stiffness: the answer is far from any of DS")
 
         def softening(values: Array) -> Array:
             moved = unknowns.prolong(values)

@@ -270,6 +270,13 @@ class Model(ABC):
         """Message about the validity of a state, or about the method that found it; "" if there is none."""
         return ""
 
+    level_names: tuple[str, ...] = ()
+    """Models among which it switches, by the number in a state's memory "level"."""
+
+    def account(self, state: MotionState) -> str:
+        """What a motion that has come to a state is to say of the model; "" if nothing."""
+        return ""
+
     def is_saddle(self, state: MotionState) -> bool:
         """Whether a state at rest under a dead load is unstable."""
         return False
