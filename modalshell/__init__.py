@@ -75,7 +75,7 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Fabric, Isotropic, Material, Orthotropic, Shell, ShellFields
+from modalshell.shell import Fabric, Isotropic, Material, Orthotropic, Shell, ShellFields, card, cards
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
@@ -166,6 +166,8 @@ __all__ = [
     "WorkerError",
     "advise",
     "buckling_factors",
+    "card",
+    "cards",
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",

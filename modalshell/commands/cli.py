@@ -15,6 +15,7 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands import meshes, results, scenes
+from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
 from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress, say
@@ -156,6 +157,9 @@ def bench(
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     say(*written, sep="\n")
+
+
+app.command(cards)
 
 
 @app.command

@@ -47,7 +47,7 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
-from modalshell.scene.sheets import MaterialTable, SheetTable
+from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
@@ -134,6 +134,8 @@ class Scene(ABC):
         for remark in remarks:
             warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
+            if isinstance(self.material, CardTable) and (self.units or tables.Units()) != tables.Units():
+                raise OptionError(f"name {self.material.name!r} is a card in m, kg and s: leave out [units]")
             material = build_material(self.material, mesh, self.file.parent)
         supports, unknowns = self._build_supports(mesh)
         all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"

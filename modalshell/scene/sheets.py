@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from modalshell.core.errors import MaterialError
 from modalshell.scene.tables import PhysicalSheet, Positive, Stiffnesses, Table, Vector
-from modalshell.shell import Fabric, Orthotropic
+from modalshell.shell import Fabric, Orthotropic, card
 from modalshell.shell.sheet import Sheet
 
 _Direction = float | Vector
@@ -62,11 +64,31 @@ class FabricTable(SheetTable, frozen=True):
         return Fabric(**_parameters(self))
 
 
+class CardTable(SheetTable, frozen=True):
+    """``[material]`` of ``kind = "card"``: a sheet with measured constants by its ``name``, see ``modalshell cards``.
+
+    Its axis 1 along ``direction``; a card is in SI units, and so must be the scene.
+    """
+
+    kind: Literal["card"]
+    name: str
+    direction: _Direction | None = None
+
+    def sheet(self) -> Sheet:
+        """The sheet."""
+        sheet = card(self.name)
+        if self.direction is None:
+            return sheet
+        if not isinstance(sheet, Fabric):
+            raise MaterialError(f"direction must be left out of card {self.name!r}, the same in all directions")
+        return replace(sheet, direction=self.direction).sourced(sheet.source)
+
+
 def _parameters(table: SheetTable) -> dict[str, Any]:
     return {name: getattr(table, name) for name in table.__struct_fields__ if name != "kind"}
 
 
 MaterialTable = Stiffnesses | PhysicalSheet | SheetTable
 """What ``[material]`` may be."""
-SHEET_TABLES: dict[str, type[SheetTable]] = {"orthotropic": OrthotropicTable, "fabric": FabricTable}
+SHEET_TABLES: dict[str, type[SheetTable]] = {"orthotropic": OrthotropicTable, "fabric": FabricTable, "card": CardTable}
 """Tables of sheets by their kind."""

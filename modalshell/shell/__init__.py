@@ -1,5 +1,6 @@
 """Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
+from modalshell.shell.cards import card, cards
 from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 from modalshell.shell.fabric import Fabric
 from modalshell.shell.fields import ShellFields
@@ -21,4 +22,6 @@ __all__ = [
     "Sheet",
     "Shell",
     "ShellFields",
+    "card",
+    "cards",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -33,10 +34,18 @@ class Sheet(ReadOnlyArrays, ABC):
     """An elastic sheet of the split-fold energy, a Kirchhoff shell; a frozen dataclass of its constants."""
 
     kind: ClassVar[str]
+    source = ""
+    """Where the constants are from, of a card."""
 
     def __init_subclass__(cls, *, kind: str) -> None:
         cls.kind = kind
         SHEETS[kind] = cls
+
+    def sourced(self, source: str) -> Self:
+        """The same sheet that says where its constants are from."""
+        other = copy.copy(self)
+        object.__setattr__(other, "source", source)
+        return other
 
     @abstractmethod
     def on(self, mesh: TriangleMesh) -> Self:

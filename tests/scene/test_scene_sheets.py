@@ -70,9 +70,23 @@ density = 0.324
     assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
 
 
+def test_a_card_in_a_scene(tmp_path):
+    built = scene(tmp_path, 'kind = "card"\nname = "royal-target"\ndirection = [0, 1, 0]')
+    sheet = built.build_shell().material
+    card = ms.card("royal-target")
+    assert sheet.bending == card.bending
+    assert sheet.direction == (0.0, 1.0, 0.0)
+    text = SCENE.format(material='kind = "card"\nname = "royal-target"') + '[units]\nlength = "mm"\nmass = "t"\n'
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(ms.SceneError, match=r"material.name: 'royal-target' is a card in m, kg and s"):
+        load_scene(tmp_path / "scene.toml").build_shell()
+
+
 @pytest.mark.parametrize(
     ("material", "match"),
     [
+        ('kind = "card"\nname = "denim"', r"material: card must be one of|material.name"),
+        ('kind = "card"\nname = "steel-0.1mm"\ndirection = 3.0', "material.direction: must be left out"),
         ('kind = "wood"', r"material.kind: must be one of .*orthotropic"),
         (ORTHOTROPIC.format(direction='"x"'), "material.direction"),
         (ORTHOTROPIC.format(direction="0.0").replace("0.35", "4.0"), "material.poisson: is too large"),
