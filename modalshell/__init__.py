@@ -3,6 +3,9 @@
 from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 
 # isort: split
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
@@ -80,16 +83,39 @@ from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
+if TYPE_CHECKING:
+    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, Plane, Sphere
+
 __version__ = "0.1.0"
+
+_LAZY = dict.fromkeys(("Box", "Capsule", "Contact", "Cylinder", "HeightField", "Plane", "Sphere"), "modalshell.contact")
+"""Names that are imported when they are first used: nothing else pays for them."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_LAZY[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
+
 
 __all__ = [
     "Advice",
     "Basis",
     "BasisSensitivity",
+    "Box",
     "Buckling",
+    "Capsule",
     "Clamp",
     "CoarseDiscreteShell",
+    "Contact",
     "Crowd",
+    "Cylinder",
     "Damping",
     "Diaphragm",
     "DiscreteShell",
@@ -104,6 +130,7 @@ __all__ = [
     "Flock",
     "FollowerForce",
     "FrameInertia",
+    "HeightField",
     "HybridStress",
     "Isotropic",
     "LineForce",
@@ -124,6 +151,7 @@ __all__ = [
     "Outcome",
     "PathEvent",
     "Pin",
+    "Plane",
     "PointForce",
     "PositionConstraint",
     "Pressure",
@@ -141,6 +169,7 @@ __all__ = [
     "Shell",
     "ShellFields",
     "SolverError",
+    "Sphere",
     "SpringSheet",
     "SupportError",
     "SupportPath",

@@ -6,12 +6,12 @@ import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, HeldPatch, held_patches
+from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
@@ -31,7 +31,7 @@ from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, l
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
-from modalshell.statics.boundary import continue_boundary
+from modalshell.statics.boundary import continue_boundary, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
@@ -131,8 +131,17 @@ class FullModel(Model):
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
-            constraint_reactions=_reactions(shell, constraints, patches, result.point, load, live),
+            constraint_reactions=reactions_of(shell, constraints, patches, result.point, load, live),
         )
+
+    def _solve_touching(
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        from modalshell.models.base.touching import equilibrium_on_contacts  # not without contacts
+
+        problem, origin = self.problem(loading)
+        first = None if start is None else hold(self.shell, start)
+        return equilibrium_on_contacts(problem, origin, first, contacts, constraints, self.costs)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
@@ -376,25 +385,3 @@ class FullStepper(Stepper):
         elif loading.live:
             model = model.under(LiveLoads(loading, time, self.origin), start.origin, start.dt)
         return model, load, held
-
-
-def _reactions(
-    shell: Shell,
-    constraints: Sequence[Constraint],
-    patches: Sequence[HeldPatch],
-    x: Array,
-    load: Array,
-    live: LiveLoads | None,
-) -> Array:
-    """Forces [N] and moments [N m] (k, 3) of constraints on a shell in equilibrium at x (n, 3)."""
-    if not patches:
-        return np.empty((0, 3))
-    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
-    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
-    reactions = np.empty((len(constraints), 3))
-    for reaction, constraint in zip(reactions, constraints, strict=True):
-        vertices = of_patch[constraint.vertices.tobytes()]
-        forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
-        reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
-    return reactions

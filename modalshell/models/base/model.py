@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +24,9 @@ from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # scenes without contacts do not import it
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
@@ -44,6 +48,7 @@ class Model(ABC):
         loads: Sequence[Load] | None = None,
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
+        contacts: Sequence[Contact] | None = None,
     ) -> Equilibrium:
         """Equilibrium under a load; the class documents the method and the measure ``residual``.
 
@@ -60,6 +65,8 @@ class Model(ABC):
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
             Prescribed positions and orientations of patches, for models that take constraints.
+        contacts : sequence of Contact, optional
+            Colliders that vertices stay out of, as they are at time 0, for models that take contacts.
 
         Returns
         -------
@@ -71,21 +78,25 @@ class Model(ABC):
         LoadError
             For loads or positions of the wrong shape or not finite.
         OptionError
-            For constraints of a model that takes none, or that contradict one another or the supports.
+            For constraints or contacts of a model that takes none, for constraints that contradict one another or the
+            supports, or for a start inside a collider.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        if wanted := checked_constraints(constraints, self.shell):
+        wanted = checked_constraints(constraints, self.shell)
+        if contacts:
+            found = self._solve_touching(loading, begin, contacts, wanted)
+        elif wanted:
             found = self._solve_constrained(loading, begin, wanted)
         else:
             found = self._solve_live(loading, begin) if loading.live else self._solve(loading.dead, begin)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
-        if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
+        if not (wanted or contacts) and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
@@ -107,6 +118,20 @@ class Model(ABC):
     ) -> Equilibrium:
         """Equilibrium under constraints, of models that take these."""
         raise self.no_constraints()
+
+    def _solve_touching(
+        self,
+        loading: Loading,
+        start: Array | None,
+        contacts: Sequence[Contact],
+        constraints: Sequence[Constraint],
+    ) -> Equilibrium:
+        """Equilibrium with contacts, of models that take these."""
+        raise self.no_contacts()
+
+    def no_contacts(self) -> OptionError:
+        """The error of a model that takes no contacts."""
+        return OptionError(f"{self.name} takes no contacts: take DS")
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""
