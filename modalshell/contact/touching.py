@@ -59,6 +59,8 @@ class Touching:
     ----------
     vertices : ndarray, shape (r,)
         Vertex of each row.
+    contact_of : ndarray, shape (r,)
+        Contact of each row.
     size : float
         The shell's size [m].
     bounds : ndarray or None, shape (r,)
@@ -76,6 +78,7 @@ class Touching:
         chosen = [np.flatnonzero(contact.vertices(shell.mesh) & (self._count > 0)) for contact in self.contacts]
         self.vertices: Index = np.concatenate([np.empty(0, np.int64), *chosen]).astype(np.int64)
         self._ends = np.cumsum([0, *(part.size for part in chosen)])
+        self.contact_of: Index = np.repeat(np.arange(len(chosen)), np.diff(self._ends))
         tied = np.flatnonzero(self._count[self.vertices] < 0)
         if tied.size:
             raise OptionError(
@@ -110,6 +113,14 @@ class Touching:
         if self.bounds is not None:
             gap -= self.bounds[chosen]
         return gap, normal, curvature
+
+    def velocities(self, x: Array, rows: Index) -> Array:
+        """Velocities (k, 3) [m/s] of the colliders at the rows' vertices."""
+        velocity = np.empty((rows.size, 3))
+        for contact, here in self._parts(rows):
+            points = x[self.vertices[rows[here]]]
+            velocity[here] = contact.velocity(points if self._origin is None else points + self._origin, self.time)
+        return velocity
 
     def distances(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows alone."""
