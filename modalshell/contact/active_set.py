@@ -162,6 +162,9 @@ class ActiveSet:
 
     def _moved(self, x: Array, hessian: object, direction: Array, rows: Index) -> tuple[float, float, list[Array]]:
         moved, stresses, share = self.problem.moved(x, direction)
+        if (part := self.touching.safe_part(x, moved)) < 1.0:
+            moved, stresses, within = self.problem.moved(x, part * direction)
+            share = min(share, part * within)
         left = (1.0 - share) * self.touching.gaps(x, rows)[0]
         self.touching.put_on(moved, rows, left)
         length = float(np.abs(moved - x).max(initial=0.0))

@@ -21,6 +21,8 @@ EXACT_GAP = 1e-10
 """Depth, as a share of the shell's size, that is none."""
 _FREE = 1e-6
 """Square of the part of a unit normal in a vertex's free unknowns below which supports alone decide its gap."""
+_PASSABLE = 0.5
+"""Way into a collider, in its smallest radius, that an iteration may take a vertex."""
 _SWEEPS = 20
 """Moves onto curved or several surfaces at most."""
 _ON = 1e-14
@@ -163,6 +165,21 @@ class Touching:
         """Curvatures (k, 3, 3) by the free unknowns of the rows' vertices."""
         basis = self._basis[self.vertices[rows]]
         return np.einsum("kia,kij,kjb->kab", basis, curvatures, basis)
+
+    def safe_part(self, x: Array, moved: Array) -> float:
+        """Part of a move from x (n, 3) on which no vertex can pass through a collider to its other side."""
+        part = 1.0
+        for index, contact in enumerate(self.contacts):
+            own = self.of_contact(index)
+            radius = contact.collider.smallest_radius
+            vertices = self.vertices[own]
+            if np.isfinite(radius) and vertices.size:
+                way = np.linalg.norm(moved[vertices] - x[vertices], axis=1)
+                if way.max() > _PASSABLE * radius:
+                    points = x[vertices] if self._origin is None else x[vertices] + self._origin
+                    allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
+                    part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
+        return part
 
     def movable(self, rows: Index, normals: Array) -> Array:
         """Whether supports leave the rows' vertices a motion along the normals."""

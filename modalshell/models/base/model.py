@@ -131,7 +131,7 @@ class Model(ABC):
 
     def no_contacts(self) -> OptionError:
         """The error of a model that takes no contacts."""
-        return OptionError(f"{self.name} takes no contacts: take DS")
+        return OptionError(f"{self.name} takes no contacts: take DS, or LMA, MWTS or RSW")
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""
