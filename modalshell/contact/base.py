@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from modalshell.contact.surfaces import Surface
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.registry import Registry
@@ -52,6 +53,10 @@ class Collider(ReadOnlyArrays, ABC):
     def velocity(self, x: Array, t: float = 0.0) -> Array:  # noqa: ARG002 (of colliders that move by themselves)
         """Velocity (n, 3) [m/s] of the collider at points (n, 3) [m] at the time ``t`` [s]."""
         return np.zeros_like(x)
+
+    @abstractmethod
+    def surface(self, corners: Array) -> Surface:
+        """Triangles of the surface, for pictures, as far as they matter to what has ``corners`` (k, 3) [m]."""
 
     @property
     def smallest_radius(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from modalshell.contact.base import Collider, Gap, point, rounded_gap
+from modalshell.contact.surfaces import Surface, ball
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import read_only
@@ -64,6 +65,12 @@ class Box(Collider, key="box"):
             normal[within], curvature[within] = normals, 0.0
         turn = self._turn
         return gap, normal @ turn.T, turn @ curvature @ turn.T
+
+    def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
+        """See :meth:`Collider.surface`."""
+        directions, triangles = ball()
+        core = np.where(directions < 0.0, -1.0, 1.0) * (self.half - self.rounding)
+        return self.center + (core + self.rounding * directions) @ self._turn.T, triangles
 
     @property
     def smallest_radius(self) -> float:

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.base import Collider, Gap, axis_of, point, rounded_gap
+from modalshell.contact.surfaces import Surface, tube
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
 
@@ -41,6 +42,13 @@ class Capsule(Collider, key="capsule"):
         beside = (along > 0.0) & (along < self._length)
         free = np.eye(3) - beside[:, None, None] * np.outer(self._axis, self._axis)
         return rounded_gap(offset, free, self.radius)
+
+    def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
+        """See :meth:`Collider.surface`."""
+        polar = np.linspace(0.0, 0.5 * np.pi, 12)
+        caps = self.radius / self._length * np.cos(polar)
+        radii = self.radius * np.concatenate([np.sin(polar), np.sin(polar)[::-1]])
+        return tube(self.a, self.b, radii.tolist(), [*(-caps).tolist(), *(1.0 + caps[::-1]).tolist()])
 
     @property
     def smallest_radius(self) -> float:

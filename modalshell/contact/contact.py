@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from modalshell.contact.base import Collider, Gap
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.thread_safety import ReadOnlyArrays
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 from modalshell.supports import SupportPath
@@ -104,6 +104,18 @@ class Contact(ReadOnlyArrays):
         own = self.motion.at(t).to_shell(x)
         way = self.motion.at(t + dt).to_world(own) - x + dt * self.collider.velocity(own, t)
         return float(np.linalg.norm(way, axis=1).max(initial=0.0))
+
+    def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
+        """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).
+
+        Those ``inset`` [m] below the surface do not hide what lies on it.
+        """
+        vertices, triangles = self.collider.surface(corners)
+        if inset:
+            vertices = vertices - inset * self.collider.gap(vertices)[1]
+        if self.motion is None:
+            return vertices[None], triangles
+        return np.stack([self.motion.at(float(time)).to_world(vertices) for time in times]), triangles
 
     def plain(self) -> dict[str, Any]:
         """Its parameters and those of its collider, as texts and lists."""

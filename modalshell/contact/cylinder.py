@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.base import Collider, Gap, axis_of, point, rounded_gap
+from modalshell.contact.surfaces import Surface, tube
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
 
@@ -60,6 +61,14 @@ class Cylinder(Collider, key="cylinder"):
             curvature[rim] = turn[:, :, None] * turn[:, None, :] / far[:, None, None]
             curvature[rim] += ring[:, None, None] * around[:, :, None] * around[:, None, :]
         return gap, normal, curvature
+
+    def surface(self, corners: Array) -> Surface:
+        """See :meth:`Collider.surface`."""
+        along = (corners - self.a) @ self._axis / self._length
+        low, high = max(0.0, float(along.min())), min(1.0, float(along.max()))
+        if low >= high:
+            low, high = 0.0, 1.0
+        return tube(self.a, self.b, [0.0, self.radius, self.radius, 0.0], [low, low, high, high])
 
     @property
     def smallest_radius(self) -> float:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
 from modalshell.contact.base import Collider, Gap, point
+from modalshell.contact.surfaces import Surface, grid_triangles
 from modalshell.core.checks import as_array, checked_number, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import read_only
@@ -70,3 +71,10 @@ class HeightField(Collider, key="height-field"):
         across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
         curvature = -cosine[:, None, None] * (across @ second @ across)
         return (local[:, 2] - spline(0, 0)) * cosine, normal, curvature
+
+    def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
+        """See :meth:`Collider.surface`."""
+        first, second = (self.spacing * np.arange(count) for count in self.z.shape)
+        x, y = np.meshgrid(first, second, indexing="ij")
+        points = np.stack([x, y, self.z], axis=-1).reshape(-1, 3)
+        return self.origin + points, grid_triangles(*self.z.shape)[:, ::-1]

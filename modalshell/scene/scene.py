@@ -166,11 +166,14 @@ class ShellScene(Scene):
         See :class:`Scene`.
     constraints : tuple of Constrained
         Prescribed positions and orientations of patches.
+    contacts : tuple of ContactTable
+        Colliders; see :mod:`modalshell.scene.contacts`.
     path : PathTable or None
         How its path of equilibria is followed.
     """
 
     constraints: tuple[tables.Constrained, ...] = ()
+    contacts: tuple[Any, ...] = ()
     path: tables.PathTable | None = None
 
     def require_shell(self) -> ShellScene:
@@ -179,7 +182,9 @@ class ShellScene(Scene):
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
-        return super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        content = super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        # Results of scenes without contacts keep their digests.
+        return content | ({"contacts": [table.plain() for table in self.contacts]} if self.contacts else {})
 
     def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
@@ -197,7 +202,17 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
-        return BuiltScene(self, shell, model, force, loads, path, constraints)
+        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts())
+
+    def build_contacts(self) -> list[Any]:
+        """The contacts; SceneError where a table is refused."""
+        contacts = []
+        for index, table in enumerate(self.contacts):
+            with located(self.file, f"contacts[{index}]", table):
+                if table.path is not None and self.motion is None:
+                    raise OptionError("path needs a [motion] table: statics knows no time")
+                contacts.append(table.contact())
+        return contacts
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
@@ -291,6 +306,8 @@ class BuiltScene:
         How the supports move.
     constraints : sequence of Constraint
         On patches of vertices.
+    contacts : sequence of Contact
+        Colliders.
     """
 
     scene: ShellScene
@@ -300,6 +317,7 @@ class BuiltScene:
     loads: Sequence[Load]
     path: SupportPath | None
     constraints: Sequence[Constraint]
+    contacts: Sequence[Any] = ()
 
     @property
     def gravity(self) -> tables.Vector | None:
@@ -319,6 +337,7 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
+                contacts=self.contacts,
                 tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
 
@@ -329,5 +348,6 @@ class BuiltScene:
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
+        options |= {"contacts": self.contacts} if self.contacts else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

@@ -116,3 +116,18 @@ def test_a_moving_contact_carries_its_collider():
 def test_bad_colliders_are_refused_by_name(make, said):
     with pytest.raises(ms.OptionError, match=said):
         make()
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_drawn_surfaces_lie_on_their_colliders(kind):
+    collider, corners = EXAMPLES[kind], np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    vertices, triangles = collider.surface(corners)
+    if kind != "height-field":
+        on = collider.gap(vertices)[0]
+        assert np.abs(on[1:-1]).max() < 1e-9 or kind == "cylinder"
+    assert triangles.max() < len(vertices)
+    turn = np.cross(*(vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2)))
+    middle = vertices[triangles].mean(axis=1)
+    outward = np.sum(turn * collider.gap(middle)[1], axis=1)
+    big = np.linalg.norm(turn, axis=1) > 1e-4
+    assert (outward[big] > 0.0).all() or (outward[big] < 0.0).all()
