@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.contact.friction import Friction
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
@@ -92,10 +94,12 @@ class ActiveSet:
         The contacts.
     scale : float
         Size of the load [N]; contact forces count where they are larger.
+    friction : Friction, optional
+        That of a step in time.
     """
 
-    def __init__(self, problem: Potential, touching: Touching, scale: float) -> None:
-        self.problem, self.touching, self._load = problem, touching, scale
+    def __init__(self, problem: Potential, touching: Touching, scale: float, friction: Friction | None = None) -> None:
+        self.problem, self.touching, self._load, self._friction = problem, touching, scale, friction
         self._deep = EXACT_GAP * touching.size
 
     def near(self, x: Array) -> Mask:
@@ -110,6 +114,19 @@ class ActiveSet:
             chosen[rows] = self.touching.movable(rows, self.touching.gaps(x, rows)[1])
         return chosen
 
+    def _linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
+        """Gradient (N,) and Hessian of the potential, that of friction with it."""
+        gradient, hessian = self.problem.linearise(x, geometric, stresses)
+        return (gradient if self._friction is None else self._friction.add(x, gradient, hessian)), hessian
+
+    def _potential(self, x: Array) -> tuple[float, Array]:
+        """Potential [J] and its gradient (N,), those of friction with them."""
+        value, gradient = self.problem.potential(x)
+        if self._friction is not None:
+            value += self._friction.value(x)
+            gradient = gradient + self.problem.shell.unknowns.restrict(self._friction.forces(x).ravel())
+        return value, gradient
+
     def scale(self, pushes: Array) -> float:
         """Size of the forces that residuals are relative to [N]."""
         return max(self._load, float(np.linalg.norm(pushes))) or 1.0
@@ -123,7 +140,7 @@ class ActiveSet:
         size, solved = np.inf, False
         for iteration in range(rules.most + 1):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
-            gradient, hessian = self.problem.linearise(x, geometric, stresses)
+            gradient, hessian = self._linearise(x, geometric, stresses)
             rows = np.flatnonzero(active)
             gaps = touching.gaps(x, rows)
             equations = Rotated(self.problem, touching, gradient, hessian, rows, pushes[rows], gaps)
@@ -183,7 +200,7 @@ class ActiveSet:
 
     def _equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""
-        gradient, hessian = self.problem.linearise(rest.point, geometric)
+        gradient, hessian = self._linearise(rest.point, geometric)
         rows = np.flatnonzero(rest.active)
         gaps = self.touching.gaps(rest.point, rows)
         return Rotated(self.problem, self.touching, gradient, hessian, rows, rest.pushes[rows], gaps), gradient
@@ -235,10 +252,10 @@ class ActiveSet:
         present, failures = np.zeros_like(x), 0
         rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
         for _ in range(_SUB_STEPS):
-            fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load)
+            fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
             step = fluid.iterate(x, active, loose, shell.predicted_stresses(x, present))
             iterations += step.iterations
-            reached = problem.potential(step.point)[0] if step.converged else np.inf
+            reached = self._potential(step.point)[0] if step.converged else np.inf
             if not reached <= value + method.HIGHER * abs(value):
                 drag, failures = drag * _RISE, failures + 1
                 if failures == _FAILURES:
@@ -253,7 +270,7 @@ class ActiveSet:
             plain = rules._replace(most=_SUB_STEP)
             last = self.iterate(x, active, plain, shell.predicted_stresses(x, present))
             iterations += last.iterations
-            reached = problem.potential(last.point)[0] if last.converged else np.inf
+            reached = self._potential(last.point)[0] if last.converged else np.inf
             if reached <= value + method.HIGHER * abs(value):
                 last = self.settled(last)
                 if last.stable:
@@ -263,12 +280,12 @@ class ActiveSet:
     def _first_drag(self, x: Array) -> tuple[float, float]:
         """Potential at x (n, 3), infinite where vertices lie inside, and a drag to begin with."""
         shell = self.problem.shell
-        value, gradient = self.problem.potential(x)
+        value, gradient = self._potential(x)
         drag = float(np.linalg.norm(gradient))
         drag /= float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size
         if self.touching.distances(x).min(initial=0.0) < -self._deep:
             value = np.inf
-            diagonal = self.problem.linearise(x, EXACT)[1].diagonal()
+            diagonal = self._linearise(x, EXACT)[1].diagonal()
             drag = max(drag, _STIFF * float(np.abs(diagonal).mean() / shell.mass.mean()))
         return value, drag
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.contact.active_set import ActiveSet
 from modalshell.contact.contact import Contact
+from modalshell.contact.friction import SLIP, Friction
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
@@ -45,6 +46,8 @@ class TouchingSteps:
         The contacts at the end of the last step.
     pushes : ndarray, shape (r,)
         Forces [N] along the normals there.
+    rubs : bool
+        Whether a contact has friction.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class TouchingSteps:
     def __init__(self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float) -> None:
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
+        self.rubs = any(contact.friction for contact in self.now.contacts)
         self._deep = EXACT_GAP * self.now.size
         corners = np.stack([shell.rest_positions.min(axis=0), shell.rest_positions.max(axis=0)]) + origin
         for index, contact in enumerate(self.now.contacts):
@@ -63,6 +67,16 @@ class TouchingSteps:
     def begin(self, x: Array) -> None:
         """Refuse a motion that begins at x (n, 3) inside a collider."""
         self.now.refuse_inside(x)
+
+    def told(self, dt: float) -> str:
+        """What is said of friction; "" without it."""
+        if not self.rubs:
+            return ""
+        creep = SLIP * self.now.size / dt
+        return (
+            f"friction is smoothed: what sticks creeps at {creep:.2g} m/s (1 - sqrt(1 - r)), r being the share of "
+            "Coulomb's limit that it needs"
+        )
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s]."""
@@ -95,14 +109,21 @@ class TouchingSteps:
         self, problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], time: float
     ) -> tuple[Array, bool]:
         """Minimum (n, 3) of a step's potential outside the colliders at ``time`` [s], and whether it was found."""
-        self.now = self.now.at(time, problem.shell)
-        solver = ActiveSet(problem, self.now, scale)
-        rules = rules_of(problem, goal, _MOST)
-        rest = solver.iterate(first, solver.near(first), rules, stresses)
-        if not rest.converged:
-            rest = solver.descend(problem.origin, rules)
-        self.pushes = np.where(rest.active, rest.pushes, 0.0)
-        return rest.point, rest.converged
+        before, lagged = self.now, self.pushes
+        self.now = before.at(time, problem.shell)
+        rules, chosen = rules_of(problem, goal, _MOST), None
+        while True:
+            friction = Friction(before, lagged, problem.origin, time - before.time) if self.rubs else None
+            solver = ActiveSet(problem, self.now, scale, friction)
+            rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
+            if not rest.converged:
+                rest = solver.descend(problem.origin, rules)
+            self.pushes = np.where(rest.active, rest.pushes, 0.0)
+            new = (self.pushes > 0.0) & (lagged <= 0.0)
+            if chosen is not None or not (self.rubs and rest.converged and new.any()):
+                return rest.point, rest.converged
+            # What touches for the first time has no force of the step before: it takes that of this one.
+            lagged, chosen = np.where(new, self.pushes, lagged), rest.active
 
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
         """Rates (n, 3) [m/s] after restitution, and without those of vertices that were pushed out.

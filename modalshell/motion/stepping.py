@@ -200,7 +200,8 @@ class Motion:
     @property
     def remarks(self) -> list[str]:
         """What the model says of its states, each sentence once, with the time from which it holds."""
-        return [
+        told = [self.stepper.note] if self.stepper.note else []
+        return told + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
             for remark, first in self._remarks.items()
         ]

@@ -138,8 +138,6 @@ def test_motions_that_cannot_be_are_refused_by_name():
     explicit = ms.DiscreteShell(shell, integrator="verlet", allow_unstable_step=True)
     with pytest.raises(ms.OptionError, match="takes no contacts yet: take an implicit integrator"):
         ms.simulate(explicit, contacts=[FLOOR], **given)
-    with pytest.raises(ms.OptionError, match="has friction"):
-        ms.simulate(model, contacts=[ms.Contact(ms.Plane(), friction=0.3)], **given)
     with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
         ms.simulate(ms.RigidShell(shell), contacts=[FLOOR], **given)
     with pytest.raises(ms.OptionError, match="each of contacts must be a Contact"):

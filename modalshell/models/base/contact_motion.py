@@ -16,6 +16,9 @@ from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
 
+PUSHES = "pushes"
+"""Name in a state's memory of the contact forces (r,) [N] of its step."""
+
 
 @final
 class ContactMotion:
@@ -39,16 +42,13 @@ class ContactMotion:
     Raises
     ------
     OptionError
-        For explicit rules, friction, and colliders that move too fast.
+        For explicit rules, and colliders that move too fast.
     """
 
     def __init__(self, rule: FullIntegrator, setup: MotionSetup, shell: Shell, origin: Array) -> None:
         if not isinstance(rule, ImplicitRule):
             raise OptionError(f"{rule.name} takes no contacts yet: take an implicit integrator, such as 'sdirk2'")
         contacts = checked_contacts(setup.contacts)
-        for index, contact in enumerate(contacts):
-            if contact.friction:
-                raise OptionError(f"contact {index} has friction, which motions do not take yet: leave it out")
         self._rule, self._setup = rule, setup
         self.steps = TouchingSteps(contacts, shell, origin, setup.dt)
 
@@ -56,12 +56,14 @@ class ContactMotion:
         """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s]; and whether it was solved."""
         steps, rule, damping = self.steps, self._rule, self._setup.damping
         x, end = state.coordinates, begin + dt
+        if PUSHES in state.memory:
+            steps.pushes = state.memory[PUSHES].copy()
         steps.let_in(x, begin, dt)
         if not (steps.touches(x, begin) or steps.enters(x, end)):
             after, solved = rule.march(steps_of(ShellSteps(model, at, damping), model.free_parts, damping), state, dt)
             if not steps.enters(after.coordinates, end):
                 steps.pushes[:] = 0.0
-                return after, solved and not steps.passed(x, after.coordinates, end)
+                return self._kept(after), solved and not steps.passed(x, after.coordinates, end)
         loads = np.zeros_like(x)
 
         def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
@@ -77,4 +79,15 @@ class ContactMotion:
         after, solved = rule.standing_in(ShellSteps(model, felt, damping, minimum), state, dt)
         reach = dt * np.linalg.norm(loads, axis=1) / model.shell.mass
         rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
-        return rule.stood_in_for(state, MotionState(after.coordinates, rates), dt), solved
+        return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
+
+    def _kept(self, state: MotionState) -> MotionState:
+        """A state with the contact forces that the friction of the next step needs."""
+        if not self.steps.rubs:
+            return state
+        return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
+
+    def begin(self, state: MotionState) -> MotionState:
+        """A start, refused inside a collider."""
+        self.steps.begin(state.coordinates)
+        return self._kept(state)

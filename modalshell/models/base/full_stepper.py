@@ -39,9 +39,12 @@ class FullStepper(Stepper):
         """State at rest, moved with the supports to where these are at time 0."""
         state = super().start(positions)
         state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
-        if self.contacts is not None:
-            self.contacts.steps.begin(state.coordinates)
-        return state
+        return state if self.contacts is None else self.contacts.begin(state)
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts' friction."""
+        return "" if self.contacts is None else self.contacts.steps.told(self.setup.dt)
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""

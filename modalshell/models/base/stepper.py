@@ -116,6 +116,11 @@ class Stepper(ABC):
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
 
+    @property
+    def note(self) -> str:
+        """What a message says of how steps are taken; "" if there is nothing to say."""
+        return ""
+
     @abstractmethod
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s].
