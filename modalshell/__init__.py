@@ -3,6 +3,9 @@
 from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 
 # isort: split
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
@@ -84,17 +87,40 @@ from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
+if TYPE_CHECKING:
+    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, Plane, Sphere
+
 __version__ = "0.1.0"
+
+_LAZY = dict.fromkeys(("Box", "Capsule", "Contact", "Cylinder", "HeightField", "Plane", "Sphere"), "modalshell.contact")
+"""Names that are imported when they are first used: nothing else pays for them."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_LAZY[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
+
 
 __all__ = [
     "Advice",
     "Auto",
     "Basis",
     "BasisSensitivity",
+    "Box",
     "Buckling",
+    "Capsule",
     "Clamp",
     "CoarseDiscreteShell",
+    "Contact",
     "Crowd",
+    "Cylinder",
     "Damping",
     "Diaphragm",
     "DiscreteShell",
@@ -111,6 +137,7 @@ __all__ = [
     "Flock",
     "FollowerForce",
     "FrameInertia",
+    "HeightField",
     "HybridStress",
     "Isotropic",
     "LineForce",
@@ -132,6 +159,7 @@ __all__ = [
     "Outcome",
     "PathEvent",
     "Pin",
+    "Plane",
     "PointForce",
     "PositionConstraint",
     "Pressure",
@@ -151,6 +179,7 @@ __all__ = [
     "Shell",
     "ShellFields",
     "SolverError",
+    "Sphere",
     "SpringSheet",
     "SupportError",
     "SupportPath",

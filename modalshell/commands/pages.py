@@ -55,6 +55,7 @@ def scene_page(scene: ms.Scene) -> Page:
         loading = shell.loading(force=force, loads=loads)
         force = loading.dead + loading.largest_force()
     lacking += ["there are no constraints"] if constraints else []
+    lacking += ["there are no contacts"] if declared.contacts else []
     lacking += (
         [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]
         if model.spec.builder not in (ms.LinearModal, ms.ModalWarping, trained_on_loads)

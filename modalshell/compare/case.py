@@ -101,6 +101,8 @@ def make_case(
 
 def scene_case(scene: ShellScene) -> Case:
     """The case of a scene; moving supports give the largest inertial load of their path."""
+    if scene.contacts:
+        raise OptionError(f"{scene.file}: contacts: rungs are not compared with contacts yet; leave them out")
     if scene.constraints:
         raise OptionError(
             f"{scene.file}: constraints: rungs are compared under loads, not under constraints; leave them out, or "

@@ -216,7 +216,8 @@ class Recorder:
         loading = self.motion.setup.loading
         if not (loading.steady and loading.conservative):
             return False
-        return self.motion.setup.supports is None and not self.motion.setup.constraints
+        setup = self.motion.setup
+        return setup.supports is None and not (setup.constraints or setup.contacts)
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -24,6 +24,9 @@ from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.trajectory import Trajectory
 from modalshell.supports import SupportPath
 
+if TYPE_CHECKING:
+    from modalshell.contact import Contact
+
 
 def simulate(
     model: Model,
@@ -37,6 +40,7 @@ def simulate(
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
+    contacts: Sequence[Contact] | None = None,
     tolerance: float | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
@@ -71,6 +75,9 @@ def simulate(
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
         Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
+    contacts : sequence of Contact, optional
+        Colliders that vertices stay out of, for models that take contacts. While something touches, rules of order two
+        step by implicit Euler.
     tolerance : float, optional
         Error, as a share of the shell's size, that the steps may make by their length. Each step is then taken in as
         many halves of halves as that needs; frames stay where they are.
@@ -100,7 +107,8 @@ def simulate(
     ------
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
-        or bars under constraints or of a shell that its supports do not hold.
+        bars under constraints or contacts or of a shell that its supports do not hold, or contacts of a model that
+        takes none, that begin inside the shell, or move too fast for the step.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError
@@ -114,7 +122,7 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     if bars is not None:
         bars = checked_count("bars", bars)
-        check_bar(model.shell, constrained=bool(constraints))
+        check_bar(model.shell, constrained=bool(constraints) or bool(contacts))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),
@@ -123,6 +131,7 @@ def simulate(
         start=start,
         supports=supports,
         constraints=constraints,
+        contacts=contacts,
         tolerance=None if tolerance is None else Tolerance(tolerance, duration),
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Progress
 from modalshell.export import save_trajectory
@@ -15,6 +17,9 @@ from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact
 
 
 @final
@@ -51,6 +56,12 @@ class _Colouring:
         return low, high
 
 
+_BODY: dict[str, Any] = {"color": "#c9b79c", "smooth": False, "lined": False}
+"""How colliders are painted."""
+_AROUND = 0.1
+"""What planes show beyond the motion, as a share of its size."""
+_INSET = 5e-3
+"""Depth below their surfaces at which they are drawn, as a share of the motion's size: what lies on them shows."""
 _FILM_RATE = 60.0
 """Frames a second of a film, at most."""
 DISPLACEMENT = "displacement"
@@ -90,8 +101,13 @@ class Look:
         return asdict(self) | {"camera": list(self.camera)}
 
 
-def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | None = None) -> Path:
-    """Write a motion in the format of the file's suffix, atomically; return the path."""
+def write_result(
+    run: Trajectory, path: Path, look: Look, on_step: Progress | None = None, contacts: Sequence[Contact] = ()
+) -> Path:
+    """Write a motion in the format of the file's suffix, atomically; return the path.
+
+    Films and pictures show the colliders of ``contacts``, too.
+    """
     shown = _Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
     colours: dict[str, Any] = {} if shown is None else {"colormap": shown.colormap}
     if path.suffix == ".png":
@@ -104,7 +120,8 @@ def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | No
         if shown is not None:
             surface = replace(surface, scalars=shown.values[frame], label=shown.label)
             colours["scalar_range"] = shown.spread(frame)
-        return draw_views([View([surface, rest], title=title, camera=look.camera)], path, **colours)
+        bodies = [ShadedSurface(x[0], faces, **_BODY) for x, faces in _bodies(run, contacts, run.times[[frame]])]
+        return draw_views([View([surface, rest, *bodies], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
         rate = look.rate
         if rate is None:
@@ -115,9 +132,26 @@ def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | No
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
-        seen = positions[::every]
-        return write_film(path, [surface], [seen], fps=rate / every, camera=look.camera, on_frame=on_step, **colours)
+        surfaces, motions = [surface], [positions[::every]]
+        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
+            surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
+            motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
+        if "scalars" in colours:
+            colours["scalars"] += [None] * (len(surfaces) - 1)
+        return write_film(path, surfaces, motions, fps=rate / every, camera=look.camera, on_frame=on_step, **colours)
     return save_trajectory(run, path, on_frame=on_step)
+
+
+def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Surfaces of the colliders at some times, the rectangles of planes a little larger than the motion."""
+    if not contacts:
+        return []
+    points = np.asarray(run.positions, dtype=np.float64).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max())
+    ends = np.stack([low, high]) + _AROUND * size * np.outer([-1.0, 1.0], np.ones(3))
+    corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+    return [contact.surfaces(corners, times, _INSET * size) for contact in contacts]
 
 
 def _turned(run: Trajectory) -> Array:

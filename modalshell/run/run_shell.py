@@ -141,7 +141,8 @@ class ShellRun(SceneRun[SceneResult]):
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
         for suffix in formats:
-            write_result(self._trajectory, self.path(suffix), self._look, self._on_frame)
+            path, contacts = self.path(suffix), self._scene.build_contacts()
+            write_result(self._trajectory, path, self._look, self._on_frame, contacts)
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""

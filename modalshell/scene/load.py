@@ -24,7 +24,7 @@ from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
-_OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "output", "units")
+_OPTIONAL = ("supports", "energies", "loads", "constraints", "contacts", "motion", "path", "output", "units")
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -98,6 +98,10 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     declared["constraints"] = tuple(
         checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
     )
+    if "contacts" in raw:
+        from modalshell.scene.contacts import contact_tables  # not without contacts
+
+        declared["contacts"] = contact_tables(file, raw["contacts"])
     own = next((kind for key, kind in KINDS.items() if key in declared), None)
     if _wants_bar(file, raw):
         if own is not None:
@@ -117,8 +121,11 @@ def pickled_scene(scene: Scene) -> tuple[Any, ...]:
     """What a scene is pickled as: its tables as plain dicts and lists, whose types are made as the scene is read."""
     raw = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name != "file"}
     plain = {name: msgspec.to_builtins(value) for name, value in raw.items() if value is not None}
-    if "constraints" in plain:
-        plain["constraints"] = list(plain["constraints"])
+    for key in ("constraints", "contacts"):
+        if key in plain:
+            plain[key] = list(plain[key])
+    if not plain.get("contacts"):
+        plain.pop("contacts", None)
     if isinstance(scene.supports, tables.SupportList):
         plain["supports"] = plain["supports"]["entries"]
     return parse_scene, (scene.file, plain)

@@ -179,6 +179,8 @@ class ShellScene(Scene):
         See :class:`Scene`.
     constraints : tuple of Constrained
         Prescribed positions and orientations of patches.
+    contacts : tuple of ContactTable
+        Colliders; see :mod:`modalshell.scene.contacts`.
     path : PathTable or None
         How its path of equilibria is followed.
     bar : bool
@@ -186,6 +188,7 @@ class ShellScene(Scene):
     """
 
     constraints: tuple[tables.Constrained, ...] = ()
+    contacts: tuple[Any, ...] = ()
     path: tables.PathTable | None = None
     bar: bool = False
 
@@ -196,6 +199,8 @@ class ShellScene(Scene):
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
         content = super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        # Results of scenes without contacts keep their digests.
+        content |= {"contacts": [table.plain() for table in self.contacts]} if self.contacts else {}
         return content | ({"bar": True} if self.bar else {})
 
     def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
@@ -216,10 +221,20 @@ class ShellScene(Scene):
             model = self.model.build(self.model_factory(shell, solve))
         if self.bar:
             try:
-                check_bar(shell, constrained=bool(constraints))
+                check_bar(shell, constrained=bool(constraints) or bool(self.contacts))
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
-        return BuiltScene(self, shell, model, force, loads, path, constraints)
+        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts())
+
+    def build_contacts(self) -> list[Any]:
+        """The contacts; SceneError where a table is refused."""
+        contacts = []
+        for index, table in enumerate(self.contacts):
+            with located(self.file, f"contacts[{index}]", table):
+                if table.path is not None and self.motion is None:
+                    raise OptionError("path needs a [motion] table: statics knows no time")
+                contacts.append(table.contact())
+        return contacts
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
@@ -313,6 +328,8 @@ class BuiltScene:
         How the supports move.
     constraints : sequence of Constraint
         On patches of vertices.
+    contacts : sequence of Contact
+        Colliders.
     """
 
     scene: ShellScene
@@ -322,6 +339,7 @@ class BuiltScene:
     loads: Sequence[Load]
     path: SupportPath | None
     constraints: Sequence[Constraint]
+    contacts: Sequence[Any] = ()
 
     @property
     def gravity(self) -> tables.Vector | None:
@@ -341,6 +359,7 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
+                contacts=self.contacts,
                 tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
 
@@ -361,5 +380,6 @@ class BuiltScene:
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
         if self.scene.bar:
             options["bar"] = True
+        options |= {"contacts": self.contacts} if self.contacts else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

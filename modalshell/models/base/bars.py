@@ -14,7 +14,7 @@ from modalshell.statics.live_loads import LiveLoads
 def check_bar(shell: Shell, *, constrained: bool = False) -> None:
     """OptionError where answers on a shell have no error bar."""
     if constrained:
-        raise OptionError("error bars under position or orientation constraints are not known: ask for none")
+        raise OptionError("error bars under position or orientation constraints, or contacts, are not known: drop one")
     if loose := left_free(shell):
         raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
 

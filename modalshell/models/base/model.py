@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,9 @@ from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # scenes without contacts do not import it
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
@@ -51,6 +54,7 @@ class Model(ABC):
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
         bar: bool = False,
+        contacts: Sequence[Contact] | None = None,
     ) -> Equilibrium:
         """Equilibrium under a load; the class documents the method and the measure ``residual``.
 
@@ -70,6 +74,8 @@ class Model(ABC):
         bar : bool
             Whether to estimate the answer's error against DS on the same shell: two Newton steps and a stability margin
             beyond the answer, for about a third of the time of DS; see :class:`~modalshell.ErrorBar`.
+        contacts : sequence of Contact, optional
+            Colliders that vertices stay out of, as they are at time 0, for models that take contacts.
 
         Returns
         -------
@@ -81,8 +87,9 @@ class Model(ABC):
         LoadError
             For loads or positions of the wrong shape or not finite.
         OptionError
-            For constraints of a model that takes none, or that contradict one another or the supports; for a ``bar``
-            under constraints, or of a shell that its supports do not hold.
+            For constraints or contacts of a model that takes none, for constraints that contradict one another or the
+            supports, for a start inside a collider, or for a ``bar`` under constraints or contacts, or of a shell that
+            its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
@@ -91,15 +98,17 @@ class Model(ABC):
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if checked_kind("bar", bar, bool):
-            check_bar(self.shell, constrained=bool(wanted))
-        if wanted:
+            check_bar(self.shell, constrained=bool(wanted) or bool(contacts))
+        if contacts:
+            found = self._solve_touching(loading, begin, contacts, wanted)
+        elif wanted:
             found = self._solve_constrained(loading, begin, wanted)
         else:
             found = self._solve_live(loading, begin) if loading.live else self._solve(loading.dead, begin)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
-        if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
+        if not (wanted or contacts) and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
@@ -122,6 +131,20 @@ class Model(ABC):
     ) -> Equilibrium:
         """Equilibrium under constraints, of models that take these."""
         raise self.no_constraints()
+
+    def _solve_touching(
+        self,
+        loading: Loading,
+        start: Array | None,
+        contacts: Sequence[Contact],
+        constraints: Sequence[Constraint],
+    ) -> Equilibrium:
+        """Equilibrium with contacts, of models that take these."""
+        raise self.no_contacts()
+
+    def no_contacts(self) -> OptionError:
+        """The error of a model that takes no contacts."""
+        return OptionError(f"{self.name} takes no contacts: take DS, or LMA, MWTS or RSW")
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""
