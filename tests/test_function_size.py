@@ -18,6 +18,7 @@ REASONS = {
     "crowd.flock.Flock.__init__": OPTIONS,
     "models.hybrid_stress.HybridStress.trained": OPTIONS,
     "motion.simulate.simulate": OPTIONS,
+    "page.shell_page.shell_page": OPTIONS,
     "render.film.write_film": OPTIONS,
     "render.views.draw_views": OPTIONS,
     "springs.spring_sheet.SpringSheet.__init__": OPTIONS,

@@ -58,8 +58,9 @@ def export(
         motion = compress(centred(run)[0])
         shapes = motion.displacements()
         page = clip_page(
-            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem
-        )
+            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
+            units=motion.units,
+        )  # fmt: skip
         say(page.save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
