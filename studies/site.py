@@ -208,7 +208,7 @@ def build(folder: Path, *, reference: bool = True, run_tutorials: bool = True) -
         warnings.simplefilter("error")
         if reference:
             write_reference(folder)
-        else:
+        elif not (folder / "api" / "modalshell.html").is_file():
             site.page("api/modalshell.html", "modalshell", "<p>The reference was left out.</p>")
         site.build()
     if faults := site.faults + broken_links(folder):
@@ -223,9 +223,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="leave the reference and the tutorials' outputs out")
     chosen = parser.parse_args(arguments)
     if not (ROOT / "README.md").is_file():
-        sys.exit(
-            f"the site is made of a checkout's documents (got {ROOT}, which has no README.md): run it in a checkout"
-        )
+        sys.exit(f"the site is made of a checkout's documents (got {ROOT}, without README.md): run it in a checkout")
     try:
         pages = build(chosen.folder.resolve(), reference=not chosen.quick, run_tutorials=not chosen.quick)
     except SiteError as fault:
