@@ -136,7 +136,7 @@ def _buckling(scene: ShellScene, shell: Shell) -> float | str:
 
 
 def _attempt(compute: Callable[[], Any]) -> Any:
-    """What is computed, or in words why it cannot be."""
+    """What is computed, or a text that says why it cannot be."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModalShellWarning)
