@@ -205,7 +205,7 @@ def record_part(record: dict[str, Any], name: str) -> Any:
 
 
 def _plain(value: Any) -> str:
-    """A table of a scene in words, without what is not set."""
+    """A table of a scene as text, without what is not set."""
     if value is None:
         return "none"
     if isinstance(value, dict):
