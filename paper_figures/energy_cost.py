@@ -18,9 +18,9 @@ def draw(results: Path, folder: Path) -> Path:
     for family, color in COLORS["Isotropic"].items():
         own = [row for row in findings["ratios"] if row["mesh"] == family]
         ratios = [row["seconds"]["Isotropic"] / row["seconds"]["hinges"] for row in own]
-        curves.append(Curve(places, ratios, family, color, dashed=True))
+        curves.append(Curve(places, ratios, family, color, joined=False))
     aims = [next(row["aim"] for row in findings["ratios"] if row["work"] == name) for name in work]
-    curves.append(Curve(places, aims, "aim", "black", dashed=True, marker="v"))
+    curves.append(Curve(places, aims, "aim, at most", "black", marker="_", joined=False))
     ticks = {float(place): name for place, name in zip(places, work, strict=True)}
     panels = [Panel(curves, "seconds, Isotropic over hinges", "", "ratio", x_ticks=ticks)]
     curves = []

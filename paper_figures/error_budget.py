@@ -11,6 +11,7 @@ from modalshell.render.curves import Curve, Panel, draw_curves
 MESH = "equilateral"
 FLOOR = 0.01
 """Smallest error [%] that is drawn; smaller ones are drawn there."""
+MARKERS = ("o", "v", "s", "D", "_")
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -24,22 +25,22 @@ def draw(results: Path, folder: Path) -> Path:
             own = [row for row in rows if row["load"] == load]
             places = list(range(len(own)))
             parts = {
-                f"{name} on hinges": ([row["models"][model]["on hinges"] for row in own], "black"),
+                "the model on hinges": ([row["models"][model]["on hinges"] for row in own], "black"),
                 "error of the hinges": ([row["hinges"] for row in own], "#a3211b"),
                 "error of modes and warp, on hinges": (
                     [row["models"][model]["modes and warp"] for row in own],
                     "#2b5fc8",
                 ),
-                f"{name} on shell theory": ([row["models"][model]["on shell theory"] for row in own], "#2f9e44"),
+                "the model on shell theory": ([row["models"][model]["on shell theory"] for row in own], "#2f9e44"),
                 "error of the mesh, shell theory": ([row["of the mesh"] for row in own], "#999999"),
             }
             curves = [
-                Curve(places, [max(100.0 * value, FLOOR) for value in values], label, color, dashed=color != "black")
-                for label, (values, color) in parts.items()
+                Curve(
+                    places, [max(100.0 * value, FLOOR) for value in values], label, color, marker=marker, joined=False
+                )
+                for (label, (values, color)), marker in zip(parts.items(), MARKERS, strict=True)
             ]
             ticks = {float(place): row["case"].replace(" ", "\n", 1) for place, row in zip(places, own, strict=True)}
             title = f"{name}, {load:g} of the load"
-            panels.append(
-                Panel(curves, title, "", "error against shell theory [%]", log=True, x_ticks=ticks, legend_inside=False)
-            )
-    return draw_curves(panels, folder / "error_budget.png", columns=len(loads), share_y=True)
+            panels.append(Panel(curves, title, "", "error against shell theory [%]", log=True, x_ticks=ticks))
+    return draw_curves(panels, folder / "error_budget.png", columns=len(loads), share_y=True, one_legend=True)

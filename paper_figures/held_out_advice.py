@@ -15,8 +15,9 @@ def draw(results: Path, folder: Path) -> Path:
     scenes = range(1, len(advised) + 1)
     colors = {"error": "0.4", "measured_error": "#8fb3e8", "held_out_error": "#2b5fc8"}
     labels = ("asked", "of the advised model, at measured loads", "at held-out loads")
+    markers = {"error": "_"}
     curves = [
-        Curve(scenes, [100.0 * row[key] for row in advised], label, color, dashed=key == "error")
+        Curve(scenes, [100.0 * row[key] for row in advised], label, color, marker=markers.get(key, "o"), joined=False)
         for (key, color), label in zip(colors.items(), labels, strict=True)
     ]
     title = "Is the advice right?"

@@ -38,8 +38,8 @@ def draw(results: Path, folder: Path) -> Path:
             label = f"{row['energy']}, {row['mesh']}" if finest else f"_{row['energy']}"
             modes = np.arange(1, len(size) + 1)
             color = COLORS[row["energy"]][row["mesh"]]
-            curves.append(Curve(modes, size, label, color, dashed=not finest, points=finest))
-        further = f"; dashed {coarse}" if coarse < fine else ""
+            curves.append(Curve(modes, size, label, color, dashed=not finest, joined=False))
+        further = f"; hollow {coarse}" if coarse < fine else ""
         title = f"{supports}: {words} ({fine} cells across{further})"
         panels.append(Panel(curves, title, "mode", "size of the error [%]", log=True))
-    return draw_curves(panels, folder / "plate_frequencies.png", columns=3, share_y=True)
+    return draw_curves(panels, folder / "plate_frequencies.png", columns=3, share_y=True, one_legend=True)

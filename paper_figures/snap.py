@@ -10,6 +10,7 @@ from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.load_paths import path_curves
+from paper_figures.model_colors import model_color
 
 PANELS = {
     "V 150°": ("displacement along the load [m]", "gravity [m/s²]"),
@@ -21,18 +22,30 @@ PANELS = {
     "Lee's frame": ("drop under the load [L]", "load [EI / L²]"),
     "tape plateau": ("turn of the end [degrees]", "moment over D α"),
 }
-COLORS = ("#2f9e44", "#7b2d8e", "#d98200", "#2b5fc8", "#c8322b")
 CAMERA = (0.9, -1.0, 0.55)
 
 
 def draw(results: Path, folder: Path) -> list[Path]:
     """Draw from the result in ``results`` into ``folder``; return the PNGs' paths."""
     result = StudyResult.load(results, "snap")
-    panels, views = [], []
+    views = []
+    for case in PANELS:
+        if f"{case}_positions" in result.arrays:
+            views += shapes(case, result.arrays[f"{case}_positions"], result.arrays[f"{case}_faces"])
+    rows = -(-len(views) // 4)
+    shown = draw_views(
+        views, folder / "snap_shapes.png", columns=4, size=(1600, 330 * rows), link_cameras=False, legend=False
+    )
+    return [draw_paths(result, folder), shown]
+
+
+def draw_paths(result: StudyResult, folder: Path) -> Path:
+    """Draw the load-deflection paths into ``folder``; return the PNG's path."""
+    panels = []
     for case, (x_label, y_label) in PANELS.items():
         curves: list[Curve] = []
         for number, one in enumerate(row for row in result.findings["curves"] if row["case"] == case):
-            color, marks = COLORS[number % len(COLORS)], "twisted" not in one["model"]
+            color, marks = model_color(one["model"], number), "twisted" not in one["model"]
             if "moment" in one:
                 turn, moment = np.array(one["turn"]), np.array(one["moment"])
                 curves.append(Curve(turn, moment, one["model"], color, points=False))
@@ -46,14 +59,7 @@ def draw(results: Path, folder: Path) -> list[Path]:
             if "elastica_loads" in one:
                 curves.append(Curve(one["elastica_drops"], one["elastica_loads"], "elastica", "black", points=False))
         panels.append(Panel(curves, case, x_label, y_label, legend_inside=True))
-        if f"{case}_positions" in result.arrays:
-            views += shapes(case, result.arrays[f"{case}_positions"], result.arrays[f"{case}_faces"])
-    written = [draw_curves(panels, folder / "snap.png", columns=4)]
-    rows = -(-len(views) // 4)
-    shown = draw_views(
-        views, folder / "snap_shapes.png", columns=4, size=(1600, 330 * rows), link_cameras=False, legend=False
-    )
-    return [*written, shown]
+    return draw_curves(panels, folder / "snap.png", columns=4)
 
 
 def shapes(case: str, positions: np.ndarray, faces: np.ndarray) -> list[View]:

@@ -267,10 +267,13 @@ def finding(result: StudyResult) -> str:
         errors = [error for error in row.get("errors", ()) if error is not None]
         if errors:
             worst[row["engine"]] = max(worst.get(row["engine"], 0.0), *errors)
-    told = ", ".join(f"{engine} {100 * error:.2g} %" for engine, error in worst.items())
+    ordered = sorted(worst.items(), key=lambda pair: pair[1])
+    *others, last = (f"{float(f'{100 * error:.2g}'):,g} % with {engine}" for engine, error in ordered)
+    told = f"{', '.join(others)} and {last}" if others else last
     left = dict.fromkeys(row["engine"] for row in rows if row["engine"] not in worst)
     off = max(abs(one) for row in result.findings["plates"] for one in row.get("deviations", ()))
+    counted = f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held."
     return (
-        f"Largest errors over five scenes under their weight: {told}. Plate frequencies are within {100 * off:.2g} % "
-        "of Ritz's method. " + (f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held.")
+        f"Over five scenes under their weight the largest error is {told}. Plate frequencies are within "
+        f"{100 * off:.2g} % of Ritz's method. {counted}"
     )

@@ -98,8 +98,9 @@ modalshell run studies/scenes/leaf_wind.toml
 ```
 
 runs one. `modalshell reproduce --pages` writes the web pages into `results/pages`. Those up to 500 kB are committed; of
-each larger one the table has the command. Download or make a page and open it: it moves without a server or a network,
-in any browser with WebGL2. The flock's run makes [a film](../paper_figures/flock.mp4) and reports the largest error of
+each larger one the table has the command. Download or make a page and open it: it needs no server and no network, only
+a browser with WebGL2. A page computes its scene live, or plays what a run gave where live models would leave something
+out, and says which. The flock's run makes [a film](../paper_figures/flock.mp4) and reports the largest error of
 its levels of detail in pixels.
 
 | scene | page | what it is |

@@ -19,6 +19,7 @@ REASONS = {
     "models.hybrid_stress.HybridStress.trained": OPTIONS,
     "motion.simulate.simulate": OPTIONS,
     "motion.stepping.Motion.__init__": OPTIONS,
+    "page.shell_page.shell_page": OPTIONS,
     "render.film.write_film": OPTIONS,
     "render.views.draw_views": OPTIONS,
     "springs.spring_sheet.SpringSheet.__init__": OPTIONS,

@@ -17,6 +17,7 @@ import modalshell as ms
 from modalshell.commands import meshes, results, scenes
 from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
+from modalshell.commands.licences import show_licences
 from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress, say
 from modalshell.compare import MODES
@@ -172,6 +173,16 @@ def doctor() -> None:
     for reading in examine():
         table.add_row(reading.name, escape(reading.value), escape(reading.hint))
     CONSOLE.print(table)
+
+
+@app.command
+def licences() -> None:
+    """List the licence of every dependency and extra, and say which are copyleft.
+
+    Example: modalshell licences
+    """
+    if show_licences():
+        sys.exit(1)
 
 
 def main(arguments: list[str] | None = None) -> None:

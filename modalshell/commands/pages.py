@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-import warnings
+import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
 from modalshell.crowd.scene import FlockScene
+from modalshell.export import compress
+from modalshell.export.near_origin import centred
 from modalshell.files.provenance import repository_file
+from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
-from modalshell.page import Page
+from modalshell.page import Page, Tones, live_model, recorded, shell_page
+from modalshell.page.clip_page import farthest
+from modalshell.page.modal_page import live_tip
+from modalshell.run.results import Colouring
+from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
 
@@ -25,54 +36,149 @@ _NEAR = 0.05
 """Error in training up to which a page has reduced RSW."""
 _EARTH = 9.81
 """Acceleration [m/s^2] that it is trained on where the scene has none."""
+_HONEST = 0.25
+"""Error against the scene's own answer up to which a live model is offered."""
+_ERROR = 5e-4
+"""Largest error of a recorded vertex on a page, as a share of the shell's size."""
 
 
-def scene_page(scene: ms.Scene) -> Page:
-    """The page of a scene: its flock, or its shell with its loads, damping and number of modes.
+def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
+    """The page of a scene: its flock, or its shell.
 
-    A shell moves by LMA, MWTS and, where its data are small enough, reduced RSW.
-
-    A ModalShellWarning names what is left out: supports that move, constraints, how loads change, another model.
+    A motion by LMA, MWTS or reduced RSW under loads that do not change is computed live on the page. Where the live
+    models would leave out something of the scene (supports that move, constraints, loads that change, another model, a
+    static answer, a colour), the scene is run and the page plays what the run gave. The live models can be chosen
+    where they are near it, or where it is said what they leave out; the page says how far they are off.
 
     Raises
     ------
     SceneError
         If a table is refused.
     OptionError
-        If there are more birds or modes than a browser takes.
+        If there are more birds, modes or shapes of a motion than a browser takes.
     """
     if isinstance(scene, FlockScene):
         flight, eye = scene.build_flight(scene.build_shell()), scene.flock.camera
         span = scene.motion
         return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=scene.name)
-    declared = scene.require_shell()
-    shell = declared.build_shell()
-    path, force, loads, constraints = declared.build_loading(shell)
-    model, motion = declared.model, declared.motion
-    lacking = ["the supports rest"] if path is not None else []
-    if loads:
-        lacking += ["loads that change are dead: as on the shape at rest, at their largest"]
-        loading = shell.loading(force=force, loads=loads)
-        force = loading.dead + loading.largest_force()
-    lacking += ["there are no constraints"] if constraints else []
-    lacking += ["there are no contacts"] if declared.contacts else []
-    lacking += (
-        [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]
-        if model.spec.builder not in (ms.LinearModal, ms.ModalWarping, trained_on_loads)
-        else []
-    )
-    lacking += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
-    if lacking:
-        warnings.warn(f"{scene.file}: on the page {', '.join(lacking)}", ms.ModalShellWarning, stacklevel=2)
-    gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
-    basis = ms.solve_modes(shell, model.options.get("modes", MODE_COUNT))
-    reduced = _reduced(basis, np.array(gravity), force)
-    if motion is None:
-        return basis.page(title=scene.name, gravity=gravity, force=force, reduced=reduced)
-    with located(scene.file, "motion", motion):
-        damping = build_damping(motion)
-    factors = damping.mass_factor, damping.stiffness_factor
-    return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt, reduced=reduced)
+    return _ShellPage(scene.require_shell(), on_step).page()
+
+
+class _ShellPage:
+    """The page of a scene of one shell, while it is made."""
+
+    def __init__(self, scene: ShellScene, on_step: Progress | None) -> None:
+        self.scene, self.on_step = scene, on_step
+        self.shell = scene.build_shell()
+        path, self.force, loads, constraints = scene.build_loading(self.shell)
+        self.free_of_time = path is None and not constraints and not scene.contacts
+        self.left_out = ["the supports rest"] if path is not None else []
+        self.left_out += ["nothing is held along a path"] if constraints else []
+        self.left_out += ["nothing is touched"] if scene.contacts else []
+        if loads:
+            self.left_out += ["loads that change stay as they are at rest, at their largest"]
+            loading = self.shell.loading(force=self.force, loads=loads)
+            self.force = loading.dead + loading.largest_force()
+        motion = scene.motion
+        self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
+        self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
+        self.basis = ms.solve_modes(self.shell, scene.model.options.get("modes", MODE_COUNT))
+        self.warned = ["A shell without supports is warped live as if it were held: its centre strays."]
+        self.warned = self.warned if self.basis.rigid_modes else []
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the live models leave out nothing."""
+        scene, same = self.scene, self.scene.model.spec.builder in (ms.LinearModal, ms.ModalWarping, trained_on_loads)
+        return same and scene.motion is not None and scene.output.color is None and not self.left_out
+
+    def page(self) -> Page:
+        """The live page, or one that begins with the record of a run."""
+        scene, mesh = self.scene, self.shell.mesh
+        gravity, units = list(self.gravity), scene.unit_system
+        if self.is_live:
+            return shell_page(
+                mesh.vertices, mesh.faces, title=scene.name, tip=live_tip(self.basis), live=self._live(),
+                gravity=gravity, units=units, notes=["Computed live on this page.", *self.warned],
+            )  # fmt: skip
+        run = self._run()
+        motion = compress(centred(run)[0], _ERROR)
+        shapes = motion.displacements()
+        what = "motion" if scene.motion is not None else "equilibrium"
+        name = scene.model.spec.name
+        record = recorded(
+            motion.times, shapes, motion.amplitudes, label=f"The scene's {what}, {name}", tones=self._tones(run)
+        )
+        remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
+        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
+        live, said = self._offered(run)
+        return shell_page(
+            mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),
+            live=live, record=record, gravity=gravity, units=units, notes=notes + said,
+        )  # fmt: skip
+
+    def _run(self) -> ms.Trajectory:
+        """The scene's motion or equilibrium, by the command's own run."""
+        plain = replace(self.scene, output=msgspec.structs.replace(self.scene.output, formats=[]))
+        with tempfile.TemporaryDirectory() as folder:
+            found: Any = ms.run_scene(plain, out=folder, on_step=self.on_step)
+            run: ms.Trajectory = found.trajectory
+            fields = {name: np.array(values) for name, values in run.fields.items()}
+            return replace(run, positions=np.array(run.positions), fields=fields)
+
+    def _tones(self, run: ms.Trajectory) -> Tones | None:
+        """The scene's colour, if it has one."""
+        if (name := self.scene.output.color) is None:
+            return None
+        shown = Colouring.of(run, name)
+        return Tones(shown.values, shown.label, shown.spread(slice(None)), shown.colormap)
+
+    def _live(self) -> dict[str, Any]:
+        """What the page needs to step the live models."""
+        motion = self.scene.motion
+        reduced = _reduced(self.basis, np.array(self.gravity), self.force)
+        if motion is None:
+            return live_model(self.basis, force=self.force, reduced=reduced)
+        with located(self.scene.file, "motion", motion):
+            damping = build_damping(motion)
+        factors = damping.mass_factor, damping.stiffness_factor
+        return live_model(self.basis, force=self.force, damping=factors, dt=motion.dt, reduced=reduced)
+
+    def _offered(self, run: ms.Trajectory) -> tuple[dict[str, Any] | None, list[str]]:
+        """The live models offered with a record, None where they are too far from it, and what is said about them."""
+        off = self._error(run) if self.free_of_time else None
+        far = "has no answer here" if off is None else f"is {100.0 * off:.2g} % off this answer"
+        if self.free_of_time and (off is None or off > _HONEST):
+            return None, [f"No live model is offered: MWTS, which a page can compute, {far}."]
+        said = (
+            f"Live models can be chosen below. MWTS {far}" if self.free_of_time else "Live models can be chosen below"
+        )
+        said += f"; live, {' and '.join(self.left_out)}" if self.left_out else ""
+        return self._live(), [f"{said}.", *self.warned]
+
+    def _error(self, run: ms.Trajectory) -> float | None:
+        """Error of MWTS, as the page computes it, against the run, over all its frames; None where it has no answer."""
+        model, pull, motion = ms.ModalWarping(self.basis), tuple(self.gravity), self.scene.motion
+        if motion is None:
+            answer = model.equilibrium(gravity=pull, force=self.force)
+            return _difference(answer.positions[None], run.positions, self.shell) if answer.converged else None
+        with located(self.scene.file, "motion", motion):
+            damping = build_damping(motion)
+        factors = damping.mass_factor, damping.stiffness_factor
+        moved = ms.simulate(
+            model, duration=motion.duration, dt=motion.dt, gravity=pull, force=self.force, damping=factors,
+            store_every=motion.store_every,
+        )  # fmt: skip
+        if len(moved.times) != len(run.times):
+            return None
+        return _difference(moved.positions, run.positions, self.shell)
+
+
+def _difference(seen: NDArray[np.floating], expected: NDArray[np.floating], shell: ms.Shell) -> float | None:
+    """Relative error in displacement over all frames, in the norm of the mass; None where nothing moves."""
+    missed = sum(float((shell.mass @ ((a - b) ** 2)).sum()) for a, b in zip(seen, expected, strict=True))
+    moved = sum(float((shell.mass @ ((b - shell.rest_positions) ** 2)).sum()) for b in expected)
+    return float(np.sqrt(missed / moved)) if moved > 0.0 else None
 
 
 def _reduced(basis: ms.Basis, gravity: Array, force: Array | None) -> ReducedWarp | None:
@@ -96,9 +202,7 @@ def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     written = []
     for index, file in enumerate(scenes):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ms.ModalShellWarning)  # what a page leaves out is known of these
-            written.append(scene_page(ms.load_scene(file)).save(folder / f"{file.stem}.html"))
+        written.append(scene_page(ms.load_scene(file)).save(folder / f"{file.stem}.html"))
         if on_step is not None:
             on_step(index + 1, len(scenes))
     return written

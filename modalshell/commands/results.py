@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
+import numpy as np
 from cyclopts import App, Parameter
 
 import modalshell as ms
 from modalshell.commands.terminal import progress, say
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
+from modalshell.files.atomic_io import write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import clip_page
+from modalshell.run.report_numbers import checked_run, report_numbers
+from modalshell.run.report_numbers import convergence as mesh_convergence
+from modalshell.run.report_page import report_page
+from modalshell.scene import ShellScene
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
@@ -58,8 +67,9 @@ def export(
         motion = compress(centred(run)[0])
         shapes = motion.displacements()
         page = clip_page(
-            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem
-        )
+            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
+            units=motion.units,
+        )  # fmt: skip
         say(page.save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
@@ -67,6 +77,54 @@ def export(
     if target.suffix in (".pc2", ".mdd"):
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         say(rest)
+
+
+def report(
+    result: Annotated[Path, Parameter(help="Scene file (.toml), or the trajectory (.npz) or folder of a run of one.")],
+    *,
+    scene: Annotated[Path | None, Parameter(help="Scene file of a run that is named by its trajectory.")] = None,
+    out: Annotated[Path | None, Parameter(help="HTML file to write; if omitted, next to the run's results.")] = None,
+    convergence: Annotated[bool, Parameter(help="Solve on two coarser meshes, too.")] = False,
+) -> None:
+    """Write a report on a run as one printable HTML file, and its numbers as JSON.
+
+    It has the scene, a picture with supports and loads, peak displacement and stress with their places, reactions and
+    their balance, natural frequencies, the factor of buckling, versions, and the command that made it. A scene that has
+    not been run is run first.
+
+    Example: modalshell report studies/scenes/v_beam.toml
+    """
+    file = result if result.suffix == ".toml" else scene
+    if file is None or (result.suffix == ".toml" and scene is not None):
+        raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {result}, --scene {scene})")
+    declared = ms.load_scene(file).require_shell()
+    if result.suffix == ".toml":
+        with progress(f"{declared.name} steps") as on_step:
+            archive = next(path for path in ms.run_scene(declared, on_step=on_step).files if path.suffix == ".npz")
+    else:
+        archive = _result_of(result)
+    target = out or archive.with_name(f"{archive.stem}_report.html")
+    checked_target("--out", target, (".html", ".htm"), archive, file)
+    refuse_foreign(target.with_suffix(".json"))
+    shell = declared.build_shell()
+    record = checked_run(declared, shell, archive.with_suffix(".json"))
+    run = ms.load_trajectory(archive, verify=True)
+    numbers = report_numbers(declared, shell, run)
+    numbers["command"] = f"modalshell report {result}" + (f" --scene {scene}" if scene else "")
+    if convergence:
+        numbers["command"] += " --convergence"
+        numbers["convergence"] = mesh_convergence(declared, numbers, _solved)
+    say(write_text(target, report_page(declared, shell, run, record, numbers)))
+    say(write_record(target.with_suffix(".json"), numbers))
+
+
+def _solved(scene: ShellScene) -> ms.Trajectory:
+    """The motion or equilibrium of a scene, in a folder that is not kept."""
+    plain = replace(scene, output=msgspec.structs.replace(scene.output, formats=[]))
+    with tempfile.TemporaryDirectory() as folder, progress(f"{scene.name} steps") as on_step:
+        found: Any = ms.run_scene(plain, out=folder, on_step=on_step)
+        trajectory: ms.Trajectory = found.trajectory
+        return replace(trajectory, positions=np.array(trajectory.positions), fields={})
 
 
 def _result_of(path: Path) -> Path:
@@ -91,3 +149,4 @@ def _saved_basis(path: Path) -> ms.Basis | None:
 def register(app: App) -> None:
     """Add the commands to ``app``."""
     app.command(export)
+    app.command(report)

@@ -192,15 +192,18 @@ def page(
     *,
     out: Annotated[Path, Parameter(help="HTML file to write.")],
 ) -> None:
-    """Write a scene as one web page that simulates it in any browser, without a server.
+    """Write a scene as one web page that shows it in any browser, without a server.
 
-    Models: LMA (linear modal analysis) and MWTS (modal warping for thin shells).
+    A motion by LMA (linear modal analysis) or MWTS (modal warping for thin shells) is computed live on the page. Of any
+    other scene the page plays what a run gives, and offers live models where they are near.
 
     Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
     """
     declared = ms.load_scene(scene)
     checked_target("--out", out, (".html", ".htm"), *input_files(declared))
-    say(scene_page(declared).save(out))
+    with progress(f"{scene.stem} steps") as on_step:
+        made = scene_page(declared, on_step)
+    say(made.save(out))
 
 
 def register(app: App) -> None:

@@ -157,6 +157,14 @@ function labels() {
   ["separation", "alignment", "cohesion", "target"].forEach((name, i) => show(name + "_value", state.weights[i].toFixed(2)));
   show("flap_value", state.flap.toFixed(2)); show("pause", state.paused ? "Play" : "Pause"); show("birds", birds);
 }
+function restore() {  // what the address says; the flock itself begins anew
+  const {words, numbers} = linked();
+  if (numbers("weights", 4)) state.weights = numbers("weights", 4);
+  if (numbers("flap", 1)) state.flap = numbers("flap", 1)[0];
+  state.paused = words.paused === "1";
+  ["separation", "alignment", "cohesion", "target"].forEach((name, i) => { element(name).value = state.weights[i]; });
+  element("flap").value = state.flap;
+}
 function connect() {
   ["separation", "alignment", "cohesion", "target"].forEach((name, i) => {
     element(name).value = state.weights[i];
@@ -168,7 +176,10 @@ function connect() {
   element("restart").onclick = restart;
   camera.distance = data.distance; camera.centre = data.centre;
   camera.azimuth = data.azimuth; camera.elevation = data.elevation;
+  if (view.clientWidth < 1.3 * view.clientHeight) camera.distance *= 1.3 * view.clientHeight / view.clientWidth;
   pointer({});
+  connectPage({keys: {r: restart}, parts: () => ({weights: digits(state.weights), flap: digits([state.flap]), paused: +state.paused})});
+  restore();
   labels();
 }
 let last = 0, owed = 0, frame = 0;

@@ -139,9 +139,9 @@ def warp_frame(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
 
 @_kernel
 def push_frame(modal, load, q, work, force):  # type: ignore[no-untyped-def]
-    """Write the modal force ``Phi^T R(Psi q)^T f`` of ``load`` (n, 3) into ``force`` (m,) [choi2007, eq. 20].
+    """Write the modal force ``Phi^T R(Psi q)^T f`` of ``load`` (n, 3) into ``force`` (m,).
 
-    ``work`` is (WORK,); all of them are of one precision.
+    [choi2007, eq. 20; theory 2, eq. 8]. ``work`` is (WORK,); all of them are of one precision.
     """
     force[:] = 0.0
     for tile in range(modal.shape[0]):

@@ -1,4 +1,4 @@
-"""Body loads: weight, and inertial forces of a moving frame."""
+"""Body loads: weight, and inertial forces of a moving frame (theory 16, eq. 4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coarse DS: discrete shells on a coarse mesh of the surface, prolonged to the fine one."""
+"""Coarse DS: discrete shells on a coarse mesh of the surface, prolonged to the fine one (theory 11, eq. 1)."""
 
 from __future__ import annotations
 

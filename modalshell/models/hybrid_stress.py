@@ -1,4 +1,7 @@
-"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads.
+
+See theory 11, eq. 2 to 7.
+"""
 
 from __future__ import annotations
 

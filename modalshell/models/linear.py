@@ -1,4 +1,4 @@
-"""LMA, linear modal analysis: small displacements in the modal basis [choi2007, eq. 6-8]."""
+"""LMA, linear modal analysis: small displacements in the modal basis [choi2007, eq. 6-8; theory 2, eq. 1]."""
 
 from __future__ import annotations
 

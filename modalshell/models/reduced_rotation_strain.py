@@ -1,4 +1,4 @@
-"""Reduced RSW: the rotation-strain warp on a few sampled triangles, trained in advance."""
+"""Reduced RSW: the rotation-strain warp on a few sampled triangles, trained in advance (theory 9, eq. 9)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""RSW, the rotation-strain warp [huang2011]: modes as rotations and strains of triangles, joined by a Poisson fit."""
+"""RSW, the rotation-strain warp [huang2011]: modes as rotations and strains of triangles, joined by a Poisson fit.
+
+See theory 9, eq. 1 to 4.
+"""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class ModalWarping(UnstretchedModel):
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
     def warped(self, q: Array) -> Array:
-        """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
+        """Warped displacements (n, 3) [m] [choi2007, eq. 17; theory 2, eq. 6]."""
         count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         out = np.empty_like(linear)

@@ -90,7 +90,7 @@ class Basis(VibrationModes, Drawn):
     modes : ndarray, shape (3n, m)
         Phi, mass-orthonormal, zero at held vertices [1/sqrt(kg)].
     rotations : ndarray, shape (3n, m)
-        Psi = W Phi, the modal rotation matrix [choi2007, eq. 15].
+        Psi = W Phi, the modal rotation matrix [choi2007, eq. 15; theory 2, eq. 3].
     rigid_modes : int
         Number of leading modes that are rigid motions left free by the supports: six for a free shell.
     residual : float

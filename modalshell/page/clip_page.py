@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
-from modalshell.page.html import Page, encoded, filled_page, modal_data
+from modalshell.core.units import SI, UnitSystem
+from modalshell.page.html import Page
+from modalshell.page.record import recorded
+from modalshell.page.shell_page import shell_page
 
 
 def clip_page(
@@ -17,6 +20,7 @@ def clip_page(
     amplitudes: NDArray[np.floating],
     *,
     title: str,
+    units: UnitSystem = SI,
 ) -> Page:
     """A page that plays ``rest + sum_k amplitudes[f, k] shapes[k]`` in a loop.
 
@@ -34,23 +38,24 @@ def clip_page(
         Of the shapes in each frame.
     title : str
         Headline of the page.
+    units : UnitSystem
+        Of all numbers.
 
     Raises
     ------
     OptionError
         If there are more shapes than a browser's shader takes.
     """
-    rest = np.asarray(rest_positions, float)
-    low, high = rest.min(axis=0), rest.max(axis=0)
-    largest = np.abs(amplitudes).max(axis=0, initial=0.0)
-    data = {
-        **modal_data(rest - 0.5 * (low + high), faces, np.reshape(shapes, (len(shapes), -1)).T),
-        "times": np.asarray(times).tolist(),
-        "play": encoded(np.asarray(amplitudes, np.float32)),
-        "amplitudes": np.where(largest > 0.0, largest, 1.0).tolist(),
-        "gravity": [0.0, 0.0, -1.0],
-        "tip": int(np.linalg.norm(np.tensordot(amplitudes[-1], shapes, 1), axis=1).argmax()),
-        "size": float((high - low).max()),
-        "centre": (0.5 * (low + high)).tolist(),
-    }
-    return filled_page("shell", title, data, rest, faces)
+    return shell_page(
+        np.asarray(rest_positions, float),
+        faces,
+        title=title,
+        tip=farthest(shapes, amplitudes),
+        record=recorded(times, shapes, amplitudes, label="Recorded motion"),
+        units=units,
+    )
+
+
+def farthest(shapes: Array, amplitudes: NDArray[np.floating]) -> int:
+    """The vertex that has moved farthest in the last frame."""
+    return int(np.linalg.norm(np.tensordot(amplitudes[-1], shapes, 1), axis=1).argmax())

@@ -1,4 +1,4 @@
-// ---- what all pages share: numbers, camera, programs of the GPU ----
+// ---- what all pages share: numbers, and programs of the GPU ----
 function bytes(text) {
   const raw = atob(text), out = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
@@ -8,37 +8,7 @@ const element = name => document.getElementById(name);
 const show = (name, text) => { element(name).textContent = text; };
 const view = element("view"), canvas = document.createElement("canvas");
 const gl = canvas.getContext("webgl2", {antialias: true, preserveDrawingBuffer: true});
-const camera = {azimuth: -1.0, elevation: 0.45, distance: 1.6 * data.size, centre: [0, 0, 0]};
 const FOCUS = 1.8, WIDTH = 2048;
-
-function axes() {  // right, up, and the direction towards the eye
-  const a = camera.azimuth, e = camera.elevation;
-  const back = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
-  return [[-Math.sin(a), Math.cos(a), 0], [-Math.sin(e) * Math.cos(a), -Math.sin(e) * Math.sin(a), Math.cos(e)], back];
-}
-function cameraMatrix() {  // by columns
-  const [right, up, back] = axes(), d = camera.distance, c = camera.centre;
-  const near = 0.02 * d, far = d + 6 * data.size, aspect = canvas.width / canvas.height;
-  const dot = v => v[0] * c[0] + v[1] * c[1] + v[2] * c[2];
-  const a = (far + near) / (near - far), b = 2 * far * near / (near - far), out = [];
-  for (let i = 0; i < 3; i++) out.push(FOCUS / aspect * right[i], FOCUS * up[i], a * back[i], -back[i]);
-  out.push(-FOCUS / aspect * dot(right), -FOCUS * dot(up), -a * (dot(back) + d) + b, dot(back) + d);
-  return out;
-}
-function projected(x) {  // place in the picture [pixels], pixels a metre there, depth
-  const [right, up, back] = axes(), c = camera.centre, r = [x[0] - c[0], x[1] - c[1], x[2] - c[2]];
-  const dot = v => v[0] * r[0] + v[1] * r[1] + v[2] * r[2], depth = camera.distance - dot(back);
-  const half = view.clientHeight / 2, unit = FOCUS * half / depth;
-  return [view.clientWidth / 2 + unit * dot(right), half - unit * dot(up), unit, depth];
-}
-function nearestPoint(x, stride, px, py) {  // the point that is seen nearest to a pixel, none beyond 30 pixels
-  let best = -1, nearest = 30 ** 2;
-  for (let i = 0; stride * i < x.length; i++) {
-    const at = projected(x.subarray(stride * i, stride * i + 3)), d = (at[0] - px) ** 2 + (at[1] - py) ** 2;
-    if (d < nearest) { nearest = d; best = i; }
-  }
-  return best;
-}
 
 function program(vertex, fragment) {  // a linked program and the places of its uniforms, by name
   const made = gl.createProgram();
@@ -104,20 +74,22 @@ vec3 warped(vec3 u, vec3 w) {
   return u + b * x + c * cross(w, x);
 }
 `;
-const SHADED = `
+const shaded = (tone, shade = 0.65) => `
 uniform vec3 towards; in vec3 place; out vec4 colour;
+${tone}
 void main() {
   vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-  float light = 0.35 + 0.65 * abs(dot(normal, towards));
-  colour = vec4(light * (gl_FrontFacing ? vec3(0.36, 0.55, 0.78) : vec3(0.85, 0.62, 0.36)), 1.0);
+  float light = ${1 - shade} + ${shade} * abs(dot(normal, towards));
+  colour = vec4(light * tone(), 1.0);
 }`;
-function clear() {  // the canvas at its size in the page, white
+const SHADED = shaded("vec3 tone() { return gl_FrontFacing ? vec3(0.36, 0.55, 0.78) : vec3(0.85, 0.62, 0.36); }");
+function clear() {  // the canvas at its size in the page, in the colour of its background
   const scale = window.devicePixelRatio || 1, width = Math.round(scale * view.clientWidth);
   const height = Math.round(scale * view.clientHeight);
   if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
   gl.viewport(0, 0, width, height);
   gl.enable(gl.DEPTH_TEST);
-  gl.clearColor(1, 1, 1, 1);
+  gl.clearColor(...backdrop(), 1);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
 }
 function modalTexture(tables, n) {  // half floats (n, 3, columns) of each table, entry column * n + vertex
@@ -143,30 +115,4 @@ function surface(made, rest, faces) {  // attribute and index buffers of a mesh
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
   gl.bindVertexArray(null);
   return array;
-}
-
-function pointer({press = () => false, drag = () => {}, drop = () => {}}) {  // turn and zoom, unless press takes the point
-  let grip = null, held = false;
-  canvas.onpointerdown = event => {
-    canvas.setPointerCapture(event.pointerId);
-    grip = [event.offsetX, event.offsetY];
-    held = press(...grip);
-  };
-  canvas.onpointermove = event => {
-    if (!grip) return;
-    if (held) { drag(event.offsetX, event.offsetY); return; }
-    camera.azimuth -= 0.008 * (event.offsetX - grip[0]);
-    camera.elevation = Math.max(-1.55, Math.min(1.55, camera.elevation + 0.008 * (event.offsetY - grip[1])));
-    grip = [event.offsetX, event.offsetY];
-  };
-  canvas.onpointerup = canvas.onpointercancel = () => { if (held) drop(); grip = null; held = false; };
-  canvas.addEventListener("wheel", event => {
-    event.preventDefault();
-    camera.distance = Math.max(0.3 * data.size, Math.min(20 * data.size, camera.distance * Math.exp(0.001 * event.deltaY)));
-  }, {passive: false});
-}
-function start(tick) {  // the canvas in place of the picture, and the first frame
-  element("picture").remove(); element("missing").remove(); element("controls").hidden = false;
-  view.appendChild(canvas);
-  requestAnimationFrame(tick);
 }

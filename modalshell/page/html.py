@@ -6,7 +6,7 @@ import base64
 import html
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -51,19 +51,30 @@ class Page:
 
 
 def filled_page(
-    kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any], folder: str = __package__
+    kind: str,
+    title: str,
+    data: Mapping[str, Any],
+    vertices: Array,
+    faces: NDArray[Any],
+    folder: str = __package__,
+    *,
+    notes: Sequence[str] = (),
+    words: Mapping[str, str] | None = None,
 ) -> Page:
     """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2.
 
-    ``KIND.html`` and ``KIND.js`` are in the ``folder`` of that package; ``page.html`` and ``common.js`` are here.
+    ``KIND.html``, ``KIND_*.js`` and ``KIND.js`` are in the ``folder`` of that package; what all pages share is here.
+    The ``notes`` stand below the title; ``words`` fill the places of the controls that depend on the page.
     """
     checked_kind("title", title, str)
     picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
     own, common = files(folder), files(__package__)
-    controls, *scripts = (
-        path.read_text(encoding="utf-8") for path in (own / f"{kind}.html", common / "common.js", own / f"{kind}.js")
-    )
-    parts = {"controls": controls, "script": "\n".join(scripts), "picture": picture}
+    controls = Template((own / f"{kind}.html").read_text(encoding="utf-8")).substitute(words or {})
+    parts_of_kind = [one for one in own.iterdir() if one.name.startswith(f"{kind}_") and one.name.endswith(".js")]
+    ordered = [common / "common.js", common / "view.js", *sorted(parts_of_kind, key=str), own / f"{kind}.js"]
+    script = "\n".join(path.read_text(encoding="utf-8") for path in ordered)
+    said = "\n".join(f'  <p class="notes">{html.escape(note)}</p>' for note in notes)
+    parts = {"controls": controls, "script": script, "picture": picture, "notes": said}
     template = Template(common.joinpath("page.html").read_text(encoding="utf-8"))
     return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
 

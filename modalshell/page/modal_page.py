@@ -13,7 +13,8 @@ from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.exponential import VIOLENT
 from modalshell.modes import Basis
-from modalshell.page.html import Page, encoded, encoded_columns, filled_page, modal_data
+from modalshell.page.html import MOST_SHAPES, Page, encoded, encoded_columns
+from modalshell.page.shell_page import shell_page
 
 _SHOWN_SHARE = 0.2
 """Largest displacement of a mode shown by itself, as a share of the shell's size."""
@@ -64,32 +65,49 @@ def modal_page(
     LoadError
         If ``force`` is not (n, 3) finite numbers.
     """
-    pull = checked_vectors("gravity", gravity, (3,), OptionError)
+    live = live_model(basis, force=force, damping=damping, dt=dt, reduced=reduced)
+    pull = checked_vectors("gravity", gravity, (3,), OptionError).tolist()
+    mesh = basis.shell.mesh
+    notes = ["A shell without supports is warped as if it were held: its centre strays."] if basis.rigid_modes else []
+    return shell_page(mesh.vertices, mesh.faces, title=title, tip=live_tip(basis), live=live, gravity=pull, notes=notes)
+
+
+def live_tip(basis: Basis) -> int:
+    """The vertex farthest from what is held, or from the middle where nothing is."""
+    rest, held = basis.shell.mesh.vertices, basis.shell.clamped
+    return int(np.linalg.norm(rest - (rest[held] if held.any() else rest).mean(axis=0), axis=1).argmax())
+
+
+def live_model(
+    basis: Basis,
+    *,
+    force: ArrayLike | None = None,
+    damping: tuple[float, float] = (0.5, 0.001),
+    dt: float = 1.0 / 60.0,
+    reduced: tuple[Array, Array, Array] | None = None,
+) -> dict[str, Any]:
+    """What a page needs to step a basis live; for the parameters and errors see :func:`modal_page`."""
     factors = checked_vectors("damping", damping, (2,), OptionError)
     dt = checked_number("dt", dt, above=0.0)
+    if basis.count > MOST_SHAPES:
+        raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {basis.count}): take fewer modes")
     shell, eigenvalues = basis.shell, basis.eigenvalues
-    mesh, held = shell.mesh, np.flatnonzero(shell.clamped)
+    mesh = shell.mesh
     loads = None if force is None else checked_vectors("force", force, mesh.vertices.shape, LoadError)
-    centre = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
-    rest = mesh.vertices - centre  # before it is rounded to single precision
-    far = np.linalg.norm(rest - (rest[held].mean(axis=0) if len(held) else rest.mean(axis=0)), axis=1)
     data: dict[str, Any] = {
-        **modal_data(rest, mesh.faces, basis.modes, basis.rotations),
+        "phi": encoded_columns(basis.modes),
+        "psi": encoded_columns(basis.rotations),
         "mass": encoded(shell.mass.astype(np.float32)),
         "force": None if loads is None else encoded(loads.astype(np.float32)),
         "eigenvalues": eigenvalues.tolist(),
         "frequencies": (np.sqrt(eigenvalues) / (2.0 * np.pi)).tolist(),
         "amplitudes": (_SHOWN_SHARE * mesh.size / np.abs(basis.modes).max(axis=0)).tolist(),
-        "gravity": pull.tolist(),
         "damping": factors.tolist(),
         "dt": dt,
-        "violent": (VIOLENT * float(np.ptp(rest, axis=0).max())) ** 2 * float(shell.mass.sum()),
-        "held": held.tolist(),
-        "tip": int(far.argmax()),
-        "size": float(mesh.size),
-        "centre": centre.tolist(),
+        "violent": (VIOLENT * float(np.ptp(mesh.vertices, axis=0).max())) ** 2 * float(shell.mass.sum()),
+        "held": np.flatnonzero(shell.clamped).tolist(),
         "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
     }
     if reduced is not None:
         data["reduced"] = dict(zip(("shapes", "amounts", "turns"), map(encoded_columns, reduced), strict=True))
-    return filled_page("shell", title, data, mesh.vertices, mesh.faces)
+    return data

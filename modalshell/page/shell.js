@@ -1,239 +1,3 @@
-// ---- a shell: LMA, MWTS and reduced RSW, or the shapes of a stored motion ----
-function fromHalf(halves, scales, m) {  // (n, 3, m) half floats times a scale for each mode
-  const out = new Float32Array(halves.length);
-  for (let i = 0; i < halves.length; i++) {
-    const h = halves[i], exponent = (h >> 10) & 31, fraction = h & 1023;
-    const size = exponent ? (1 + fraction / 1024) * 2 ** (exponent - 15) : fraction * 2 ** -24;
-    out[i] = (h & 0x8000 ? -size : size) * scales[i % m];
-  }
-  return out;
-}
-const n = data.vertices, m = data.modes;
-const rest = new Float32Array(bytes(data.rest)), faces = new Uint32Array(bytes(data.faces));
-const play = data.play ? new Float32Array(bytes(data.play)) : null;  // amplitudes of a stored motion, instead of a model
-const halves = part => new Uint16Array(bytes(part.halves)), floatsOf = part => fromHalf(halves(part), part.scales, part.scales.length);
-const phi = floatsOf(data.phi), psi = play ? null : floatsOf(data.psi);
-const reduced = data.reduced || null, r = reduced ? reduced.shapes.scales.length : 0;
-const shapes = reduced && floatsOf(reduced.shapes), amounts = reduced && floatsOf(reduced.amounts), turns = reduced && floatsOf(reduced.turns);
-const mass = play ? null : new Float32Array(bytes(data.mass));
-const force = data.force ? new Float32Array(bytes(data.force)) : null;
-const lambda = data.eigenvalues;
-const state = {
-  q: new Float64Array(m), v: new Float64Array(m), time: play ? data.times[0] : 0, count: m, model: play ? "lma" : "mwts",
-  xi: play ? 0 : data.damping[0], zeta: play ? 0 : data.damping[1],
-  gravity: data.gravity.slice(), pull: null, shown: -1, paused: false,
-};
-
-// ---- the model: warp, modal force, exact flow of modes under a kept force ----
-function rowsTimes(matrix, i, q, out) {
-  const m = q.length;
-  let x = 0, y = 0, z = 0, at = 3 * i * m;
-  for (let k = 0; k < m; k++) x += matrix[at++] * q[k];
-  for (let k = 0; k < m; k++) y += matrix[at++] * q[k];
-  for (let k = 0; k < m; k++) z += matrix[at++] * q[k];
-  out[0] = x; out[1] = y; out[2] = z;
-}
-function combination(w, u, a, b, c, out) {  // a u + b w x u + c w x (w x u)
-  const x = w[1] * u[2] - w[2] * u[1], y = w[2] * u[0] - w[0] * u[2], z = w[0] * u[1] - w[1] * u[0];
-  out[0] = a * u[0] + b * x + c * (w[1] * z - w[2] * y);
-  out[1] = a * u[1] + b * y + c * (w[2] * x - w[0] * z);
-  out[2] = a * u[2] + b * z + c * (w[0] * y - w[1] * x);
-}
-const W = new Float64Array(3), U = new Float64Array(3), F = new Float64Array(3), T = new Float64Array(3);
-const bent = new Float64Array(r);  // coordinates of the shapes that reduced RSW adds
-// Numbers of sampled triangle t, in its frame: turn w, strain (aa, bb, ab), and the columns Ra, Rb of exp([w]).
-function turned(t, q) {
-  const p = new Float64Array(6);
-  for (let c = 0; c < 6; c++) for (let k = 0, at = (c * turns.length / (6 * m) + t) * m; k < m; k++) p[c] += turns[at + k] * q[k];
-  const [x, y, z] = p, s = x * x + y * y + z * z, f = Math.sqrt(s), small = s < 1e-4;
-  const c1 = small ? 1 - s / 6 : Math.sin(f) / f, c2 = small ? 0.5 - s / 24 : (1 - Math.cos(f)) / s;
-  const d1 = small ? s / 60 - 1 / 6 : (Math.cos(f) - c1) / (2 * s), d2 = small ? s / 360 - 1 / 24 : (c1 - 2 * c2) / (2 * s);
-  const a = [1 + c2 * (x * x - s), c1 * z + c2 * x * y, c2 * x * z - c1 * y];
-  const b = [c2 * x * y - c1 * z, 1 + c2 * (y * y - s), c1 * x + c2 * y * z];
-  return {w: [x, y, z], strain: [p[3], p[4], p[5]], a, b, s, c1, c2, d1, d2};
-}
-function bend(q) {  // amounts of F(q) - I less its linear part
-  if (state.model !== "rsw") return;
-  bent.fill(0);
-  const count = turns.length / (6 * m);
-  for (let t = 0; t < count; t++) {
-    const {w, strain: [aa, bb, ab], a, b} = turned(t, q);
-    for (let i = 0; i < 3; i++) {
-      const along = a[i] * (1 + aa) + b[i] * ab - [1 + aa, ab + w[2], -w[1]][i];
-      const across = a[i] * ab + b[i] * (1 + bb) - [ab - w[2], 1 + bb, w[0]][i];
-      for (let k = 0; k < r; k++) bent[k] += amounts[(i * count + t) * r + k] * along + amounts[((3 + i) * count + t) * r + k] * across;
-    }
-  }
-}
-function addBentForce(q, push, p) {  // gradient of push . bent(q) [huang2011]
-  const count = turns.length / (6 * m), dot = (x, y) => x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-  for (let t = 0; t < count; t++) {
-    const {w, strain: [aa, bb, ab], a, b, s, c1, c2, d1, d2} = turned(t, q), ga = [0, 0, 0], gb = [0, 0, 0];
-    for (let i = 0; i < 3; i++) for (let k = 0; k < r; k++) {
-      ga[i] += amounts[(i * count + t) * r + k] * push[k]; gb[i] += amounts[((3 + i) * count + t) * r + k] * push[k];
-    }
-    const na = ga.map((x, i) => x * (1 + aa) + gb[i] * ab), nb = gb.map((x, i) => ga[i] * ab + x * (1 + bb));
-    const axial = [nb[2], -na[2], na[1] - nb[0]], trace = na[0] + nb[1], alongA = dot(w, na), alongB = dot(w, nb);
-    const slope = 2 * (d1 * dot(axial, w) + d2 * (alongA * w[0] + alongB * w[1] - s * trace));
-    const by = [0, 1, 2].map(i => c1 * axial[i] + c2 * (na[i] * w[0] + nb[i] * w[1] + [alongA, alongB, 0][i] - 2 * w[i] * trace) + slope * w[i]);
-    by.push(dot(ga, a), dot(gb, b), dot(ga, b) + dot(gb, a));
-    const linear = [gb[2], -ga[2], ga[1] - gb[0], ga[0], gb[1], ga[1] + gb[0]];
-    for (let c = 0; c < 6; c++) for (let k = 0, at = (c * count + t) * m; k < m; k++) p[k] += turns[at + k] * (by[c] - linear[c]);
-  }
-}
-function position(i, q, out) {  // after bend(q)
-  rowsTimes(phi, i, q, U);
-  if (state.model === "rsw") {
-    rowsTimes(shapes, i, bent, T);
-    for (let a = 0; a < 3; a++) U[a] += T[a];
-  } else if (state.model === "mwts") {
-    rowsTimes(psi, i, q, W);
-    const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
-    combination(W, U, 1, small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s,
-                small ? 1 / 6 - s / 120 : (t - Math.sin(t)) / (s * t), T);
-    U.set(T);
-  }
-  out[0] = rest[3 * i] + U[0]; out[1] = rest[3 * i + 1] + U[1]; out[2] = rest[3 * i + 2] + U[2];
-}
-function modalForce(q, p) {
-  p.fill(0);
-  const g = state.gravity, push = new Float64Array(r);
-  for (let i = 0; i < n; i++) {
-    for (let a = 0; a < 3; a++) F[a] = mass[i] * g[a] + (force ? force[3 * i + a] : 0);
-    if (state.pull && state.pull.vertex === i) for (let a = 0; a < 3; a++) F[a] += state.pull.force[a];
-    if (F[0] === 0 && F[1] === 0 && F[2] === 0) continue;
-    if (state.model === "rsw") for (let k = 0; k < r; k++) for (let a = 0; a < 3; a++) push[k] += shapes[(3 * i + a) * r + k] * F[a];
-    if (state.model === "mwts") {
-      rowsTimes(psi, i, q, W);
-      const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
-      combination(W, F, 1, -(small ? 1 - s / 6 : Math.sin(t) / t), small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s, T);
-      F.set(T);
-    }
-    let at = 3 * i * m;
-    for (let a = 0; a < 3; a++) for (let k = 0; k < m; k++) p[k] += phi[at++] * F[a];
-  }
-  if (state.model === "rsw") addBentForce(q, push, p);
-}
-// Divided differences of exp at both roots of z^2 + y z + x, and at none, one and two zeros more.
-function differences(x, y) {
-  if (x + y < 0.5) {
-    const sums = [0, 0, 0];
-    for (let k = 0, before = 0, term = 1, factorial = 1; k < 24; k++) {
-      sums[0] += term / factorial; sums[1] += term / (factorial * (k + 2)); sums[2] += term / (factorial * (k + 2) * (k + 3));
-      [before, term] = [term, -y * term - x * before];
-      factorial *= k + 2;
-    }
-    return sums;
-  }
-  const half = 0.5 * y, squared = x - half * half, root = Math.sqrt(Math.abs(squared));
-  if (x < 1e-2 * y) {
-    const fast = -(half + root), slow = x / fast, share = f => (f(slow) - f(fast)) / (slow - fast);
-    const once = z => z === 0 ? 1 : Math.expm1(z) / z;
-    const twice = z => {
-      if (Math.abs(z) >= 0.1) return (once(z) - 1) / z;
-      let sum = 0;
-      for (let k = 0, term = 0.5; k < 10; term *= z / (k + 3), k++) sum += term;
-      return sum;
-    };
-    return [share(Math.exp), share(once), share(twice)];
-  }
-  const slow = Math.exp(-x / (half + root)), fast = Math.exp(-(half + root)), small = root < 1e-3;
-  const sine = small ? Math.exp(-half) * (1 - squared / 6) : squared > 0 ? Math.exp(-half) * Math.sin(root) / root : (slow - fast) / (2 * root);
-  const cosine = squared > 0 ? Math.exp(-half) * Math.cos(root) : 0.5 * (slow + fast), second = (1 - cosine - half * sine) / x;
-  return [sine, second, (1 - sine - y * second) / x];
-}
-const kept = new Float64Array(m), pushed = new Float64Array(m);  // modal forces of the last step and of this one
-let known = false, flow = {};
-function flowOf(h, xi, zeta, turning) {  // of every mode: q, v after a step from q, v, the kept force and its change
-  const outrun = (stiffness, count) => h * h * stiffness > (1 + 1e-6) * (2 * Math.PI / count) ** 2;
-  const twice = turning && lambda.some(stiffness => outrun(stiffness, 4) && !outrun(stiffness, 3)), share = twice ? 1 : 0.5;
-  if (flow.h !== h || flow.xi !== xi || flow.zeta !== zeta || flow.turning !== turning)
-    flow = {h, xi, zeta, turning, twice, modes: lambda.map(stiffness => {
-      const c = xi + zeta * stiffness, x = h * h * stiffness, y = h * c;
-      if (turning && outrun(stiffness, 3)) {  // implicit Euler: forces that turn feed unresolved modes
-        const whole = 1 + y + x, push = h / whole;
-        return [(1 + y) / whole, push, h * push, share * h * push, -stiffness * push, 1 / whole, push, share * push];
-      }
-      const [first, second, third] = differences(x, y);
-      return [1 - x * second, h * first, h * h * second, h * h * third, -stiffness * h * first, 1 - x * second - y * first, h * first, h * second];
-    })};
-  return flow.modes;
-}
-function step() {  // the exponential rule [hochbruck2010]
-  const {q, v} = state, modes = flowOf(data.dt, state.xi, state.zeta, state.model !== "lma");
-  if (!known) modalForce(q, kept);
-  for (let k = 0; k < m; k++) {
-    const [e11, e12, a1, , e21, e22, b1] = modes[k], before = q[k];
-    q[k] = e11 * before + e12 * v[k] + a1 * kept[k]; v[k] = e21 * before + e22 * v[k] + b1 * kept[k];
-    if (k >= state.count) q[k] = v[k] = 0;
-  }
-  modalForce(q, pushed);
-  let missed = 0;
-  for (let k = 0; k < state.count; k++) {
-    const change = pushed[k] - kept[k];
-    q[k] += modes[k][3] * change; v[k] += modes[k][7] * change;
-    missed += (modes[k][3] * change) ** 2;
-  }
-  if (flow.twice || missed > data.violent) modalForce(q, pushed);
-  kept.set(pushed);
-  known = true;
-  state.time += data.dt;
-}
-function steps(count) { for (let i = 0; i < count; i++) step(); }
-function relax(h, xi) {  // a step of implicit Euler
-  modalForce(state.q, pushed);
-  for (let k = 0; k < m; k++) {
-    if (k >= state.count) { state.q[k] = state.v[k] = 0; continue; }
-    const c = xi + state.zeta * lambda[k];
-    state.v[k] = (state.v[k] + h * (pushed[k] - lambda[k] * state.q[k])) / (1 + h * c + h * h * lambda[k]);
-    state.q[k] += h * state.v[k];
-  }
-  state.time += h;
-}
-function settle() {  // heavily damped steps to a standstill; whether they came to one
-  const soft = Math.max(...lambda.slice(0, state.count).filter(x => x > 0).slice(0, 1), 1e-12), root = Math.sqrt(soft);
-  state.v.fill(0);
-  known = false;
-  for (let i = 0; i < 4000; i++) {
-    const before = state.q.slice();
-    relax(1 / root, 2 * root);
-    let change = 0, size = 1e-300;
-    for (let k = 0; k < m; k++) {
-      change += lambda[k] * (state.q[k] - before[k]) ** 2; size += lambda[k] * state.q[k] ** 2;
-    }
-    if (change < 1e-16 * size) { state.v.fill(0); return true; }
-  }
-  return false;
-}
-function playAt(time) {  // amplitudes between the two nearest frames
-  const times = data.times, last = times.length - 1;
-  let f = 0;
-  while (f < last && times[f + 1] < time) f++;
-  const share = f < last ? (time - times[f]) / (times[f + 1] - times[f]) : 0;
-  for (let k = 0; k < m; k++) {
-    const here = play[f * m + k];
-    state.q[k] = f < last ? here + share * (play[(f + 1) * m + k] - here) : here;
-  }
-}
-function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; }
-function positions(q = state.q) {
-  const out = new Float64Array(3 * n), x = new Float64Array(3);
-  bend(q);
-  for (let i = 0; i < n; i++) { position(i, q, x); out.set(x, 3 * i); }
-  return out;
-}
-function area(x) {
-  let sum = 0;
-  for (let t = 0; t < faces.length; t += 3) {
-    const a = 3 * faces[t], b = 3 * faces[t + 1], c = 3 * faces[t + 2];
-    const ux = x[b] - x[a], uy = x[b + 1] - x[a + 1], uz = x[b + 2] - x[a + 2];
-    const vx = x[c] - x[a], vy = x[c + 1] - x[a + 1], vz = x[c + 2] - x[a + 2];
-    sum += 0.5 * Math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx);
-  }
-  return sum;
-}
-const restArea = area(rest);
-
 // ---- drawing: the warp runs in the vertex shader ----
 const VERTEX = WARP + `
 uniform sampler2D table; uniform float q[${2 * m + r}]; uniform mat4 camera; uniform bool warp;
@@ -251,20 +15,23 @@ void main() {
 }`;
 let drawn = null, mesh = null, table = null;
 function prepare() {
+  if (scene) scenePrograms();
+  if (!live) return;
   drawn = program(VERTEX, SHADED);
-  table = modalTexture([data.phi, ...(play ? [] : [data.psi]), ...(reduced ? [reduced.shapes] : [])].map(halves), n);
+  table = modalTexture([live.phi, live.psi, ...(reduced ? [reduced.shapes] : [])].map(halves), n);
   mesh = surface(drawn.made, rest, faces);
 }
 function shownCoordinates() {
   if (state.shown < 0) return state.q;
   const q = new Float64Array(m), swing = Math.sin(2 * performance.now() / 1000);
-  q[state.shown] = data.amplitudes[state.shown] * element("amplitude").value * swing;
+  q[state.shown] = live.amplitudes[state.shown] * element("amplitude").value * swing;
   return q;
 }
 function draw(q) {
+  if (state.model === "scene") { drawScene(); return; }
   clear();
   const scaled = new Float32Array(2 * m + r);
-  for (let k = 0; k < m; k++) { scaled[k] = q[k] * data.phi.scales[k]; scaled[m + k] = play ? 0 : q[k] * data.psi.scales[k]; }
+  for (let k = 0; k < m; k++) { scaled[k] = q[k] * live.phi.scales[k]; scaled[m + k] = q[k] * live.psi.scales[k]; }
   bend(q);
   if (state.model === "rsw") for (let k = 0; k < r; k++) scaled[2 * m + k] = bent[k] * reduced.shapes.scales[k];
   gl.useProgram(drawn.made);
@@ -287,16 +54,20 @@ function numbers(q) {
   let drop = 0;
   for (let a = 0; a < 3; a++) drop += down[a] * (x[3 * data.tip + a] - rest[3 * data.tip + a]);
   const change = area(x) / restArea - 1;
-  show("time", state.time.toFixed(2) + " s"); show("drop", length(drop)); show("largest", length(largest));
+  show("time", `${state.time.toFixed(2)} ${data.units.time}`); show("drop", length(drop)); show("largest", length(largest));
   show("area", (100 * change).toFixed(2) + " %");
-  const reach = Math.max(...data.amplitudes.map((a, k) => Math.abs(q[k]) / a), 1);
+  if (live) bars(q);
+  keepFramed(x);
+  return {drop, largest, area: change};
+}
+function bars(q) {
+  const reach = Math.max(...live.amplitudes.map((a, k) => Math.abs(q[k]) / a), 1);
   [...element("bars").children].forEach((bar, k) => {
-    const share = q[k] / data.amplitudes[k] / reach, span = bar.firstChild;
+    const share = q[k] / live.amplitudes[k] / reach, span = bar.firstChild;
     span.style.top = (share > 0 ? 50 - 50 * share : 50) + "%";
     span.style.height = Math.abs(50 * share) + "%";
     bar.className = (k >= state.count ? "off" : "") + (k === state.shown ? " chosen" : "");
   });
-  return {drop, largest, area: change};
 }
 function aim() {
   const g = +element("gravity").value, a = element("azimuth").value * Math.PI / 180, e = element("elevation").value * Math.PI / 180;
@@ -304,76 +75,141 @@ function aim() {
   labels();
 }
 function labels() {
+  const played = state.model === "scene";
   show("count_value", state.count); show("gravity_value", (+element("gravity").value).toFixed(2));
   show("azimuth_value", element("azimuth").value + "°"); show("elevation_value", element("elevation").value + "°");
   show("damping_value", state.xi.toFixed(2)); show("pause", state.paused ? "Play" : "Pause");
   element("amplitude_label").hidden = state.shown < 0;
   show("shape", state.shown < 0 ? "Press a bar to see a mode by itself; press it again to go on."
-       : play ? `Shape ${state.shown + 1}` : `Mode ${state.shown + 1}: ${data.frequencies[state.shown].toPrecision(4)} Hz`);
+       : `Mode ${state.shown + 1}: ${live.frequencies[state.shown].toPrecision(4)} ${data.units.frequency}`);
+  for (const part of document.querySelectorAll(".model")) part.hidden = played;
+  for (const part of document.querySelectorAll(".clip")) part.hidden = !played || still;
+  element("scale").hidden = !(played && scene.tones);
+  element("pause").hidden = element("time_row").hidden = played && still;
+  element("model").value = state.model;
 }
-function length(value) { return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : (1000 * value).toFixed(2) + " mm"; }
-function connect() {
-  const g = Math.hypot(...data.gravity), peak = Math.max(20, 2 * g);
+function length(value) {
+  if (data.units.length !== "m") return `${value.toPrecision(4)} ${data.units.length}`;
+  return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : (1000 * value).toFixed(2) + " mm";
+}
+function choose(model) {  // the stored motion, or a live model, which begins at rest after it
+  if ((model === "scene") !== (state.model === "scene")) { release(); state.shown = -1; }
+  state.model = model;
+  if (model === "scene") { state.time = scene.times[0]; playAt(state.time); }
+  known = false;
+  labels();
+  if (framing.on) frameAll();
+}
+function direct(g) {  // the sliders of gravity
+  const size = Math.hypot(...g);
+  element("gravity").value = size;
+  element("azimuth").value = Math.round(Math.atan2(g[1], g[0]) * 180 / Math.PI);
+  element("elevation").value = size ? Math.round(Math.asin(g[2] / size) * 180 / Math.PI) : -90;
+}
+function connectModel() {
+  const peak = Math.max(20, 2 * Math.hypot(...data.gravity));
   element("count").max = m; element("count").value = m;
-  element("gravity").max = peak; element("gravity").step = peak / 400; element("gravity").value = g;
-  element("azimuth").value = Math.round(Math.atan2(data.gravity[1], data.gravity[0]) * 180 / Math.PI);
-  element("elevation").value = g ? Math.round(Math.asin(data.gravity[2] / g) * 180 / Math.PI) : -90;
+  element("gravity").max = peak; element("gravity").step = peak / 400;
+  direct(data.gravity);
   element("damping").value = state.xi;
-  element("pause").onclick = () => { state.paused = !state.paused; labels(); };
   element("release").onclick = () => { release(); state.shown = -1; state.paused = false; labels(); };
   element("settle").onclick = () => { show("shape", settle() ? "Settled." : "It does not settle: no static shape near here."); };
-  element("model").onchange = event => { state.model = event.target.value; known = false; };
-  if (!reduced) element("model").querySelector("[value=rsw]").remove();
   element("count").oninput = event => { state.count = +event.target.value; known = false; labels(); };
   for (const name of ["gravity", "azimuth", "elevation"]) element(name).oninput = aim;
   element("damping").oninput = event => { state.xi = +event.target.value; labels(); };
   for (let k = 0; k < m; k++) {
-    const bar = document.createElement("div");
+    const bar = document.createElement("button");
     bar.appendChild(document.createElement("span"));
-    bar.title = play ? `shape ${k + 1}` : `mode ${k + 1}, ${data.frequencies[k].toPrecision(4)} Hz`;
+    bar.title = `mode ${k + 1}, ${live.frequencies[k].toPrecision(4)} ${data.units.frequency}`;
+    bar.setAttribute("aria-label", bar.title);
     bar.onclick = () => { state.shown = state.shown === k ? -1 : k; labels(); };
     element("bars").appendChild(bar);
   }
-  for (const part of document.querySelectorAll(play ? ".model" : ".clip")) part.hidden = true;
-  if (play) {
-    element("moment").min = data.times[0]; element("moment").max = data.times[data.times.length - 1];
+}
+function connect() {
+  const offered = {scene: scene, mwts: live, lma: live, rsw: reduced};
+  for (const [name, there] of Object.entries(offered)) if (!there) element("model").querySelector(`[value=${name}]`).remove();
+  element("model_label").hidden = element("model").length < 2;
+  element("model").onchange = event => choose(event.target.value);
+  element("pause").onclick = () => { state.paused = !state.paused; labels(); };
+  if (live) connectModel();
+  if (scene) {
+    element("model").options[0].textContent = record.label;
+    element("moment").min = scene.times[0]; element("moment").max = scene.times[scene.times.length - 1];
     element("moment").oninput = event => { state.time = +event.target.value; playAt(state.time); };
+    showScale();
   }
+  framing.on = true;
+  framing.points = () => state.model === "scene" ? scenePoints() : rest;
   pointer({
     press: (x, y) => {
-      const vertex = !play && state.shown < 0 ? nearestPoint(positions(), 3, x, y) : -1;
-      if (vertex < 0 || data.held.includes(vertex)) return false;
+      const vertex = state.model !== "scene" && state.shown < 0 ? nearestPoint(positions(), 3, x, y) : -1;
+      if (vertex < 0 || live.held.includes(vertex)) return false;
       state.pull = {vertex, force: [0, 0, 0], at: [x, y]};
       return true;
     },
     drag: (x, y) => { state.pull.at = [x, y]; },
     drop: () => { state.pull = null; },
   });
+  if (scene) choose("scene");
+  connectPage({
+    parts: () => ({
+      model: state.model, time: digits([state.time]), paused: +state.paused, count: state.count, shown: state.shown,
+      ...(live ? {gravity: digits(state.gravity), damping: digits([state.xi]), q: digits(state.q), v: digits(state.v)} : {}),
+    }),
+    keys: {r: () => element("release").click(), s: () => element("settle").click(), ",": () => frames(-1), ".": () => frames(1)},
+  });
+  restore();
   labels();
+}
+function frames(count) {  // so many stored frames on
+  if (state.model !== "scene" || still) return;
+  const f = scene.times.findIndex(time => time >= state.time - 1e-9), last = scene.times.length - 1;
+  state.paused = true;
+  state.time = scene.times[Math.max(0, Math.min(last, (f < 0 ? last : f) + count))];
+  element("moment").value = state.time;
+  playAt(state.time);
+  labels();
+}
+function restore() {  // what the address says
+  const {words, numbers: given} = linked();
+  if (words.model && [...element("model").options].some(one => one.value === words.model)) choose(words.model);
+  if (given("time", 1)) state.time = given("time", 1)[0];
+  if (state.model === "scene") { playAt(state.time); element("moment").value = state.time; }
+  state.paused = words.paused === "1";
+  if (!live) return;
+  const count = given("count", 1), shown = given("shown", 1), q = given("q", m), v = given("v", m);
+  if (count && count[0] >= 1 && count[0] <= m) { state.count = Math.round(count[0]); element("count").value = state.count; }
+  if (shown && shown[0] < m) state.shown = Math.max(-1, Math.round(shown[0]));
+  if (given("gravity", 3)) { state.gravity = given("gravity", 3); direct(state.gravity); }
+  if (given("damping", 1)) { state.xi = Math.max(0, given("damping", 1)[0]); element("damping").value = state.xi; }
+  if (q && v) { state.q.set(q); state.v.set(v); }
 }
 function pullAlong() {  // a spring from the vertex to the pointer, in the plane of the picture
   const x = new Float64Array(3), [right, up] = axes();
   bend(state.q);
   position(state.pull.vertex, state.q, x);
   const at = projected(x), dx = (state.pull.at[0] - at[0]) / at[2], dy = (at[1] - state.pull.at[1]) / at[2];
-  for (let a = 0; a < 3; a++) state.pull.force[a] = data.pull * (dx * right[a] + dy * up[a]);
+  for (let a = 0; a < 3; a++) state.pull.force[a] = live.pull * (dx * right[a] + dy * up[a]);
 }
 let last = 0, owed = 0, cost = 0, frame = 0;
 function tick(now) {
-  if (play && last && !state.paused && state.shown < 0) {
-    const first = data.times[0], span = data.times[data.times.length - 1] - first;
-    state.time = first + (span ? (state.time - first + (now - last) / 1000) % span : 0);
+  const passed = last ? (now - last) / 1000 : 0;
+  last = now;
+  if (state.model === "scene" && !still && !state.paused) {
+    const first = scene.times[0], span = scene.times[scene.times.length - 1] - first;
+    state.time = first + (state.time - first + data.second * passed) % span;
     playAt(state.time);
     element("moment").value = state.time;
   }
-  owed = Math.min(owed + (last ? (now - last) / 1000 : 0), 4 * data.dt); last = now;
-  if (!play && !state.paused && state.shown < 0) {
-    while (owed >= data.dt) {
+  if (state.model !== "scene" && !state.paused && state.shown < 0) {
+    owed = Math.min(owed + data.second * passed, 4 * live.dt);
+    while (owed >= live.dt) {
       const begin = performance.now();
       if (state.pull) pullAlong();
       steps(1);
       cost = 0.9 * cost + 0.1 * (performance.now() - begin);
-      owed -= data.dt;
+      owed -= live.dt;
     }
   }
   const q = shownCoordinates();
@@ -382,7 +218,8 @@ function tick(now) {
   requestAnimationFrame(tick);
 }
 window.shell = {  // for scripts and tests
-  state, camera, steps, playAt, settle, release, numbers, screen: i => projected(positions().subarray(3 * i, 3 * i + 3)).slice(0, 2),
+  state, camera, steps, playAt, settle, release, numbers, choose, scene,
+  screen: i => projected(positions().subarray(3 * i, 3 * i + 3)).slice(0, 2),
   positions: () => positions().map((x, i) => x + data.centre[i % 3]),
 };
 if (gl) {

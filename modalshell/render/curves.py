@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import write_atomically
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SPREAD = 0.6
+"""Width over which dots of one category are spread, as a share of the distance between categories."""
 _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""
 
@@ -21,9 +26,9 @@ _INSIDE = 5
 class Curve:
     """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points.
 
-    Points that are not ``joined`` stand for themselves.
-
-    A label that begins with an underscore is not in the legend.
+    A label that begins with an underscore is not in the legend. Points that are not ``joined`` stand for themselves; of
+    categories, which are panels with ticks of their own, each stands next to those of the other curves at its place.
+    With ``low`` and ``high`` every one has a bar between them.
     """
 
     x: ArrayLike
@@ -34,6 +39,8 @@ class Curve:
     points: bool = True
     marker: str = "o"
     joined: bool = True
+    low: ArrayLike | None = None
+    high: ArrayLike | None = None
 
 
 Style = Literal["-", ":", "--"]
@@ -85,9 +92,16 @@ class Panel:
 
 
 def draw_curves(
-    panels: Sequence[Panel], path: str | Path, *, columns: int | None = None, share_y: bool = False
+    panels: Sequence[Panel],
+    path: str | Path,
+    *,
+    columns: int | None = None,
+    share_y: bool = False,
+    one_legend: bool = False,
 ) -> Path:
     """Draw panels into a PNG, side by side or in rows of ``columns``, with one range of y for all if ``share_y``.
+
+    With ``one_legend`` what the panels have in common is named once, below all of them.
 
     OptionError for values not finite, or <= 0 on a logarithmic axis.
     """
@@ -105,11 +119,7 @@ def draw_curves(
     figure = Figure(figsize=(6.4 * across, 4.6 * rows), layout="constrained", dpi=150)
     for place, panel in enumerate(panels, start=1):
         axes = figure.add_subplot(rows, across, place, sharey=figure.axes[0] if share_y and figure.axes else None)
-        for curve in panel.curves:
-            style = ("--" if curve.dashed else "-") if curve.joined else "none"
-            marker = curve.marker if curve.points else None
-            size = 4 if curve.marker == "o" else 7
-            axes.plot(curve.x, curve.y, linestyle=style, marker=marker, ms=size, color=curve.color, label=curve.label)
+        _add_curves(axes, panel)
         if panel.log:
             axes.set_yscale("log")
         if panel.log_x:
@@ -125,11 +135,47 @@ def draw_curves(
         axes.set_title(panel.title, fontsize=11)
         axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
         axes.grid(alpha=0.3)
-        inside = panel.legend_inside
-        if inside is None:
-            inside = len(panel.curves) + len(panel.lines) <= _INSIDE
-        if inside:
-            axes.legend(frameon=False, fontsize=9)
-        else:
-            axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+        if not one_legend:
+            _add_legend(axes, panel)
+    if one_legend:
+        named = {
+            label: handle
+            for axes in figure.axes
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(
+            named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 2 * across), frameon=False
+        )
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
+
+
+def _add_curves(axes: Axes, panel: Panel) -> None:
+    """Lines with their points; dots of categories side by side, with their bars."""
+    count, shown = sum(not curve.joined for curve in panel.curves), 0
+    for curve in panel.curves:
+        size = 4 if curve.marker == "o" else 7
+        if curve.joined:
+            style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
+            axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=curve.label)
+            continue
+        spread = _SPREAD * (shown - 0.5 * (count - 1)) / count if panel.x_ticks is not None else 0.0
+        place = np.asarray(curve.x, float) + spread
+        shown += 1
+        if curve.low is not None and curve.high is not None:
+            axes.vlines(place, np.asarray(curve.low), np.asarray(curve.high), color=curve.color, alpha=0.45, lw=2)
+        axes.plot(
+            place, curve.y, ls="", marker=curve.marker, ms=11 if curve.marker == "_" else size + 1.5,
+            mew=2 if curve.marker == "_" else 1, color=curve.color, label=curve.label,
+            markerfacecolor="none" if curve.dashed else curve.color,
+        )  # fmt: skip
+
+
+def _add_legend(axes: Axes, panel: Panel) -> None:
+    """The legend of one panel, within its axes or below them."""
+    inside = panel.legend_inside
+    if inside is None:
+        inside = len(panel.curves) + len(panel.lines) <= _INSIDE
+    if inside:
+        axes.legend(frameon=False, fontsize=9)
+    else:
+        axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True)
-class _Colouring:
+class Colouring:
     """Values (F, n) at the vertices that colour a motion, their name with its unit, and a colour map."""
 
     values: Array
@@ -32,7 +32,7 @@ class _Colouring:
     colormap: str
 
     @classmethod
-    def of(cls, run: Trajectory, name: str) -> _Colouring:
+    def of(cls, run: Trajectory, name: str) -> Colouring:
         """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
         if name == DISPLACEMENT:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
@@ -108,7 +108,7 @@ def write_result(
 
     Films and pictures show the colliders of ``contacts``, too.
     """
-    shown = _Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
+    shown = Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
     colours: dict[str, Any] = {} if shown is None else {"colormap": shown.colormap}
     if path.suffix == ".png":
         frame = len(run.times) - 1 if look.still is None else int(np.abs(run.times - look.still).argmin())

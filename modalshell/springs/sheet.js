@@ -106,6 +106,17 @@ function connect() {
     },
     drop: () => { state.grab = [-1, -1]; },
   });
+  framing.on = true;
+  framing.points = () => {  // the sheet, and where it hangs to
+    const [x, y] = data.middle, low = state.gravity[2] < 0 ? -data.size : 0;
+    return [0, low].flatMap(z => [-x, -y, z, x, -y, z, -x, y, z, x, y, z]);
+  };
+  connectPage({keys: {r: restart}, parts: () => ({gravity: digits(state.gravity), drag: digits([state.drag]), paused: +state.paused})});
+  const {words, numbers} = linked();
+  if (numbers("gravity", 3)) state.gravity = numbers("gravity", 3);
+  if (numbers("drag", 1)) state.drag = Math.max(0, numbers("drag", 1)[0]);
+  element("gravity").value = state.gravity[2]; element("drag").value = state.drag;
+  state.paused = words.paused === "1";
   labels();
 }
 function draw() {

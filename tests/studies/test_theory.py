@@ -133,3 +133,8 @@ def test_the_checker_sees_what_does_not_resolve():
     assert unresolved(f"see theory {last + 50}") == [f"theory {last + 50}"]
     assert unresolved(f"(theory {last}, eq. 1 and 999)") == [f"theory {last}, eq. 1 and 999"]
     assert NUMBER.findall("0.5, 3 %, 7 times, 4 cells, 1.5e-3, [a, 2]") == ["0.5", "3", "7", "1.5e-3"]
+
+
+def test_docstrings_cite_every_chapter_that_derives_something():
+    cited = {int(one[1]) for path in (ROOT / "modalshell").rglob("*.py") for one in REFERENCE.finditer(read(path))}
+    assert {each for each in CHAPTERS if equations(each)} - cited == set()

@@ -1,4 +1,4 @@
-"""BDF2, the backward difference formula of order two."""
+"""BDF2, the backward difference formula of order two (theory 12, eq. 7)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Implicit Euler of full models."""
+"""Implicit Euler of full models (theory 12, eq. 3 and 4)."""
 
 from __future__ import annotations
 

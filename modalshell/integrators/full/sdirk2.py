@@ -1,4 +1,4 @@
-"""SDIRK2, a singly diagonally implicit Runge-Kutta method of order two."""
+"""SDIRK2, a singly diagonally implicit Runge-Kutta method of order two (theory 12, eq. 8)."""
 
 from __future__ import annotations
 

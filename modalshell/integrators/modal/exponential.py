@@ -1,4 +1,4 @@
-"""Exponential integrator of modal coordinates."""
+"""Exponential integrator of modal coordinates (theory 12, eq. 5 and 6)."""
 
 from __future__ import annotations
 

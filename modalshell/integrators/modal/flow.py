@@ -1,4 +1,7 @@
-"""Exact flow of a damped mode, and its response to a force that is constant or grows linearly over a step."""
+"""Exact flow of a damped mode, and its response to a force that is constant or grows linearly over a step.
+
+See theory 12, eq. 5.
+"""
 
 from __future__ import annotations
 

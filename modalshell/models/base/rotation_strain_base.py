@@ -1,4 +1,7 @@
-"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011]."""
+"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011].
+
+See theory 9, eq. 5 to 8.
+"""
 
 from __future__ import annotations
 

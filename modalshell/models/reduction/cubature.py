@@ -1,4 +1,7 @@
-"""Cubature (hyper-reduction) of the reduced energy: few weighted elements replace all [an2008; farhat2014]."""
+"""Cubature (hyper-reduction) of the reduced energy: few weighted elements replace all [an2008; farhat2014].
+
+See theory 10, eq. 3 and 4.
+"""
 
 from __future__ import annotations
 

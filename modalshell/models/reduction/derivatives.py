@@ -1,4 +1,4 @@
-"""Modal derivatives: changes of the modes along one another, and the basis they form [barbic2005]."""
+"""Modal derivatives: changes of the modes along one another, and the basis they form [barbic2005; theory 10, eq. 1]."""
 
 from __future__ import annotations
 

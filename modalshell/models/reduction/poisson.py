@@ -17,9 +17,10 @@ from modalshell.shell import Shell
 class PoissonFit:
     """Minimises ``sum_t A_t |grad u - D_t|^2`` over the displacements u of the free vertices [huang2011].
 
-    Its equations are ``L u = b``, L the cotangent Laplacian, the same for each axis and factorised once. The stiffness
-    of linear elements is definite on any mesh once a vertex of every connected part is fixed: the held ones, or, in a
-    part without supports, one vertex for the solve. Such a part is then moved to the prescribed centre of mass.
+    Its equations are ``L u = b`` (theory 9, eq. 4), L the cotangent Laplacian, the same for each axis and factorised
+    once. The stiffness of linear elements is definite on any mesh once a vertex of every connected part is fixed: the
+    held ones, or, in a part without supports, one vertex for the solve. Such a part is then moved to the prescribed
+    centre of mass.
 
     Parameters
     ----------

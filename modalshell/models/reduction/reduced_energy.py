@@ -15,6 +15,8 @@ from modalshell.supports import VertexUnknowns
 class ReducedEnergy:
     """``E(z) = W(X + U z)`` of an elastic energy W, or of a part of it, with its derivatives [barbic2005; an2008].
 
+    See theory 10, eq. 2.
+
     Parameters
     ----------
     shell : Shell

@@ -1,0 +1,78 @@
+"""Web page of one shell: a stored motion or answer, live models, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
+from modalshell.page.html import Page, encoded, filled_page
+
+_SHORT = 65536
+"""Vertices up to which the triangles' indices take two bytes."""
+
+
+def shell_page(
+    rest: Array,
+    faces: NDArray[np.integer],
+    *,
+    title: str,
+    tip: int,
+    live: Mapping[str, Any] | None = None,
+    record: Mapping[str, Any] | None = None,
+    gravity: Sequence[float] = (0.0, 0.0, -1.0),
+    notes: Sequence[str] = (),
+    units: UnitSystem = SI,
+) -> Page:
+    """A page that plays what is recorded, lets live models move, or offers both.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (n, 3)
+        Vertices at rest [m].
+    faces : ndarray of int, shape (T, 3)
+        Triangles.
+    title : str
+        Headline.
+    tip : int
+        The vertex whose drop is shown.
+    live : mapping, optional
+        What :func:`modalshell.page.live_model` gives.
+    record : mapping, optional
+        What :func:`modalshell.page.recorded` gives; the page begins with it.
+    gravity : sequence of 3 floats
+        Acceleration [m/s^2] with which live models start, along which the tip's drop is measured.
+    notes : sequence of str
+        Sentences below the title: what is shown, and what is left out.
+    units : UnitSystem
+        Of all numbers.
+
+    Raises
+    ------
+    OptionError
+        If there is neither a record nor a live model.
+    """
+    if live is None and record is None:
+        raise OptionError("a page of a shell needs a record or a live model (got neither)")
+    low, high = rest.min(axis=0), rest.max(axis=0)
+    centre = 0.5 * (low + high)
+    data = {
+        "vertices": len(rest),
+        "rest": encoded((rest - centre).astype(np.float32)),  # centred before it is rounded to single precision
+        "faces": encoded(faces.astype(np.uint16 if len(rest) <= _SHORT else np.uint32)),
+        "gravity": list(gravity),
+        "tip": tip,
+        "size": float((high - low).max()),
+        "centre": centre.tolist(),
+        "units": {"length": units.length, "time": units.time, "frequency": units.of("1/s").replace("1/s", "Hz")},
+        "second": 1.0 / units.seconds,
+        "live": live,
+        "record": record,
+    }
+    words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
+    return filled_page("shell", title, data, rest, faces, notes=notes, words=words)

@@ -1,0 +1,182 @@
+"""Numbers of a report on a run: peaks and their places, reactions and their balance, frequencies, buckling, meshes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError
+from modalshell.core.typing import Array
+from modalshell.files.atomic_io import read_record
+from modalshell.modes import solve_modes
+from modalshell.motion import Trajectory
+from modalshell.run.protocol import run_identity
+from modalshell.scene import ShellScene
+from modalshell.scene.parts import build_path
+from modalshell.shell import Shell
+from modalshell.statics.buckling import buckling_factors
+
+FREQUENCIES = 6
+"""Natural frequencies that a report names."""
+_COARSER = (0.5, 0.7)
+"""Shares of the cells of the meshes on which a report's convergence is judged."""
+
+
+def checked_run(scene: ShellScene, shell: Shell, record: Path) -> dict[str, Any]:
+    """The record of a run, which must be of this scene and mesh.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no record.
+    OptionError
+        If the run is of another scene or mesh.
+    """
+    found = read_record(record)
+    if found is None:
+        raise FileFormatError(f"{record} is no record of a run, which is written next to its trajectory: run the scene")
+    expected = run_identity(scene, shell)
+    differing = [name for name in ("scene", "mesh") if found.get("identity", {}).get(name) != expected[name]]
+    if differing:
+        raise OptionError(f"{record} is a run of another {' and '.join(differing)} than {scene.file}: name its own")
+    return found
+
+
+def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
+    """All numbers of a report, in the units of the scene.
+
+    Keys: ``mesh``, ``mass``, ``outcome``, ``message``, ``displacement`` and ``stress`` (each with its value, place and
+    time; the stress is None without a thickness), ``load`` and ``reactions`` with their ``balance`` (None in motion),
+    ``frequencies``, and ``buckling`` (the lowest factor of the load by linear theory, or why there is none).
+    """
+    mesh = shell.mesh
+    numbers: dict[str, Any] = {
+        "mesh": {
+            "vertices": len(mesh.vertices),
+            "triangles": len(mesh.faces),
+            "extent": np.ptp(mesh.vertices, axis=0).tolist(),
+            "area": float(mesh.face_areas.sum()),
+            "held": int(shell.unknowns.supported.sum()),
+        },
+        "mass": float(shell.mass.sum()),
+        "outcome": run.status,
+        "message": run.message,
+        "frames": len(run.times),
+        "duration": float(run.times[-1]),
+        **peaks(shell, run, scene),
+    }
+    numbers |= _balance(scene, shell, run)
+    numbers["frequencies"] = _attempt(lambda: _frequencies(shell))
+    numbers["buckling"] = _attempt(lambda: _buckling(scene, shell)) if scene.motion is None else None
+    return numbers
+
+
+def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
+    """The largest displacement and the largest von Mises stress over all frames, with their places and times."""
+    path, rest = build_path(scene.supports), shell.rest_positions
+    largest: dict[str, Any] = {"displacement": {"value": -1.0}, "stress": None}
+    for time, stored in zip(run.times, run.positions, strict=True):
+        x = np.asarray(stored, dtype=np.float64)
+        own = x if path is None else path.at(float(time)).to_shell(x)
+        moved = np.linalg.norm(x - rest, axis=1)
+        at = int(moved.argmax())
+        if moved[at] > largest["displacement"]["value"]:
+            place = {"vertex": at, "place": x[at].tolist(), "time": float(time)}
+            largest["displacement"] = {"value": float(moved[at]), **place}
+        faces = shell.fields(own).von_mises_faces
+        if faces is None:
+            continue
+        triangle, side = (int(index) for index in np.unravel_index(int(faces.argmax()), faces.shape))
+        if largest["stress"] is None or faces[triangle, side] > largest["stress"]["value"]:
+            largest["stress"] = {
+                "value": float(faces[triangle, side]),
+                "triangle": triangle,
+                "place": x[shell.mesh.faces[triangle]].mean(axis=0).tolist(),
+                "side": "to which the normals point" if side == 0 else "away from the normals",
+                "time": float(time),
+            }
+    return largest
+
+
+def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
+    """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
+    if scene.motion is not None:
+        return {"load": None, "reactions": None, "balance": None}
+    _, force, loads, _ = scene.build_loading(shell)
+    gravity = scene.loads.gravity if scene.loads else None
+    x = np.asarray(run.positions[-1], dtype=np.float64)
+    acting = shell.loading(gravity, force, loads).force(x)
+    held = shell.reactions(x, gravity=gravity, force=force, loads=loads)
+    total, answer = acting.sum(axis=0), held.sum(axis=0)
+    # As a share of what all parts of the load add up to: a load in balance with itself has no resultant.
+    size = float(np.linalg.norm(acting, axis=1).sum())
+    missing = float(np.linalg.norm(total + answer)) / size if size > 0.0 else 0.0
+    return {"load": total.tolist(), "reactions": answer.tolist(), "balance": missing}
+
+
+def _frequencies(shell: Shell) -> list[float]:
+    """The lowest elastic natural frequencies at rest."""
+    basis = solve_modes(shell, FREQUENCIES)
+    found: list[float] = basis.frequencies[basis.rigid_modes :].tolist()
+    return found
+
+
+def _buckling(scene: ShellScene, shell: Shell) -> float | str:
+    """The lowest factor of the load at which linear theory has the shell buckle."""
+    _, force, loads, _ = scene.build_loading(shell)
+    gravity = scene.loads.gravity if scene.loads else None
+    found = buckling_factors(shell, 1, gravity=gravity, force=force, loads=loads)
+    return float(np.real(found.factors[0])) if len(found.factors) else "the load does not buckle it"
+
+
+def _attempt(compute: Callable[[], Any]) -> Any:
+    """What is computed, or a text that says why it cannot be."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModalShellWarning)
+            return compute()
+    except ModalShellError as refusal:
+        return f"none: {refusal}"
+
+
+def convergence(scene: ShellScene, numbers: dict[str, Any], solve: Callable[[ShellScene], Trajectory]) -> list[Any]:
+    """Displacement and stress on coarser meshes, by ``solve``, and on the scene's own, coarsest first.
+
+    Raises
+    ------
+    OptionError
+        If the mesh is from a file, which has no coarser one.
+    """
+    cells = getattr(scene.mesh, "cells", None)
+    if cells is None:
+        raise OptionError(f"{scene.file}: --convergence needs a mesh with cells: one from a file has no coarser one")
+    rows = []
+    for share in _COARSER:
+        fewer = tuple(max(2, 2 * round(0.5 * share * count)) for count in cells)
+        coarse = replace(scene, mesh=msgspec.structs.replace(scene.mesh, cells=fewer))
+        found = peaks(coarse.build_shell(), solve(coarse), coarse)
+        rows.append(_row(fewer, found))
+    return [*rows, _row(tuple(cells), numbers)]
+
+
+def _row(cells: tuple[int, ...], found: dict[str, Any]) -> dict[str, Any]:
+    """One mesh's line."""
+    stress = found["stress"]
+    return {
+        "cells": list(cells),
+        "displacement": found["displacement"]["value"],
+        "stress": None if stress is None else stress["value"],
+    }
+
+
+def load_arrows(scene: ShellScene, shell: Shell, x: Array) -> Array:
+    """Forces (n, 3) of the whole load at positions x, for the picture; loads that change at their largest."""
+    force, loads = scene.build_forces(shell)
+    loading = shell.loading(scene.loads.gravity if scene.loads else None, force, loads)
+    return loading.force(x) if scene.motion is None else loading.dead + loading.largest_force()

@@ -1,0 +1,178 @@
+"""Pages of scenes show what the scene says: as recorded where a live model would leave something out."""
+
+import base64
+import json
+import re
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import modalshell as ms
+from modalshell.commands.pages import scene_page
+from modalshell.files.provenance import repository_file
+
+FOLDER = repository_file("studies/scenes/v_beam.toml").parent
+PAGES = sorted(FOLDER.glob("*.html"))
+LIVE = {"flat_beam", "flock"}
+"""Committed pages that compute their scene live."""
+SUPPORTS = 'clamped = "x < 0.03"'
+
+
+def content(page):
+    return json.loads(re.search(r"^const data = (.*);$", page.text, re.MULTILINE).group(1))
+
+
+def frames_of(data):
+    """Positions (F, n, 3) that a page plays."""
+    record = data["record"]
+    halves = np.frombuffer(base64.b64decode(record["shapes"]["halves"]), "<f2").astype(float)
+    shapes = halves.reshape(-1, len(record["shapes"]["scales"])) * record["shapes"]["scales"]
+    amounts = np.frombuffer(base64.b64decode(record["amounts"]), "<f4").reshape(len(record["times"]), -1)
+    rest = np.frombuffer(base64.b64decode(data["rest"]), "<f4").reshape(-1, 3) + data["centre"]
+    return rest + (amounts @ shapes.T).reshape(len(amounts), -1, 3)
+
+
+def test_a_scene_that_a_live_model_shows_whole_is_live(scene_file):
+    data = content(scene_page(ms.load_scene(scene_file())))
+    assert data["record"] is None
+    assert data["live"]["dt"] == pytest.approx(1 / 30)
+
+
+def test_a_static_scene_by_another_model_shows_its_answer_and_how_far_the_live_model_is_off(scene_file):
+    changes = ('name = "mwts"', 'name = "ds"'), ("[motion]\nduration = 1\n", ""), ("-9.81", "-0.5")
+    scene = ms.load_scene(scene_file(*changes)).require_shell()
+    page, built = scene_page(scene), scene.build()
+    (shown,) = frames_of(content(page))
+    truth = built.equilibrium().positions
+    assert ms.measure.displacement_error(shown, truth, built.shell) < 2e-3
+    basis = ms.solve_modes(built.shell, 8)
+    live = ms.ModalWarping(basis).equilibrium(gravity=(0, 0, -0.5)).positions
+    off = ms.measure.displacement_error(live, truth, built.shell)
+    assert f"MWTS is {100 * off:.2g} % off this answer" in page.text
+    assert content(page)["live"] is not None
+
+
+def test_a_live_model_far_from_the_answer_is_left_out(scene_file):
+    # LMA's rest of a limp strip under its full weight is no shape of MWTS.
+    changes = ('name = "mwts"', 'name = "lma"'), ("[motion]\nduration = 1\n", ""), ("-9.81", "-60.0")
+    page = scene_page(ms.load_scene(scene_file(*changes)))
+    data = content(page)
+    assert data["live"] is None
+    assert len(data["record"]["times"]) == 1
+    assert "No live model is offered" in page.text
+
+
+def test_a_page_plays_supports_that_move(scene_file):
+    moved = "times = [0.0, 0.5, 1.0]\ntranslations = [[0, 0, 0], [0, 0.3, 0], [0, 0, 0]]\n"
+    scene = ms.load_scene(scene_file(("[loads]", f"{moved}[loads]"))).require_shell()
+    page = scene_page(scene)
+    data = content(page)
+    seen, held = frames_of(data), data["live"]["held"]
+    middle = int(np.argmin(np.abs(np.array(data["record"]["times"]) - 0.5)))
+    shift = (seen[middle] - seen[0])[held]
+    np.testing.assert_allclose(shift, np.tile([0.0, 0.3, 0.0], (len(held), 1)), atol=2e-3)
+    assert "live, the supports rest" in page.text
+
+
+def test_a_coloured_scene_shows_its_field_and_loads_that_change(scene_file):
+    wind = "[[loads.wind]]\nvelocity = [0.0, 1.0, 4.0]\ntimes = [0.0, 0.5]\nfactors = [0.0, 2.0]\n"
+    more = '[output]\ncolor = "energy_density"\n'
+    scene = ms.load_scene(scene_file(("[model]", f"{wind}[model]"), more=more)).require_shell()
+    data = content(scene_page(scene))
+    tones = data["record"]["tones"]
+    halves = np.frombuffer(base64.b64decode(tones["values"]["halves"]), "<f2").astype(float)
+    values = halves.reshape(-1, len(tones["values"]["scales"])) * tones["values"]["scales"]
+    amounts = np.frombuffer(base64.b64decode(tones["amounts"]), "<f4").reshape(len(data["record"]["times"]), -1)
+    low, high = tones["range"]
+    assert tones["label"] == "energy density [J/m^2]"
+    assert (amounts @ values.T).max() == pytest.approx(high, abs=0.02 * (high - low))
+    assert (amounts @ values.T).min() == pytest.approx(low, abs=0.02 * (high - low))
+
+
+def test_committed_pages_record_what_they_must():
+    assert PAGES
+    for file in PAGES:
+        text = file.read_text(encoding="utf-8")
+        recorded = '"record": {' in text
+        assert recorded != (file.stem in LIVE), file.name
+        assert recorded == ("Shown is the scene&#x27;s own" in text), file.name
+
+
+def drawn(page):
+    return imread(BytesIO(page.locator("canvas").screenshot()))[..., :3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("file", PAGES, ids=lambda file: file.stem)
+def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, file, size):
+    context = browser.new_context(offline=True, viewport={"width": size[0], "height": size[1]})
+    context.set_default_timeout(120_000)
+    page, errors = context.new_page(), []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.goto(file.as_uri())
+    page.wait_for_selector("canvas")
+    page.wait_for_timeout(300)
+    moving = file.stem == "flock" or "\n[motion]" in file.with_suffix(".toml").read_text()
+    before, changed = drawn(page), 0.0
+    for _ in range(8 if moving else 3):
+        page.wait_for_timeout(300)
+        now = drawn(page)
+        changed = max(changed, (np.abs(now - before).max(axis=2) > 0.1).mean())
+        if file.stem != "flock":  # birds fly in and out
+            inner = now[3:-3, 3:-3]  # without the line of the panel, where the picture ends within a pixel
+            for side in (inner[:2], inner[-2:], inner[:, :2], inner[:, -2:]):
+                assert side.min() > 0.98, "the shell leaves the picture"
+        assert (now.min(axis=2) < 0.9).mean() > 0.005, "nothing is drawn"
+    assert changed > 0.003 if moving else changed == 0.0
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert page.evaluate("view.clientHeight >= 0.5 * innerHeight")
+    cut = """[...document.querySelectorAll('#panel *')].filter(one => one.offsetParent !== null
+             && one.getBoundingClientRect().right > innerWidth + 1).map(one => one.id || one.tagName)"""
+    assert page.evaluate(cut) == []
+    assert errors == []
+    context.close()
+
+
+@pytest.mark.slow
+def test_keys_folding_the_link_and_the_dark_serve_a_page(browser, wait_until):
+    context = browser.new_context(offline=True, viewport={"width": 390, "height": 844}, color_scheme="dark")
+    context.set_default_timeout(120_000)
+    page = context.new_page()
+    page.goto((FOLDER / "leaf.html").as_uri())
+    page.wait_for_selector("canvas")
+    page.wait_for_timeout(300)
+    assert drawn(page)[0, 0].max() < 0.2
+    assert not page.is_visible("#model")  # folded on a phone
+    page.click("#fold")
+    assert page.is_visible("#model")
+    assert page.evaluate("document.getElementById('panel').clientHeight <= 0.45 * innerHeight")
+    page.locator("canvas").focus()
+    page.keyboard.press("d")
+    wait_until(page, "document.documentElement.dataset.theme === 'light'")
+    page.keyboard.press(" ")
+    assert page.evaluate("shell.state.paused")
+    before = page.evaluate("shell.camera.azimuth")
+    page.keyboard.press("ArrowLeft")
+    assert page.evaluate("shell.camera.azimuth") != before
+    page.locator("#moment").fill("1.3")
+    page.select_option("#model", "lma")
+    page.evaluate("() => { shell.steps(40); }")
+    expected = page.evaluate("() => [...shell.state.q]")
+    page.click("#link")
+    again = context.new_page()
+    again.goto(page.url)
+    again.wait_for_selector("canvas")
+    assert again.evaluate("shell.state.model") == "lma"
+    assert again.evaluate("shell.state.paused")
+    np.testing.assert_allclose(again.evaluate("() => [...shell.state.q]"), expected, rtol=1e-5, atol=1e-12)
+    assert again.evaluate("shell.camera.azimuth") == pytest.approx(page.evaluate("shell.camera.azimuth"), abs=1e-5)
+    broken = context.new_page()
+    broken.goto(page.url.split("#")[0] + "#model=none&time=x&q=1,2&count=-5&distance=NaN&centre=1,2")
+    broken.wait_for_selector("canvas")
+    assert broken.evaluate("shell.positions().every(Number.isFinite)")
+    assert broken.evaluate("shell.state.model") == "scene"
+    context.close()

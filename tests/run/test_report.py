@@ -1,0 +1,125 @@
+"""Reports on runs: their numbers against the package's own, the page, and what is refused."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.run.report_numbers import report_numbers
+
+PLATE = """
+[mesh]
+shape = "sheet"
+length = 0.5
+width = 0.5
+cells = [12, 12]
+[material]
+young = 210e9
+poisson = 0.3
+thickness = 1e-3
+density = 7850.0
+[[supports]]
+kind = "pin"
+sel = "boundary"
+[[loads.pressure]]
+p = 200.0
+[model]
+name = "ds"
+[output]
+color = "von_mises"
+"""
+
+
+@pytest.fixture
+def plate(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+    (tmp_path / "plate.toml").write_text(PLATE)
+    return tmp_path
+
+
+def command(*arguments):
+    """The exit status of a command."""
+    with pytest.raises(SystemExit) as end:
+        main(["report", *map(str, arguments)])
+    return end.value.code or 0
+
+
+def test_a_report_has_the_numbers_of_the_run(plate):
+    assert command("plate.toml") == 0
+    numbers = json.loads((plate / "results" / "plate_report.json").read_text())
+    page = (plate / "results" / "plate_report.html").read_text()
+    scene = ms.load_scene(plate / "plate.toml").require_shell()
+    shell, run = scene.build_shell(), ms.load_trajectory(plate / "results" / "plate.npz")
+    x = run.positions[-1]
+    assert numbers["displacement"]["value"] == pytest.approx(np.linalg.norm(x - shell.rest_positions, axis=1).max())
+    stresses = shell.fields(x).von_mises_faces
+    assert numbers["stress"]["value"] == pytest.approx(stresses.max())
+    assert stresses.max(axis=1).argmax() == numbers["stress"]["triangle"]
+    assert numbers["load"][2] == pytest.approx(200.0 * 0.25, rel=1e-3)
+    np.testing.assert_allclose(numbers["reactions"], -np.array(numbers["load"]), atol=1e-6)
+    assert numbers["balance"] < 1e-8
+    assert numbers["frequencies"][0] == pytest.approx(19.6, rel=0.02)
+    factors = ms.buckling_factors(shell, 1, loads=[ms.Pressure(200.0)]).factors
+    assert numbers["buckling"] == pytest.approx(float(np.real(factors[0])), rel=1e-6)
+    for shown in (
+        f"{numbers['displacement']['value']:.5g} m",
+        f"{numbers['stress']['value'] / 1e6:.5g} MPa",
+        f"at {numbers['buckling']:.4g} times the load",
+        f"{len(shell.mesh.vertices)} vertices",
+        "modalshell report plate.toml",
+        "young 2.1e+11",
+    ):
+        assert shown in page
+    assert not re.search(r'(?:src|href)="https?:', page)
+    assert page.count("<img") == 1
+
+
+def test_coarser_meshes_come_on_request(plate):
+    assert command("plate.toml", "--convergence", "--out", "own.html") == 0
+    rows = json.loads((plate / "own.json").read_text())["convergence"]
+    assert [row["cells"] for row in rows] == [[6, 6], [8, 8], [12, 12]]
+    assert rows[0]["displacement"] != rows[2]["displacement"]
+    assert rows[2]["displacement"] == pytest.approx(rows[1]["displacement"], rel=0.05)
+    assert "6 x 6" in (plate / "own.html").read_text()
+    assert not list(plate.glob("plate.*z"))
+
+
+def test_a_run_needs_its_own_scene(plate, capsys):
+    assert command("plate.toml") == 0
+    archive = plate / "results" / "plate.npz"
+    assert command(archive) == 2
+    assert "with --scene FILE" in capsys.readouterr().err
+    (plate / "other.toml").write_text(PLATE.replace("p = 200.0", "p = 100.0"))
+    assert command(archive, "--scene", "other.toml") == 2
+    assert "is a run of another scene" in capsys.readouterr().err
+    assert command(archive, "--scene", "plate.toml", "--out", "again.html") == 0
+    (plate / "results" / "plate.json").unlink()
+    assert command(archive, "--scene", "plate.toml") == 2
+    assert "is no record of a run" in capsys.readouterr().err
+
+
+def test_a_report_on_a_motion_names_when(plate, scene_file):
+    file = scene_file(("duration = 1", "duration = 0.2"))
+    scene = ms.load_scene(file).require_shell()
+    run = ms.run_scene(scene, out=plate / "moved").trajectory
+    numbers = report_numbers(scene, scene.build_shell(), run)
+    moved = np.linalg.norm(run.positions - run.rest_positions, axis=2)
+    assert numbers["displacement"]["time"] == run.times[moved.max(axis=1).argmax()]
+    assert (numbers["load"], numbers["balance"], numbers["buckling"]) == (None, None, None)
+    assert command(file, "--out", "moved.html") == 0
+    assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
+
+
+@pytest.mark.slow
+def test_a_report_prints_on_two_pages(plate, browser):
+    assert command("plate.toml", "--convergence") == 0
+    page = browser.new_page(viewport={"width": 390, "height": 800})
+    page.goto((plate / "results" / "plate_report.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.pdf(path=plate / "plate.pdf", prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", (plate / "plate.pdf").read_bytes())) == 2
+    page.close()
