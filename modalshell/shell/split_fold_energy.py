@@ -43,6 +43,40 @@ class _State(NamedTuple):
 
 
 @final
+class ConstantForms(NamedTuple):
+    """What the energy is made of: constant quadratic forms of fold angles and of half squared edge lengths.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n + g, 3)
+        Vertices at rest [m], then ghosts.
+    hinges : ndarray of int64, shape (H, 4)
+        Hinges of the folds, on the points.
+    angles : ndarray, shape (H,)
+        Fold angles at rest [rad].
+    couples : callable
+        Second derivatives by fold angles [N m], times angles (H,) or (H, k).
+    edges : ndarray of int64, shape (E, 2)
+        Edges of the mesh.
+    half_squares : ndarray, shape (E,)
+        Half their squared lengths at rest [m^2].
+    membrane : list of MembraneElements
+        Elements of the membrane.
+    tension : csr_array, shape (E, E)
+        Their sum [N/m^3].
+    """
+
+    points: Array
+    hinges: Index
+    angles: Array
+    couples: Callable[[Array], Array]
+    edges: Index
+    half_squares: Array
+    membrane: list[membrane.MembraneElements]
+    tension: sps.csr_array
+
+
+@final
 class SplitFoldEnergy(ElasticEnergy):
     """Bending by split folds and smoothed membrane of an isotropic sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
@@ -97,6 +131,12 @@ class SplitFoldEnergy(ElasticEnergy):
         self._by_poisson: SlopesByPoisson | None = None
         self._membrane = membrane.membrane_elements(self._strained(), membrane.plane_stress(stiffness, poisson))
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
+
+    def constant_forms(self) -> ConstantForms:
+        """What the energy is made of."""
+        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        points = self._points(np.array(self._parts[0].vertices) - self._origin)
+        return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
 
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))

@@ -63,33 +63,123 @@ def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
 
 
 @njit(**_summing)
-def _hinges(reduced, z, strains, slopes):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and slopes, times the roots of their weights, behind those of the membrane."""
-    count, first = z.size, reduced.membrane.linear.shape[1]
-    x = reduced.rest.copy()
+def _hinges(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
+    """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
+    count = z.size
+    x = bending.rest.copy()
     for v in range(x.shape[0]):
         for axis in range(3):
             total = 0.0
             for i in range(count):
-                total += reduced.modes[v, axis, i] * z[i]
+                total += bending.modes[v, axis, i] * z[i]
             x[v, axis] += total
     local, row = np.empty(9), np.empty(count)
-    for h in range(reduced.hinges.shape[0]):
-        a, b, c, d = reduced.hinges[h]
+    for h in range(bending.hinges.shape[0]):
+        a, b, c, d = bending.hinges[h]
         angle = first_derivatives(
             x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
             x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
             x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
         )  # fmt: skip
-        root = reduced.roots[h]
-        strains[first + h] = root * ((angle - reduced.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
+        root = bending.roots[h]
+        strains[first + h] = root * ((angle - bending.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
         row[:] = 0.0
         for axis in range(3):
             p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
             for i in range(count):
-                row[i] += p * reduced.modes[b, axis, i] + q * reduced.modes[c, axis, i] + r * reduced.modes[d, axis, i]
-                row[i] -= (p + q + r) * reduced.modes[a, axis, i]
+                row[i] += p * bending.modes[b, axis, i] + q * bending.modes[c, axis, i] + r * bending.modes[d, axis, i]
+                row[i] -= (p + q + r) * bending.modes[a, axis, i]
         slopes[:, first + h] = row
+    return x
+
+
+@njit(**_summing)
+def _mean_normal(bending, x, h, way, normal):  # type: ignore[no-untyped-def]
+    """Write the ``way`` from one side of a hinge to the other, across its edge, and the unit mean normal; its length.
+
+    The way is by feet and heights at rest; with the edge's it spans the plane that halves the fold.
+    """
+    a, b, c, d = bending.hinges[h]
+    for axis in range(3):
+        edge = x[b, axis] - x[a, axis]
+        here = (x[c, axis] - x[a, axis] - bending.feet[h, 0] * edge) * bending.feet[h, 1]
+        there = (x[d, axis] - x[a, axis] - bending.feet[h, 2] * edge) * bending.feet[h, 3]
+        way[axis] = there - here
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        normal[axis] = (x[b, j] - x[a, j]) * way[k] - (x[b, k] - x[a, k]) * way[j]
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    for axis in range(3):
+        normal[axis] /= length
+    return length
+
+
+@njit(**_summing)
+def _pull_normal(bending, x, h, factor, pull, way, normal, length, forces):  # type: ignore[no-untyped-def]
+    """Add ``factor`` times the gradient of ``pull . normal`` to the ``forces`` on a hinge's vertices."""
+    a, b, c, d = bending.hinges[h]
+    along = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2]
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        left = factor * (pull[j] - along * normal[j]) / length
+        right = factor * (pull[k] - along * normal[k]) / length
+        on_edge = way[j] * right - way[k] * left
+        on_way = left * (x[b, k] - x[a, k]) - right * (x[b, j] - x[a, j])
+        here, there = -on_way * bending.feet[h, 1], on_way * bending.feet[h, 3]
+        forces[c, axis] += here
+        forces[d, axis] += there
+        on_edge -= bending.feet[h, 0] * here + bending.feet[h, 2] * there
+        forces[b, axis] += on_edge
+        forces[a, axis] -= on_edge + here + there
+
+
+@njit(**_summing)
+def _couple(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
+    """Add what couples bent hinges to the gradient, and write the ``others`` (m, H) that their slopes are coupled to.
+
+    Returns the energy. The normals' turning is in the gradient alone.
+    """
+    count, value = z.size, 0.0
+    forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
+    for h in range(bending.hinges.shape[0]):
+        bent = strains[first + h]
+        length = _mean_normal(bending, x, h, way, normal)
+        for axis in range(3):
+            pull[axis] = 0.0
+            for i in range(count):
+                pull[axis] += bending.across[h, axis, i] * z[i]
+        _pull_normal(bending, x, h, bent, pull, way, normal, length, forces)
+        flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
+        for i in range(count):
+            others[i, h] = 0.0
+        for place in range(bending.starts[h], bending.starts[h + 1]):
+            other, factor = first + bending.others[place], bending.values[place]
+            coupled += factor * strains[other]
+            for i in range(count):
+                others[i, h] += 0.5 * factor * slopes[i, other]
+        value += bent * (0.5 * coupled + flat)
+        for i in range(count):
+            turned = 0.0
+            for axis in range(3):
+                turned += bending.across[h, axis, i] * normal[axis]
+            others[i, h] += turned
+            gradient[i] += slopes[i, first + h] * (coupled + flat) + bent * turned
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            for i in range(count):
+                gradient[i] += bending.modes[v, axis, i] * forces[v, axis]
+    return value
+
+
+@njit(**_summing)
+def _add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
+    """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
+    for i in range(matrix.shape[0]):
+        for j in range(i + 1):
+            total = 0.0
+            for h in range(others.shape[1]):
+                total += slopes[i, first + h] * others[j, h] + others[i, h] * slopes[j, first + h]
+            matrix[i, j] += factor * total
 
 
 @njit(**_summing)
@@ -107,20 +197,21 @@ def _add_squares(slopes, factor, matrix):  # type: ignore[no-untyped-def]
 def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
     """Energy [J] of z; writes strains (K + H,), their slopes (m, K + H), the gradient and the Hessian's lower triangle.
 
-    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy. The Hessian
-    takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and leaves out the second derivatives of the angles.
+    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
+    flat hinges' and what couples hinges. The Hessian takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and
+    leaves out the second derivatives of the angles and of the normals.
     """
-    count = z.size
-    hessian[:] = reduced.flat
+    count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
+    hessian[:] = bending.flat
     total = 0.0
     for i in range(count):
         bent = 0.0
         for j in range(count):
-            bent += reduced.flat[i, j] * z[j]
+            bent += bending.flat[i, j] * z[j]
         gradient[i] = bent
         total += 0.5 * z[i] * bent
     _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
-    _hinges(reduced, z, strains, slopes)
+    x = _hinges(bending, z, first, strains, slopes)
     _add_squares(slopes, 1.0, hessian)
     for k in range(strains.size):
         total += 0.5 * strains[k] * strains[k]
@@ -129,6 +220,10 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
         for k in range(strains.size):
             pull += slopes[i, k] * strains[k]
         gradient[i] += pull
+    if bending.across.shape[0] > 0:
+        others = np.empty((count, bending.across.shape[0]))
+        total += _couple(bending, z, x, first, strains, slopes, others, gradient)
+        _add_coupled(slopes, first, others, 1.0, hessian)
     return total
 
 
@@ -136,7 +231,7 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
 def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     """What :func:`energy_terms` finds: energy, strains, slopes, gradient and Hessian."""
     count, modes = reduced.membrane.linear.shape
-    strains = np.empty(modes + reduced.angles.size)
+    strains = np.empty(modes + reduced.bending.angles.size)
     slopes, gradient, hessian = np.empty((count, strains.size)), np.empty(count), np.empty((count, count))
     value = energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian)
     return value, strains, slopes, gradient, hessian
@@ -293,17 +388,22 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     z, rates, near, viscous_at = start
     count, modes = reduced.membrane.linear.shape
     further = reduced.viscous.linear.shape[1]
-    slopes = np.empty((count, max(modes, further) + reduced.angles.size))
+    slopes = np.empty((count, max(modes, further) + reduced.bending.angles.size))
     strains, unused, outer = np.empty(slopes.shape[1]), np.empty((count, count)), np.zeros((count, count))
     if viscosity > 0.0:
+        factor, bending = viscosity / dt, reduced.bending
         _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
-        _add_squares(slopes[:, :further], viscosity / dt, outer)
-        _hinges(reduced, viscous_at, strains, slopes)
-        _add_squares(slopes[:, modes : modes + reduced.angles.size], viscosity / dt, outer)
+        _add_squares(slopes[:, :further], factor, outer)
+        x = _hinges(bending, viscous_at, modes, strains, slopes)
+        _add_squares(slopes[:, modes : modes + bending.angles.size], factor, outer)
+        if bending.across.shape[0] > 0:
+            others, none = np.empty((count, bending.across.shape[0])), np.zeros(count)
+            _couple(bending, viscous_at, x, modes, strains, slopes, others, none)
+            _add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
             for j in range(i):
                 outer[j, i] = outer[i, j]
-        outer += reduced.flat * (viscosity / dt)
+        outer += bending.flat * factor
     for i in range(count):
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
     push = force + rates / dt
@@ -312,7 +412,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
     _predict(slopes, z + dt * rates - near, strains, stresses)
-    slopes, strains = np.empty((count, modes + reduced.angles.size)), np.empty(modes + reduced.angles.size)
+    slopes, strains = np.empty((count, modes + reduced.bending.angles.size)), np.empty(modes + reduced.bending.angles.size)
     slots = np.empty((2, count))
     slots[START] = near
     step = Step(
