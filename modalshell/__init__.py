@@ -65,6 +65,8 @@ from modalshell.models import (
     RotationStrain,
     coarse_shell,
 )
+from modalshell.models.error_bars import error_bar
+from modalshell.models.quantity_bars import QuantityBar, quantity_bars
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
@@ -77,6 +79,7 @@ from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
+from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
@@ -97,6 +100,7 @@ __all__ = [
     "EnergyFunction",
     "Equilibrium",
     "EquilibriumPath",
+    "ErrorBar",
     "FileFormatError",
     "Fit",
     "Fix",
@@ -127,6 +131,7 @@ __all__ = [
     "PointForce",
     "PositionConstraint",
     "Pressure",
+    "QuantityBar",
     "ReducedRotationStrain",
     "RepairReport",
     "RigidShell",
@@ -159,6 +164,7 @@ __all__ = [
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",
+    "error_bar",
     "fit",
     "flat_beam",
     "leaf",
@@ -170,6 +176,7 @@ __all__ = [
     "models",
     "paper_bird",
     "plot",
+    "quantity_bars",
     "remesh",
     "repair",
     "run_scene",

@@ -89,6 +89,7 @@ class HybridStress(ImplicitModel):
     """
 
     name = "hybrid"
+    follows_snaps = True
 
     def __init__(
         self, shell: Shell, coarse: Shell, trained: Trained, *, integrator: str | FullIntegrator = "bdf2"
@@ -96,6 +97,7 @@ class HybridStress(ImplicitModel):
         self.shell = checked_kind("shell", shell, Shell)
         self.integrator = implicit_rule(integrator)
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
+        self.coarse_shell = self.coarse.coarse_shell
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self.coarse_errors = trained.coarse_errors
         self._trained, self._basis = trained, trained.basis

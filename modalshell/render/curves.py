@@ -21,6 +21,8 @@ _INSIDE = 5
 class Curve:
     """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points.
 
+    Points that are not ``joined`` stand for themselves.
+
     A label that begins with an underscore is not in the legend.
     """
 
@@ -31,6 +33,7 @@ class Curve:
     dashed: bool = False
     points: bool = True
     marker: str = "o"
+    joined: bool = True
 
 
 Style = Literal["-", ":", "--"]
@@ -103,9 +106,10 @@ def draw_curves(
     for place, panel in enumerate(panels, start=1):
         axes = figure.add_subplot(rows, across, place, sharey=figure.axes[0] if share_y and figure.axes else None)
         for curve in panel.curves:
-            style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
+            style = ("--" if curve.dashed else "-") if curve.joined else "none"
+            marker = curve.marker if curve.points else None
             size = 4 if curve.marker == "o" else 7
-            axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=curve.label)
+            axes.plot(curve.x, curve.y, linestyle=style, marker=marker, ms=size, color=curve.color, label=curve.label)
         if panel.log:
             axes.set_yscale("log")
         if panel.log_x:

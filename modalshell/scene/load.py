@@ -57,7 +57,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     """
     load_plugins()
     raw = with_index_files(file, raw)
-    refuse_unknown_keys(file, "", raw, ("name", *_REQUIRED, *_OPTIONAL, *KINDS))
+    refuse_unknown_keys(file, "", raw, ("name", "bar", *_REQUIRED, *_OPTIONAL, *KINDS))
     for name in _REQUIRED:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
@@ -99,7 +99,18 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
     )
     own = next((kind for key, kind in KINDS.items() if key in declared), None)
+    if _wants_bar(file, raw):
+        if own is not None:
+            raise SceneError(f"{file}: bar: only scenes of one shell have error bars; leave it out")
+        declared["bar"] = True
     return ShellScene(**declared) if own is None else own.builder(declared)
+
+
+def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:
+    given = raw.get("bar", False)
+    if not isinstance(given, bool):
+        raise SceneError(f"{file}: bar: must be true or false (got {given!r:.60})")
+    return given
 
 
 def pickled_scene(scene: Scene) -> tuple[Any, ...]:

@@ -27,9 +27,11 @@ from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
+from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, model_basis
-from modalshell.motion import Motion, SupportPath
+from modalshell.motion import Motion, SupportPath, Trajectory
+from modalshell.motion.motion_check import with_bars
 from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
@@ -51,6 +53,9 @@ from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
+
+BARS_EVERY = 15
+"""Frames from one error bar of a scene in motion to the next."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,10 +173,13 @@ class ShellScene(Scene):
         Prescribed positions and orientations of patches.
     path : PathTable or None
         How its path of equilibria is followed.
+    bar : bool
+        Whether its equilibrium, or some frames of its motion, get error bars against DS.
     """
 
     constraints: tuple[tables.Constrained, ...] = ()
     path: tables.PathTable | None = None
+    bar: bool = False
 
     def require_shell(self) -> ShellScene:
         """The scene itself."""
@@ -179,7 +187,8 @@ class ShellScene(Scene):
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
-        return super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        content = super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        return content | ({"bar": True} if self.bar else {})
 
     def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
@@ -197,6 +206,11 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
+        if self.bar:
+            try:
+                check_bar(shell, constrained=bool(constraints))
+            except OptionError as error:
+                raise SceneError(f"{self.file}: bar: {error}") from error
         return BuiltScene(self, shell, model, force, loads, path, constraints)
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
@@ -322,6 +336,14 @@ class BuiltScene:
                 tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
 
+    def with_bars(self, run: Trajectory) -> Trajectory:
+        """A motion of the scene with error bars, where the scene asks for them."""
+        if not self.scene.bar or self.scene.motion is None:
+            return run
+        damping = build_damping(self.scene.motion)
+        options: dict[str, Any] = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
+        return with_bars(run, self.model, self.loading(), **options)
+
     def loading(self) -> Loading:
         """All loads together."""
         return self.shell.loading(self.gravity, self.force, self.loads)
@@ -329,5 +351,7 @@ class BuiltScene:
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
+        if self.scene.bar:
+            options["bar"] = True
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

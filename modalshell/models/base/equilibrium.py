@@ -15,6 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.pattern import SparsePattern
+from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -57,6 +58,8 @@ class Equilibrium(Drawn):
         The load, for derivatives of the solution; None if unknown.
     mesh : TriangleMesh or None
         The mesh at rest, for pictures; None if unknown.
+    bar : ErrorBar or None
+        How far the answer is from DS, where that was asked for.
     """
 
     positions: Array
@@ -74,9 +77,15 @@ class Equilibrium(Drawn):
     loading: Loading | None = field(default=None, repr=False, compare=False)
     gravity: Array | None = field(default=None, repr=False, compare=False)
     mesh: TriangleMesh | None = field(default=None, repr=False, compare=False)
+    bar: ErrorBar | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
+
+    def __str__(self) -> str:
+        if self.bar is None:
+            return repr(self)
+        return f"{self.outcome.with_message(self.message)}; {self.bar}"
 
     def load_stiffness(self, pattern: SparsePattern) -> Array:
         """Minus the derivatives of the load's forces by the positions, as entries of a Hessian; zero of dead loads."""

@@ -74,6 +74,7 @@ class FullModel(Model):
 
     of_material = True
     """Whether the energies are those of the shell's material."""
+    follows_snaps = True
 
     def __init__(
         self,
@@ -110,8 +111,7 @@ class FullModel(Model):
         first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)
         shell, live = problem.shell, problem.live
-        if origin.any() and first is not None:
-            first = first - origin
+        first = first - origin if origin.any() and first is not None else first
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
