@@ -74,7 +74,7 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.shell import Fabric, Isotropic, Material, Orthotropic, Shell, ShellFields
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
@@ -101,6 +101,7 @@ __all__ = [
     "Equilibrium",
     "EquilibriumPath",
     "ErrorBar",
+    "Fabric",
     "FileFormatError",
     "Fit",
     "Fix",
@@ -125,6 +126,7 @@ __all__ = [
     "ModelSpec",
     "OptionError",
     "OrientationConstraint",
+    "Orthotropic",
     "Outcome",
     "PathEvent",
     "Pin",

@@ -63,8 +63,8 @@ class _MeshOptions:
         bool,
         Parameter(
             negative="",
-            help="Repair, and cut sheets apart where three or more faces meet at an edge: a rib holds its plate no "
-            "longer.",
+            help="Repair, and cut sheets apart where three or more faces meet at an edge, which are joined else: a "
+            "rib then holds its plate no longer.",
         ),
     ] = False
     component: Annotated[

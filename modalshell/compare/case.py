@@ -21,7 +21,7 @@ from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.scene.parts import build_damping
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Sheet, Shell
 
 _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
@@ -75,7 +75,7 @@ class Case:
     @property
     def notes(self) -> str:
         """Notes on the reference and the load, in sentences."""
-        theory = isinstance(self.shell.material, Isotropic)
+        theory = isinstance(self.shell.material, Sheet)
         reference = "DS stands for shell theory, by split folds on the same mesh." if theory else ""
         return " ".join(filter(None, (reference, self.note)))
 

@@ -20,6 +20,7 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
 from modalshell.scene.read import checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
 from modalshell.scene.scene import Scene, ShellScene
+from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
@@ -87,12 +88,11 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
         )
     model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
-    physical = isinstance(sheet, dict) and not {"young", "poisson", "thickness"}.isdisjoint(sheet)
     declared: dict[str, Any] = optional | {
         "name": name,
         "file": file,
         "mesh": _mesh_table(file, raw["mesh"]),
-        "material": checked_table(file, "material", sheet, tables.PhysicalSheet if physical else tables.Stiffnesses),
+        "material": checked_table(file, "material", sheet, _material_kind(file, sheet)),
         "model": checked_table(file, "model", raw["model"], model),
     }
     declared["constraints"] = tuple(
@@ -125,6 +125,15 @@ def pickled_scene(scene: Scene) -> tuple[Any, ...]:
 
 
 copyreg.pickle(ShellScene, pickled_scene)
+
+
+def _material_kind(file: Path, raw: Any) -> type[tables.Table]:
+    """The kind of table that a material is, by its key ``kind`` or, without it, by its other keys."""
+    if not isinstance(raw, dict):
+        return tables.Stiffnesses
+    if "kind" in raw:
+        return chosen(file, "material", raw, "kind", SHEET_TABLES)
+    return tables.Stiffnesses if {"young", "poisson", "thickness"}.isdisjoint(raw) else tables.PhysicalSheet
 
 
 def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:

@@ -47,6 +47,7 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
+from modalshell.scene.sheets import MaterialTable, SheetTable
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
@@ -75,7 +76,7 @@ class Scene(ABC):
     name: str
     file: Path
     mesh: tables.MeshFile | Shape
-    material: tables.Stiffnesses | tables.PhysicalSheet
+    material: MaterialTable
     model: ModelTable
     supports: tables.Supports | tables.SupportList | None = None
     energies: tables.Table | None = None
@@ -107,12 +108,17 @@ class Scene(ABC):
         arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
         return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
 
+    @property
+    def _of_theory(self) -> bool:
+        """Whether the shell is one of shell theory, with fold shares."""
+        return isinstance(self.material, SheetTable) or not getattr(self.material, "calibrated", True)
+
     def build_mesh(self) -> TriangleMesh:
         """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
             cells: Sequence[int] = getattr(self.mesh, "cells", ())
             if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
-                split = isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated
+                split = self._of_theory
                 demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
             return build_mesh(self.mesh, self.file.parent)
 
@@ -123,7 +129,7 @@ class Scene(ABC):
         """
         mesh = mesh or self.build_mesh()
         remarks = odd_values(self.material, self.units or tables.Units(), mesh.size)
-        if isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated:
+        if self._of_theory:
             remarks += filter(None, [sliver_remark(mesh)])
         for remark in remarks:
             warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)

@@ -1,9 +1,24 @@
 """Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
 from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.fabric import Fabric
 from modalshell.shell.fields import ShellFields
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.orthotropic import Orthotropic
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.shell import Shell
 
-__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Isotropic", "Material", "Shell", "ShellFields"]
+__all__ = [
+    "EXACT",
+    "GAUSS_NEWTON",
+    "MIXED",
+    "PROJECTED",
+    "Fabric",
+    "Isotropic",
+    "Material",
+    "Orthotropic",
+    "Sheet",
+    "Shell",
+    "ShellFields",
+]

@@ -15,6 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.smoothed_membrane import strain_of_lengths
 from modalshell.shell.triangle_pairs import moment_tensors
 
@@ -32,6 +33,8 @@ TENSORS: Final = ("membrane_strain", "membrane_force", "curvature", "moment")
 """Fields that are tensors."""
 BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
 """A sheet of bending stiffness 1 N m, from whose moments the curvatures of other materials follow."""
+_HALF_SHEAR = np.array([1.0, 1.0, 0.5])
+"""Tensor components over those that elasticity takes, (11, 22, 2 12)."""
 
 
 @final
@@ -71,17 +74,21 @@ class ShellFields:
 
     @classmethod
     def of(
-        cls, mesh: TriangleMesh, material: Material | Isotropic, x: Array, fold_moments: Array, energy_density: Array
+        cls, mesh: TriangleMesh, material: Material | Sheet, x: Array, fold_moments: Array, energy_density: Array
     ) -> ShellFields:
         """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density."""
         moment = moment_of_folds(mesh, fold_moments)
-        sheet = material if isinstance(material, Isotropic) else BARE_SHEET
-        membrane, rigidity, poisson = sheet.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
+        sheet = material if isinstance(material, Sheet) else BARE_SHEET
         strain, axes = membrane_strain(mesh, x), triangle_axes(mesh, x)
-        if not isinstance(material, Isotropic):
+        if (directed := sheet.directed(mesh)) is None:
+            membrane, rigidity, poisson = sheet.elasticity(mesh)
+            curvature, force = curvature_of_moment(rigidity, poisson, moment), resultants(membrane, poisson, strain)
+        else:
+            in_plane, bending = (elasticity.in_triangles(mesh) for elasticity in directed)
+            curvature = np.linalg.solve(bending, moment[:, :, None])[:, :, 0] * _HALF_SHEAR
+            force = np.einsum("tij,tj->ti", in_plane, strain / _HALF_SHEAR)
+        if not isinstance(material, Sheet):
             return cls(strain, curvature, energy_density, axes)
-        force = resultants(membrane, poisson, strain)
         return cls(strain, curvature, energy_density, axes, force, moment, von_mises(mesh, material, force, moment))
 
     @property
@@ -98,7 +105,7 @@ class ShellFields:
         found: Array | None = getattr(self, name)
         if found is None:
             raise OptionError(
-                f"{name} needs a sheet with a thickness (got a Material, which has stiffnesses alone): take "
+                f"{name} needs a sheet with a thickness (got a material of stiffnesses alone): take "
                 "ms.Isotropic, or membrane_strain, curvature or energy_density"
             )
         return found
@@ -183,11 +190,12 @@ def curvature_of_moment(rigidity: Array, poisson: Array, moment: Array) -> Array
     return np.asarray(out / (rigidity * (1.0 - poisson**2))[:, None])
 
 
-def von_mises(mesh: TriangleMesh, material: Isotropic, force: Array, moment: Array) -> Array:
-    """Von Mises stress (T, 2) [Pa] at both faces, ``N / h + 6 M / h^2`` and ``N / h - 6 M / h^2``."""
-    thickness = material.thicknesses(mesh)[:, None]
+def von_mises(mesh: TriangleMesh, material: Sheet, force: Array, moment: Array) -> Array | None:
+    """Von Mises stress (T, 2) [Pa] at both faces; None of a sheet without a thickness."""
+    stresses = material.face_stresses(mesh, force, moment)
+    if stresses is None:
+        return None
     faces = []
-    for side in (1.0, -1.0):
-        first, second, shear = (force / thickness + side * 6.0 * moment / thickness**2).T
+    for first, second, shear in (stress.T for stress in stresses):
         faces.append(np.sqrt(first**2 - first * second + second**2 + 3.0 * shear**2))
     return np.stack(faces, axis=1)

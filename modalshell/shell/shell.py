@@ -23,8 +23,8 @@ from modalshell.shell.elements import ElementSet, ElementSum, Energy
 from modalshell.shell.energies_of import energy_of, gradient_by_constant
 from modalshell.shell.extended import Extended
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.vertex_masses import masses_of
@@ -40,9 +40,12 @@ class Shell(ReadOnlyArrays):
     Parameters
     ----------
     mesh : TriangleMesh
-        The rest shape; its fold angles, areas and lengths are the rest values of the energies.
-    material : Material or Isotropic
-        Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
+        The rest shape; its fold angles, areas and lengths are the rest values of the energies. Where three triangles
+        or more meet at an edge an :class:`Isotropic` shell has a rigid joint that is free to turn; a
+        :class:`Material`'s has a hinge between the first of them and each of the others, so that a couple goes from
+        one to the next through that first one alone.
+    material : Material, Isotropic, Orthotropic
+        Stiffnesses of the discrete-shell energies; or a sheet, whose energy is that of split folds.
     clamped : str, array_like of bool, shape (n,), or of int, optional
         Vertices that are held, short for one :class:`Clamp`. To clamp an edge of a :class:`Material`'s shell hold two
         rows of vertices: with one row the triangles next to it can hinge freely about the clamped edge; the span then
@@ -85,7 +88,7 @@ class Shell(ReadOnlyArrays):
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: Material | Isotropic,
+        material: Material | Sheet,
         clamped: ArrayLike | str | None = None,
         supports: Sequence[Support] = (),
         *,
@@ -94,12 +97,12 @@ class Shell(ReadOnlyArrays):
     ) -> None:
         self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
-        if not isinstance(material, Material | Isotropic):
-            raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
+        if not isinstance(material, Material | Sheet):
+            raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(material)})")
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
-        demand_shell(count, split=isinstance(material, Isotropic))
+        demand_shell(count, split=isinstance(material, Sheet))
         clamp = held_vertices(clamped, count, mesh)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
@@ -163,7 +166,7 @@ class Shell(ReadOnlyArrays):
         other._support(self.unknowns)
         return other
 
-    def with_material(self, material: Material | Isotropic) -> Shell:
+    def with_material(self, material: Material | Sheet) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
         return Shell(self.mesh, material, None, self.supports, energies=self.energies, loose_parts=self.loose_parts)
 

@@ -16,16 +16,16 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
-from modalshell.shell.constant_slopes import SlopesByPoisson, rates_by_constant
+from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
@@ -78,13 +78,13 @@ class ConstantForms(NamedTuple):
 
 @final
 class SplitFoldEnergy(ElasticEnergy):
-    """Bending by split folds and smoothed membrane of an isotropic sheet; see theory 4, eq. 11, and theory 6, eq. 6.
+    """Bending by split folds and smoothed membrane of a sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Rest shape.
-    material : Isotropic
+    material : Sheet
         The sheet.
     slopes : HeldSlopes
         Clamped edges, and edges in planes of symmetry.
@@ -100,7 +100,7 @@ class SplitFoldEnergy(ElasticEnergy):
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: Isotropic,
+        material: Sheet,
         slopes: HeldSlopes,
         further: list[ElementSet],
         held: NDArray[np.bool_],
@@ -114,7 +114,9 @@ class SplitFoldEnergy(ElasticEnergy):
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         scale = float(stiffness.mean())
-        folds = self._folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved)
+        in_plane, bending = material.directed(mesh) or (None, None)
+        folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved, bending=bending)
+        self._folds = folds
         self._shares = FoldShares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
@@ -127,10 +129,11 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
+        mirrored = mirrored[~np.isin(mirrored, mesh.joints.edges)]
         self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
-        self._by_poisson: SlopesByPoisson | None = None
-        self._membrane = membrane.membrane_elements(self._strained(), membrane.plane_stress(stiffness, poisson))
+        self._membrane = membrane.membrane_of(mesh, self._strained(), stiffness, poisson, in_plane)
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
+        self._constants = ConstantSlopes(mesh, material, folds, self._strained, self._tension)
 
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
@@ -161,21 +164,14 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def gradient_by_constant(self, name: str, x: Array, step: Array | None) -> Array:
         """Derivative (n, 3) of the sheet's gradient by a constant, or of the Hessian's first part times a step."""
-        state, sheet = self._measured(x), self._parts[:2]
+        state = self._measured(x)
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
-        if name == "poisson":
-            if self._by_poisson is None:
-                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._strained())
-            couples, tensions = self._by_poisson.couples(self._shares, folds), self._by_poisson.tensions(stretches)
-        else:
-            bending, stretching = rates_by_constant(sheet[1], name)
-            couples, tensions = bending * self._shares.couples(folds), stretching * (self._tension @ stretches)
-        return self._gradient(state, couples, tensions)
+        return self._gradient(state, *self._constants.stresses(name, self._shares, folds, stretches))
 
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
         couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
-        return self._folds.of_hinges(self._parts[0], -couples)
+        return self._folds.of_hinges(-couples)
 
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
