@@ -83,7 +83,7 @@ class HybridStress(ImplicitModel):
     Raises
     ------
     OptionError
-        If the coarse shell has other energies than those of a :class:`Material`.
+        If the coarse shell has further energies than its material's.
     SupportError
         If the shell has no supports.
     """
@@ -167,7 +167,7 @@ class HybridStress(ImplicitModel):
         Raises
         ------
         OptionError
-            For a load of zero, energies other than those of a :class:`Material`, or options out of range.
+            For a load of zero, energies other than the material's, or options out of range.
         """
         checked_kind("shell", shell, Shell)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
@@ -219,7 +219,9 @@ class HybridStress(ImplicitModel):
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
         count_elements(self._measures.evaluated)
-        return self._trained.unseen(self._measures, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
+        return (
+            self._trained.unseen(self._measures, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
+        )
 
     def _sees_state(self, z: Array) -> bool:
         """The same, of any state."""

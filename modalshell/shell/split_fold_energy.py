@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -16,6 +16,7 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
+from modalshell.shell.constant_forms import ConstantForms, FoldState
 from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
@@ -30,50 +31,6 @@ from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
 from modalshell.supports import Unknowns
-
-
-@final
-class _State(NamedTuple):
-    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
-
-    points: Array
-    folds: Array
-    slopes: Array
-    stretches: Array
-
-
-@final
-class ConstantForms(NamedTuple):
-    """What the energy is made of: constant quadratic forms of fold angles and of half squared edge lengths.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n + g, 3)
-        Vertices at rest [m], then ghosts.
-    hinges : ndarray of int64, shape (H, 4)
-        Hinges of the folds, on the points.
-    angles : ndarray, shape (H,)
-        Fold angles at rest [rad].
-    couples : callable
-        Second derivatives by fold angles [N m], times angles (H,) or (H, k).
-    edges : ndarray of int64, shape (E, 2)
-        Edges of the mesh.
-    half_squares : ndarray, shape (E,)
-        Half their squared lengths at rest [m^2].
-    membrane : list of MembraneElements
-        Elements of the membrane.
-    tension : csr_array, shape (E, E)
-        Their sum [N/m^3].
-    """
-
-    points: Array
-    hinges: Index
-    angles: Array
-    couples: Callable[[Array], Array]
-    edges: Index
-    half_squares: Array
-    membrane: list[membrane.MembraneElements]
-    tension: sps.csr_array
 
 
 @final
@@ -144,19 +101,19 @@ class SplitFoldEnergy(ElasticEnergy):
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
-    def _measured(self, x: Array) -> _State:
+    def _measured(self, x: Array) -> FoldState:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
         self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
-        return _State(points, angles, slopes, stretches)
+        return FoldState(points, angles, slopes, stretches)
 
-    def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
         return self._point_gradient(state, couples, tensions)[: self._vertex_count]
 
-    def _point_gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _point_gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
@@ -182,7 +139,7 @@ class SplitFoldEnergy(ElasticEnergy):
             np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
         return gradient[:count] + self._further.energy_gradient(x)[1]
 
-    def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
+    def _rates(self, state: FoldState, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
         moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
         folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
@@ -237,7 +194,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Their rates (m, r) along ``steps`` (n, 3, r)."""
         return -self._shares.solve(self._shares.coupling @ self._all_rates(self._measured(x), steps)[0])
 
-    def _all_rates(self, state: _State, steps: Array) -> tuple[Array, Array]:
+    def _all_rates(self, state: FoldState, steps: Array) -> tuple[Array, Array]:
         rates = [self._rates(state, step) for step in np.moveaxis(steps, 2, 0)]
         return np.stack([folds for folds, _ in rates], axis=1), np.stack([squares for _, squares in rates], axis=1)
 
@@ -315,7 +272,7 @@ class SplitFoldEnergy(ElasticEnergy):
         return own + self._further.energy(x)
 
     @staticmethod
-    def _value(state: _State, couples: Array, tensions: Array) -> float:
+    def _value(state: FoldState, couples: Array, tensions: Array) -> float:
         return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
@@ -351,7 +308,7 @@ class SplitFoldEnergy(ElasticEnergy):
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
-    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: _State) -> Array:
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: FoldState) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)

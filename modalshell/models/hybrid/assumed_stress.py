@@ -19,7 +19,8 @@ from modalshell.core.typing import Array
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
 from modalshell.models.hybrid.measures import Bending, Measures
 from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Shell
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 
 class Quadratic(NamedTuple):
@@ -57,7 +58,7 @@ class ReducedStress(NamedTuple):
 
 def measures_of(shell: Shell) -> Measures:
     """Measures of a shell without further energies."""
-    return SplitFoldMeasures(shell) if isinstance(shell.material, Isotropic) else HingeMeasures(shell)
+    return SplitFoldMeasures(shell) if isinstance(shell.elastic_energy, SplitFoldEnergy) else HingeMeasures(shell)
 
 
 def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:

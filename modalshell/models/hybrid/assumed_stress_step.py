@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.shell.kernels.generated.flexure import first_derivatives
+from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -63,126 +63,6 @@ def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
 
 
 @njit(**_summing)
-def _hinges(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
-    count = z.size
-    x = bending.rest.copy()
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            total = 0.0
-            for i in range(count):
-                total += bending.modes[v, axis, i] * z[i]
-            x[v, axis] += total
-    local, row = np.empty(9), np.empty(count)
-    for h in range(bending.hinges.shape[0]):
-        a, b, c, d = bending.hinges[h]
-        angle = first_derivatives(
-            x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
-            x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
-            x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
-        )  # fmt: skip
-        root = bending.roots[h]
-        strains[first + h] = root * ((angle - bending.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
-        row[:] = 0.0
-        for axis in range(3):
-            p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-            for i in range(count):
-                row[i] += p * bending.modes[b, axis, i] + q * bending.modes[c, axis, i] + r * bending.modes[d, axis, i]
-                row[i] -= (p + q + r) * bending.modes[a, axis, i]
-        slopes[:, first + h] = row
-    return x
-
-
-@njit(**_summing)
-def _mean_normal(bending, x, h, way, normal):  # type: ignore[no-untyped-def]
-    """Write the ``way`` from one side of a hinge to the other, across its edge, and the unit mean normal; its length.
-
-    The way is by feet and heights at rest; with the edge's it spans the plane that halves the fold.
-    """
-    a, b, c, d = bending.hinges[h]
-    for axis in range(3):
-        edge = x[b, axis] - x[a, axis]
-        here = (x[c, axis] - x[a, axis] - bending.feet[h, 0] * edge) * bending.feet[h, 1]
-        there = (x[d, axis] - x[a, axis] - bending.feet[h, 2] * edge) * bending.feet[h, 3]
-        way[axis] = there - here
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        normal[axis] = (x[b, j] - x[a, j]) * way[k] - (x[b, k] - x[a, k]) * way[j]
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    for axis in range(3):
-        normal[axis] /= length
-    return length
-
-
-@njit(**_summing)
-def _pull_normal(bending, x, h, factor, pull, way, normal, length, forces):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the gradient of ``pull . normal`` to the ``forces`` on a hinge's vertices."""
-    a, b, c, d = bending.hinges[h]
-    along = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2]
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        left = factor * (pull[j] - along * normal[j]) / length
-        right = factor * (pull[k] - along * normal[k]) / length
-        on_edge = way[j] * right - way[k] * left
-        on_way = left * (x[b, k] - x[a, k]) - right * (x[b, j] - x[a, j])
-        here, there = -on_way * bending.feet[h, 1], on_way * bending.feet[h, 3]
-        forces[c, axis] += here
-        forces[d, axis] += there
-        on_edge -= bending.feet[h, 0] * here + bending.feet[h, 2] * there
-        forces[b, axis] += on_edge
-        forces[a, axis] -= on_edge + here + there
-
-
-@njit(**_summing)
-def _couple(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
-    """Add what couples bent hinges to the gradient, and write the ``others`` (m, H) that their slopes are coupled to.
-
-    Returns the energy. The normals' turning is in the gradient alone.
-    """
-    count, value = z.size, 0.0
-    forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
-    for h in range(bending.hinges.shape[0]):
-        bent = strains[first + h]
-        length = _mean_normal(bending, x, h, way, normal)
-        for axis in range(3):
-            pull[axis] = 0.0
-            for i in range(count):
-                pull[axis] += bending.across[h, axis, i] * z[i]
-        _pull_normal(bending, x, h, bent, pull, way, normal, length, forces)
-        flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
-        for i in range(count):
-            others[i, h] = 0.0
-        for place in range(bending.starts[h], bending.starts[h + 1]):
-            other, factor = first + bending.others[place], bending.values[place]
-            coupled += factor * strains[other]
-            for i in range(count):
-                others[i, h] += 0.5 * factor * slopes[i, other]
-        value += bent * (0.5 * coupled + flat)
-        for i in range(count):
-            turned = 0.0
-            for axis in range(3):
-                turned += bending.across[h, axis, i] * normal[axis]
-            others[i, h] += turned
-            gradient[i] += slopes[i, first + h] * (coupled + flat) + bent * turned
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            for i in range(count):
-                gradient[i] += bending.modes[v, axis, i] * forces[v, axis]
-    return value
-
-
-@njit(**_summing)
-def _add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
-    for i in range(matrix.shape[0]):
-        for j in range(i + 1):
-            total = 0.0
-            for h in range(others.shape[1]):
-                total += slopes[i, first + h] * others[j, h] + others[i, h] * slopes[j, first + h]
-            matrix[i, j] += factor * total
-
-
-@njit(**_summing)
 def _add_squares(slopes, factor, matrix):  # type: ignore[no-untyped-def]
     """Add ``factor`` times the slopes' products to the lower triangle of ``matrix`` (m, m)."""
     for i in range(matrix.shape[0]):
@@ -211,7 +91,7 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
         gradient[i] = bent
         total += 0.5 * z[i] * bent
     _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
-    x = _hinges(bending, z, first, strains, slopes)
+    x = hinge_angles(bending, z, first, strains, slopes)
     _add_squares(slopes, 1.0, hessian)
     for k in range(strains.size):
         total += 0.5 * strains[k] * strains[k]
@@ -222,8 +102,8 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
         gradient[i] += pull
     if bending.across.shape[0] > 0:
         others = np.empty((count, bending.across.shape[0]))
-        total += _couple(bending, z, x, first, strains, slopes, others, gradient)
-        _add_coupled(slopes, first, others, 1.0, hessian)
+        total += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
+        add_coupled(slopes, first, others, 1.0, hessian)
     return total
 
 
@@ -394,12 +274,12 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
         factor, bending = viscosity / dt, reduced.bending
         _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
         _add_squares(slopes[:, :further], factor, outer)
-        x = _hinges(bending, viscous_at, modes, strains, slopes)
+        x = hinge_angles(bending, viscous_at, modes, strains, slopes)
         _add_squares(slopes[:, modes : modes + bending.angles.size], factor, outer)
         if bending.across.shape[0] > 0:
             others, none = np.empty((count, bending.across.shape[0])), np.zeros(count)
-            _couple(bending, viscous_at, x, modes, strains, slopes, others, none)
-            _add_coupled(slopes, modes, others, factor, outer)
+            add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
+            add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
             for j in range(i):
                 outer[j, i] = outer[i, j]
@@ -412,7 +292,10 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
     _predict(slopes, z + dt * rates - near, strains, stresses)
-    slopes, strains = np.empty((count, modes + reduced.bending.angles.size)), np.empty(modes + reduced.bending.angles.size)
+    slopes, strains = (
+        np.empty((count, modes + reduced.bending.angles.size)),
+        np.empty(modes + reduced.bending.angles.size),
+    )
     slots = np.empty((2, count))
     slots[START] = near
     step = Step(

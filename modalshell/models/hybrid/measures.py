@@ -26,7 +26,7 @@ class Bending(NamedTuple):
     """Bending energy of coordinates z (m,): H hinges that are bent at rest, on S vertices, and all flat ones together.
 
     With the changes ``s`` of the bent hinges' angles times ``roots``, it is ``z . flat z / 2 + s . s / 2``, and where
-    hinges are coupled, besides ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
+    hinges are coupled, with ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
 
     Attributes
     ----------

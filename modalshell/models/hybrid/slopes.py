@@ -13,6 +13,7 @@ from modalshell.models.hybrid.assumed_stress_step import evaluate
 from modalshell.models.hybrid.measures import Measures
 from modalshell.shell import Isotropic
 from modalshell.shell.energies_of import material_constants
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _STEP = 1e-4
 _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
@@ -54,14 +55,17 @@ def forces_by_constants(
     hinges = hinges + _gradient(reduced, z) - _gradient(reduced._replace(bending=doubled), z)
     if isinstance(shell.material, Isotropic):
         found = {"young": parts[0] + hinges, "thickness": parts[0] + 3.0 * hinges}
+    elif isinstance(shell.elastic_energy, SplitFoldEnergy):
+        found = {}
     else:
         found = {"stretch": parts[0], "shear": parts[1], "flexure": hinges}
 
     def by_constant(name: str) -> Array:
         if not known.get(name) or name not in found:
+            names = ", ".join(found) or "no constant of this material"
             raise OptionError(
-                f"the hybrid rung knows derivatives by {', '.join(found)} where these are one number above 0 for the "
-                f"whole coarse shell (got {name!r}): take DS"
+                f"the hybrid rung knows derivatives by {names}, where it is one number above 0 for the whole coarse "
+                f"shell (got {name!r}): take DS"
             )
         return found[name] / known[name]
 

@@ -1,13 +1,13 @@
 r"""Measures of shell theory's energy for the hybrid rung.
 
-The membrane is a quadratic form of half squared lengths, whose matrix is a sum over elements: the roots of the elements'
+The membrane is a quadratic form of half squared lengths, whose matrix is a sum over elements: the roots of their
 matrices scale a state. The bending :math:`\delta^T H \delta / 2` couples folds. A fold that is flat at rest enters by
 the vector ``j``, whose length is its angle, a bent one by the change of its angle times the mean n of both normals:
 normals of neighbours are nearly parallel, so products of such vectors stand for those of the angles,
 
 .. math:: W_b \approx \tfrac12 \sum_c v_c^T H v_c, \qquad v_e = j_e \text{ or } \delta_e n_e,
 
-and what the flat folds add is one constant matrix (theory 11, eq. 15).
+and what the flat folds add is one constant matrix (theory 11, eq. 7).
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array, Index
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
+from modalshell.shell.constant_forms import ConstantForms
 from modalshell.shell.smoothed_membrane import MembraneElements
-from modalshell.shell.split_fold_energy import ConstantForms, SplitFoldEnergy
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _COUPLED = 1e-3
 """Coupling of two bent folds, over the root of both stiffnesses, below which it is left out: it falls off with the
@@ -99,7 +100,9 @@ class SplitFoldMeasures(Measures):
         jumps = np.zeros((3 * len(self._forms.hinges), modes.shape[1]))
         flat = np.repeat(self._flat, 3)
         jumps[flat] = (self._jumps @ modes)[flat]
-        couples = factors[2] * self._coupled(jumps.reshape(-1, 3, modes.shape[1])).reshape(jumps.shape)
+        couples = factors[2] * self._coupled(jumps.reshape(len(self._forms.hinges), 3, modes.shape[1])).reshape(
+            jumps.shape
+        )
         couples[~flat] = 0.0
         return remaining(tensions, self._jumps.T @ couples, jumps.T @ couples, modes.T @ tensions)
 
@@ -149,8 +152,8 @@ class SplitFoldMeasures(Measures):
 
     def _coupled(self, vectors: Array) -> Array:
         """H times vectors (H, 3, k), component by component."""
-        tall = vectors.transpose(0, 2, 1).reshape(len(vectors), -1)
-        return self._forms.couples(tall).reshape(len(vectors), -1, 3).transpose(0, 2, 1)
+        tall = vectors.reshape(len(vectors), 3 * vectors.shape[2])
+        return self._forms.couples(tall).reshape(vectors.shape)
 
     def bending(self, columns: Array) -> Bending:
         """See the head of this file; ghosts rest."""
@@ -182,12 +185,13 @@ class SplitFoldMeasures(Measures):
 
     def _couplings(self, bent: Index) -> tuple[Array, sps.csr_array]:
         """Roots of the stiffnesses of bent folds, and C without a diagonal."""
-        parts, diagonal = [], np.empty(len(bent))
+        parts: list[Array] = []
+        diagonal = np.empty(len(bent))
         for begin in range(0, len(bent), _COLUMNS):
             chosen = bent[begin : begin + _COLUMNS]
             units = np.zeros((len(self._forms.hinges), len(chosen)))
             units[chosen, np.arange(len(chosen))] = 1.0
-            block = self._forms.couples(units)[bent].T
+            block: Array = self._forms.couples(units)[bent].T
             rows = np.arange(len(chosen))
             diagonal[begin : begin + len(chosen)] = block[rows, begin + rows]
             block[rows, begin + rows] = 0.0
@@ -195,7 +199,7 @@ class SplitFoldMeasures(Measures):
         if not parts:
             return diagonal, sps.csr_array((0, 0))
         roots = np.sqrt(diagonal)
-        scaled = np.concatenate(parts) / (roots[:, None] * roots)
+        scaled: Array = np.concatenate(parts) / (roots[:, None] * roots)
         scaled[np.abs(scaled) < _COUPLED] = 0.0
         return roots, sps.csr_array(0.5 * (scaled + scaled.T))
 
@@ -206,6 +210,6 @@ def _root_of(elements: MembraneElements, edge_count: int) -> sps.csr_array:
     roots = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.transpose(0, 2, 1)
     count, size = elements.edges.shape
     rows = np.arange(count * size, dtype=np.int32).reshape(count, size)
-    rows = np.broadcast_to(rows[:, :, None], roots.shape).ravel()
+    row_of = np.broadcast_to(rows[:, :, None], roots.shape).ravel()
     columns = np.broadcast_to(elements.edges.astype(np.int32)[:, None, :], roots.shape).ravel()
-    return sps.csr_array(sps.coo_array((roots.ravel(), (rows, columns)), shape=(count * size, edge_count)))
+    return sps.csr_array(sps.coo_array((roots.ravel(), (row_of, columns)), shape=(count * size, edge_count)))

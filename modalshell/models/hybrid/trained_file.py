@@ -12,7 +12,8 @@ from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
 from modalshell.models.hybrid.assumed_stress import measures_of
 from modalshell.models.hybrid.training import Trained
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Shell
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _HYBRID = Archive(
     "a trained hybrid",
@@ -35,12 +36,13 @@ _HYBRID = Archive(
 def trainable(coarse: Shell) -> Shell:
     """``coarse`` itself; an error if no hybrid can be made of it."""
     checked_kind("coarse", coarse, Shell)
-    isotropic = isinstance(coarse.material, Isotropic)
-    if coarse.energies or not (isotropic or len(coarse.elements) == 3):
+    folded = isinstance(coarse.elastic_energy, SplitFoldEnergy)
+    if coarse.energies or not (folded or len(coarse.elements) == 3):
         raise OptionError("the hybrid rung knows the energies of a material alone: leave the further energies out")
-    if isotropic and any(support.mirror() is not None for support in coarse.supports):
+    if folded and any(support.mirror() is not None for support in coarse.supports):
         raise SupportError(
-            "the hybrid rung takes no planes of symmetry of an ms.Isotropic shell: take a mesh of the whole surface"
+            "the hybrid rung takes no planes of symmetry of a shell of split folds (got one): take a mesh of the "
+            "whole surface"
         )
     if coarse.has_dashpots:
         raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
