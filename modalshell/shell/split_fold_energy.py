@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -16,6 +16,7 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
+from modalshell.shell.constant_forms import ConstantForms, FoldState
 from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
@@ -30,16 +31,6 @@ from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
 from modalshell.supports import Unknowns
-
-
-@final
-class _State(NamedTuple):
-    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
-
-    points: Array
-    folds: Array
-    slopes: Array
-    stretches: Array
 
 
 @final
@@ -101,22 +92,28 @@ class SplitFoldEnergy(ElasticEnergy):
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
         self._constants = ConstantSlopes(mesh, material, folds, self._strained, self._tension)
 
+    def constant_forms(self) -> ConstantForms:
+        """What the energy is made of."""
+        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        points = self._points(np.array(self._parts[0].vertices) - self._origin)
+        return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
+
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
-    def _measured(self, x: Array) -> _State:
+    def _measured(self, x: Array) -> FoldState:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
         self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
-        return _State(points, angles, slopes, stretches)
+        return FoldState(points, angles, slopes, stretches)
 
-    def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
         return self._point_gradient(state, couples, tensions)[: self._vertex_count]
 
-    def _point_gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _point_gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
@@ -142,7 +139,7 @@ class SplitFoldEnergy(ElasticEnergy):
             np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
         return gradient[:count] + self._further.energy_gradient(x)[1]
 
-    def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
+    def _rates(self, state: FoldState, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
         moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
         folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
@@ -197,7 +194,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Their rates (m, r) along ``steps`` (n, 3, r)."""
         return -self._shares.solve(self._shares.coupling @ self._all_rates(self._measured(x), steps)[0])
 
-    def _all_rates(self, state: _State, steps: Array) -> tuple[Array, Array]:
+    def _all_rates(self, state: FoldState, steps: Array) -> tuple[Array, Array]:
         rates = [self._rates(state, step) for step in np.moveaxis(steps, 2, 0)]
         return np.stack([folds for folds, _ in rates], axis=1), np.stack([squares for _, squares in rates], axis=1)
 
@@ -275,7 +272,7 @@ class SplitFoldEnergy(ElasticEnergy):
         return own + self._further.energy(x)
 
     @staticmethod
-    def _value(state: _State, couples: Array, tensions: Array) -> float:
+    def _value(state: FoldState, couples: Array, tensions: Array) -> float:
         return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
@@ -311,7 +308,7 @@ class SplitFoldEnergy(ElasticEnergy):
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
-    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: _State) -> Array:
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: FoldState) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
