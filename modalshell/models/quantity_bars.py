@@ -97,7 +97,7 @@ def quantity_bars(
         :class:`Material`, or a shell that its supports do not hold.
     """
     if not isinstance(answer, Equilibrium) or answer.loading is None:
-        raise OptionError("quantities need an equilibrium that knows its load, as model.equilibrium returns it")
+        raise OptionError(f"answer must be an equilibrium of a known load, as a model finds (got {shown(answer)})")
     shell = shell_of(model_or_shell)
     check_bar(shell, constrained=answer.constraint_residuals.size > 0)
     loading = answer.loading

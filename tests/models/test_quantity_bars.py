@@ -59,7 +59,7 @@ def test_what_is_unknown_is_refused(shell):
     answer = rung.equilibrium(**LOAD)
     with pytest.raises(ms.OptionError, match="of must name some of tip, von_mises, reactions, frequency"):
         ms.quantity_bars(rung, answer, ("stress",))
-    with pytest.raises(ms.OptionError, match="quantities need an equilibrium"):
+    with pytest.raises(ms.OptionError, match="answer must be an equilibrium of a known load"):
         ms.quantity_bars(rung, answer.positions)
     with pytest.raises(ms.OptionError, match="a frequency needs the model"):
         ms.quantity_bars(shell, answer, ("frequency",))

@@ -22,6 +22,7 @@ from modalshell.models.base.stepper import Stepper
 from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
@@ -31,14 +32,14 @@ from modalshell.shell import Shell
 class Auto(Model):
     """A model that switches itself by error bars, so as to stay within a given error of DS.
 
-    Levels are MWTS with the consistent force; coarse DS where a coarse shell is given; and DS. Motion begins on the
-    first. Every ``check_every`` steps its error bar under d'Alembert's load is found on the fine shell
-    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error``, or the stability margin
-    has failed, the next level takes over at the modal positions and velocities. Coarse DS is left for DS, for good,
-    where its own bar exceeds that. Full levels try every sixth step to hand back, more seldom where that has not
-    lasted: twice in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load
-    must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars
-    alone cannot tell after a snap.
+    Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
+    the first. Every ``check_every`` steps of a modal level its error bar under d'Alembert's load is found on the fine
+    shell (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes
+    over at the modal positions and velocities; where the stability margin has failed the next full one, as modal rungs
+    err alike there. Coarse DS is left for DS, for good, where its own bar exceeds half of ``error``. Full levels try to
+    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
+    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
+    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere.
@@ -89,8 +90,8 @@ class Auto(Model):
         self.check_every = checked_count("check_every", check_every)
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
-        modal = consistent_warping(model_basis(shell, min(count, shell.unknowns.count)))
-        self.levels: list[Level] = [ModalLevel(modal)]
+        basis = model_basis(shell, min(count, shell.unknowns.count))
+        self.levels: list[Level] = [ModalLevel(consistent_warping(basis)), ModalLevel(RotationStrain(basis))]
         if coarse is not None:
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
         self.levels.append(FullLevel(DiscreteShell(shell)))

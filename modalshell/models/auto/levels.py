@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
-from modalshell.models.warping import ModalWarping
 
 _FITS = 12
 """Gauss-Newton steps of a fit."""
@@ -26,9 +26,12 @@ class Level(ABC):
     ----------
     model : Model
         The model.
+    quadratic : bool
+        Whether its elastic energy is quadratic about rest, so that it knows no snap.
     """
 
     model: Model
+    quadratic: ClassVar[bool] = False
 
     @abstractmethod
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
@@ -86,7 +89,9 @@ class CoarseLevel(Level):
 class ModalLevel(Level):
     """A modal model: coordinates are fitted to the positions, rates to the velocities, in the norm of the mass."""
 
-    def __init__(self, model: ModalWarping) -> None:
+    quadratic = True
+
+    def __init__(self, model: ModalModel) -> None:
         self.model = model
         self._every = np.arange(len(model.shell.mass))
 

@@ -23,6 +23,8 @@ _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
+_RARER = 1.2
+"""Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
 _IN_A_ROW = 2
 """Attempts that must succeed one after the other: in violent motion one moment may look calm."""
 _SOON, _PATIENCE = 4, 4.0
@@ -80,6 +82,7 @@ class AutoStepper(Stepper):
             "largest": np.zeros(1),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),
+            "again": np.full(1, float(_TRY_EVERY)),
             "ready": np.zeros(1),
             "steps": np.zeros(len(sizes)),
             "log": np.zeros((_MOST_TOLD, 4)),
@@ -124,25 +127,27 @@ class AutoStepper(Stepper):
         now: tuple[float, float, Array],
     ) -> tuple[int, MotionState]:
         """The level and its state to take."""
-        (frames, v), (time, _, _), top = motion, now, len(self._levels) - 1
-        since = int(memory["since"][0])
-        wanted = level
+        (frames, v), time, since = motion, now[0], int(memory["since"][0])
         seen: _Seen | None = None
-        if level == 0 and since % self.model.check_every == 0:
-            seen = self._seen(frames, memory, now)
-            if seen.alarm or seen.bar > _SWITCH * self.model.error:
-                wanted = next(k for k in range(1, top + 1) if not memory["barred"][k])
-                again = memory["switches"][0] > 0.0 and since <= _SOON * self.model.check_every
-                memory["wait"][0] = _PATIENCE * memory["wait"][0] if again else _TRY_EVERY
-        elif level > 0 and since % _TRY_EVERY == 0:
-            seen = self._seen(frames, memory, now)
-            if 0 < level < top and not seen.alarm and seen.bar > _SWITCH * self.model.error:
-                memory["barred"][level] = 1.0
-                wanted = level + 1
-            elif since >= memory["wait"][0]:
-                ready = self._may_return(frames, v, seen, memory, time)
-                memory["ready"][0] = memory["ready"][0] + 1.0 if ready else 0.0
-                wanted = 0 if memory["ready"][0] >= _IN_A_ROW else level
+        wanted = level
+        if self._levels[level].quadratic:
+            if since % self.model.check_every == 0:
+                seen = self._seen(frames, memory, now)
+                if seen.alarm or seen.bar > _SWITCH * self.model.error:
+                    wanted = self._above(level, seen, memory)
+        elif since % _TRY_EVERY == 0:
+            if level + 1 < len(self._levels):
+                seen = self._seen(frames, memory, now)
+                if not seen.alarm and seen.bar > _SWITCH * self.model.error:
+                    memory["barred"][level] = 1.0
+                    wanted = level + 1
+            if wanted == level and since >= memory["wait"][0]:
+                seen = self._returning(frames, v, seen, memory, now)
+                memory["ready"][0] = 0.0 if seen is None else memory["ready"][0] + 1.0
+                if seen is None:
+                    memory["wait"][0] = max(memory["wait"][0], _RARER * since)
+                elif memory["ready"][0] >= _IN_A_ROW:
+                    wanted = 0
         if wanted == level or seen is None:
             return level, after
         place = int(memory["switches"][0])
@@ -152,6 +157,18 @@ class AutoStepper(Stepper):
         memory["level"][0], memory["since"][0], memory["ready"][0] = wanted, 0.0, 0.0
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
+    def _above(self, level: int, seen: _Seen, memory: dict[str, Array]) -> int:
+        """The level that takes over: on an alarm of the margin none that is quadratic about rest, as all err alike."""
+        fitting = (
+            k
+            for k in range(level + 1, len(self._levels))
+            if not memory["barred"][k] and not (seen.alarm and self._levels[k].quadratic)
+        )
+        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
+        memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
+        memory["again"][0] = memory["wait"][0]
+        return next(fitting)
+
     def _seen(self, frames: Array, memory: dict[str, Array], now: tuple[float, float, Array]) -> _Seen:
         """The check of the middle one of three frames, the last of them at the present time."""
         time, dt, dead = now
@@ -160,16 +177,23 @@ class AutoStepper(Stepper):
         off = self._check.off(bar, frames[1])
         return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load)
 
-    def _may_return(self, frames: Array, v: Array, seen: _Seen, memory: dict[str, Array], time: float) -> bool:
-        """Whether the modal level can take over: it comes near, and would rest near under d'Alembert's load."""
-        if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
-            return False
+    def _returning(
+        self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
+    ) -> _Seen | None:
+        """The check by which the lowest level can take over, or None.
+
+        It comes near, the margin holds, and the level would rest near under d'Alembert's load: the cheapest first.
+        """
         lowest, allowed = self._levels[0], _BACK * self.model.error * memory["largest"][0]
-        fitted = self._steppers[0].positions(lowest.entered(self._steppers[0], frames[2], v, time), time)
+        fitted = self._steppers[0].positions(lowest.entered(self._steppers[0], frames[2], v, now[0]), now[0])
         if not self._length(fitted - frames[2]) <= allowed:
-            return False
+            return None
+        seen = seen or self._seen(frames, memory, now)
+        if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
+            return None
         answer = lowest.model.equilibrium(force=seen.load, start=frames[1])
-        return answer.converged and self._length(answer.positions - frames[1]) <= allowed
+        near = answer.converged and self._length(answer.positions - frames[1]) <= allowed
+        return seen if near else None
 
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
@@ -180,7 +204,8 @@ def told(state: MotionState, names: Sequence[str]) -> str:
     memory = state.memory
     steps = memory["steps"]
     total = max(float(steps.sum()), 1.0)
-    shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in zip(names, steps, strict=True))
+    taken = [(name, count) for name, count in zip(names, steps, strict=True) if count]
+    shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in taken)
     lines = []
     for time, level, bar, margin in memory["log"][: int(memory["switches"][0])]:
         if int(level) == 0 or margin <= LEAST_MARGIN:
