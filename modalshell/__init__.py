@@ -72,7 +72,7 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Fabric, Isotropic, Material, Orthotropic, Shell, ShellFields, card, cards
+from modalshell.shell import Fabric, Isotropic, Laminate, Material, Orthotropic, Ply, Shell, ShellFields, card, cards
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
@@ -107,6 +107,7 @@ __all__ = [
     "FrameInertia",
     "HybridStress",
     "Isotropic",
+    "Laminate",
     "LineForce",
     "LinearModal",
     "LoadError",
@@ -126,6 +127,7 @@ __all__ = [
     "Outcome",
     "PathEvent",
     "Pin",
+    "Ply",
     "PointForce",
     "PositionConstraint",
     "Pressure",
