@@ -72,7 +72,19 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Fabric, Isotropic, Laminate, Material, Orthotropic, Ply, Shell, ShellFields, card, cards
+from modalshell.shell import (
+    Fabric,
+    Isotropic,
+    Laminate,
+    Material,
+    Orthotropic,
+    Ply,
+    Shell,
+    ShellFields,
+    Temperature,
+    card,
+    cards,
+)
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
@@ -150,6 +162,7 @@ __all__ = [
     "SupportPath",
     "SweepResult",
     "Symmetry",
+    "Temperature",
     "Tie",
     "Tradeoff",
     "Trajectory",

@@ -8,6 +8,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.laminate import Laminate, Ply
 from modalshell.shell.material import Material
 from modalshell.shell.orthotropic import Orthotropic
+from modalshell.shell.rest_shape import Temperature
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.shell import Shell
 
@@ -25,6 +26,7 @@ __all__ = [
     "Sheet",
     "Shell",
     "ShellFields",
+    "Temperature",
     "card",
     "cards",
 ]
