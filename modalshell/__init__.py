@@ -78,7 +78,19 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Fabric, Isotropic, Material, Orthotropic, Shell, ShellFields, card, cards
+from modalshell.shell import (
+    Fabric,
+    Isotropic,
+    Laminate,
+    Material,
+    Orthotropic,
+    Ply,
+    Shell,
+    ShellFields,
+    Temperature,
+    card,
+    cards,
+)
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
@@ -140,6 +152,7 @@ __all__ = [
     "HeightField",
     "HybridStress",
     "Isotropic",
+    "Laminate",
     "LineForce",
     "LinearModal",
     "LoadError",
@@ -160,6 +173,7 @@ __all__ = [
     "PathEvent",
     "Pin",
     "Plane",
+    "Ply",
     "PointForce",
     "PositionConstraint",
     "Pressure",
@@ -185,6 +199,7 @@ __all__ = [
     "SupportPath",
     "SweepResult",
     "Symmetry",
+    "Temperature",
     "Tie",
     "Tradeoff",
     "Trajectory",

@@ -22,6 +22,7 @@ REASONS = {
     "page.shell_page.shell_page": OPTIONS,
     "render.film.write_film": OPTIONS,
     "render.views.draw_views": OPTIONS,
+    "shell.shell.Shell.__init__": OPTIONS,
     "springs.spring_sheet.SpringSheet.__init__": OPTIONS,
     "sweep.driver.run_sweep": OPTIONS,
     "linalg.profile.factorise": KERNEL,

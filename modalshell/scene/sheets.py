@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from modalshell.core.errors import MaterialError
 from modalshell.scene.tables import PhysicalSheet, Positive, Stiffnesses, Table, Vector
-from modalshell.shell import Fabric, Orthotropic, card
+from modalshell.shell import Fabric, Laminate, Orthotropic, Ply, card
 from modalshell.shell.sheet import Sheet
 
 _Direction = float | Vector
@@ -64,6 +64,35 @@ class FabricTable(SheetTable, frozen=True):
         return Fabric(**_parameters(self))
 
 
+class PlyTable(Table, frozen=True):
+    """A ply of a laminate: its moduli as of an orthotropic sheet, ``angle`` [deg] and ``thickness`` [m]."""
+
+    young: tuple[Positive, Positive]
+    shear: Positive
+    poisson: Annotated[float, Meta(gt=-100.0, lt=100.0)]
+    density: Positive
+    angle: float
+    thickness: Positive
+
+
+class LaminateTable(SheetTable, frozen=True):
+    """``[material]`` of ``kind = "laminate"``: ``plies`` from the bottom to the top, and ``direction`` of axis 1."""
+
+    kind: Literal["laminate"]
+    plies: Annotated[list[PlyTable], Meta(min_length=1)]
+    direction: _Direction = 0.0
+
+    def sheet(self) -> Laminate:
+        """The sheet."""
+        plies = []
+        for ply in self.plies:
+            own = Orthotropic(
+                young=ply.young, shear=ply.shear, poisson=ply.poisson, thickness=ply.thickness, density=ply.density
+            )
+            plies.append(Ply(own, ply.angle, ply.thickness))
+        return Laminate(plies, self.direction)
+
+
 class CardTable(SheetTable, frozen=True):
     """``[material]`` of ``kind = "card"``: a sheet with measured constants by its ``name``, see ``modalshell cards``.
 
@@ -90,5 +119,10 @@ def _parameters(table: SheetTable) -> dict[str, Any]:
 
 MaterialTable = Stiffnesses | PhysicalSheet | SheetTable
 """What ``[material]`` may be."""
-SHEET_TABLES: dict[str, type[SheetTable]] = {"orthotropic": OrthotropicTable, "fabric": FabricTable, "card": CardTable}
+SHEET_TABLES: dict[str, type[SheetTable]] = {
+    "orthotropic": OrthotropicTable,
+    "fabric": FabricTable,
+    "laminate": LaminateTable,
+    "card": CardTable,
+}
 """Tables of sheets by their kind."""

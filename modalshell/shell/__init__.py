@@ -5,8 +5,10 @@ from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTE
 from modalshell.shell.fabric import Fabric
 from modalshell.shell.fields import ShellFields
 from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.laminate import Laminate, Ply
 from modalshell.shell.material import Material
 from modalshell.shell.orthotropic import Orthotropic
+from modalshell.shell.rest_shape import Temperature
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.shell import Shell
 
@@ -17,11 +19,14 @@ __all__ = [
     "PROJECTED",
     "Fabric",
     "Isotropic",
+    "Laminate",
     "Material",
     "Orthotropic",
+    "Ply",
     "Sheet",
     "Shell",
     "ShellFields",
+    "Temperature",
     "card",
     "cards",
 ]

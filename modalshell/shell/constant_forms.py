@@ -1,4 +1,4 @@
-"""Records of the split-fold energy: what it is made of, for models that reduce it, and its measures."""
+"""What the split-fold energy is made of, for models that reduce it."""
 
 from __future__ import annotations
 
@@ -43,13 +43,3 @@ class ConstantForms(NamedTuple):
     half_squares: Array
     membrane: list[MembraneElements]
     tension: sps.csr_array
-
-
-@final
-class FoldState(NamedTuple):
-    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
-
-    points: Array
-    folds: Array
-    slopes: Array
-    stretches: Array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,12 +74,22 @@ class ShellFields:
 
     @classmethod
     def of(
-        cls, mesh: TriangleMesh, material: Material | Sheet, x: Array, fold_moments: Array, energy_density: Array
+        cls,
+        mesh: TriangleMesh,
+        material: Material | Sheet,
+        x: Array,
+        fold_moments: Array,
+        energy_density: Array,
+        rest: Any = None,
     ) -> ShellFields:
-        """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density."""
+        """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density.
+
+        With a RestShape strains are those from it; so are the moments.
+        """
         moment = moment_of_folds(mesh, fold_moments)
         sheet = material if isinstance(material, Sheet) else BARE_SHEET
-        strain, axes = membrane_strain(mesh, x), triangle_axes(mesh, x)
+        strain = membrane_strain(mesh, x, None if rest is None else rest.squares)
+        axes = triangle_axes(mesh, x)
         if (directed := sheet.directed(mesh)) is None:
             membrane, rigidity, poisson = sheet.elasticity(mesh)
             curvature, force = curvature_of_moment(rigidity, poisson, moment), resultants(membrane, poisson, strain)
@@ -157,11 +167,16 @@ def triangle_axes(mesh: TriangleMesh, x: Array) -> Array:
     return np.stack([along, across / np.linalg.norm(across, axis=1)[:, None]], axis=1)
 
 
-def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:
-    """Green strain (T, 3) of every triangle from the rest shape of ``mesh`` to positions ``x`` (n, 3)."""
+def membrane_strain(mesh: TriangleMesh, x: Array, squares: Array | None = None) -> Array:
+    """Green strain (T, 3) of every triangle from the rest shape of ``mesh`` to positions ``x`` (n, 3).
+
+    ``squares`` (E,) is the change of half the squared lengths [m^2] that the edges have without stress.
+    """
     corners, rest = x[mesh.faces], mesh.vertices[mesh.faces]
     moved, before = (points[:, [1, 2, 2]] - points[:, [0, 0, 1]] for points in (corners, rest))
     stretches = 0.5 * (np.sum(moved**2, axis=2) - np.sum(before**2, axis=2))
+    if squares is not None:
+        stretches = stretches - squares[mesh.face_edges[:, [0, 2, 1]]]
     strain = np.einsum("tij,tj->ti", strain_of_lengths(mesh, mesh.faces), stretches)
     strain[:, 2] *= 0.5
     return np.asarray(strain)

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, final
+from typing import Any, cast, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -16,16 +16,17 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
-from modalshell.shell.constant_forms import ConstantForms, FoldState
+from modalshell.shell.constant_forms import ConstantForms
 from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
-from modalshell.shell.fold_shares import FoldShares
+from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
+from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
@@ -66,7 +67,7 @@ class SplitFoldEnergy(ElasticEnergy):
     ) -> None:
         self._parts = mesh, material, slopes, further
         self._held_vertices = held
-        self._origin = np.zeros(3)
+        self._origin, self._rest_shape = np.zeros(3), cast("RestShape | None", None)
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
@@ -101,19 +102,19 @@ class SplitFoldEnergy(ElasticEnergy):
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
-    def _measured(self, x: Array) -> FoldState:
+    def _measured(self, x: Array) -> Measures:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
         self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
-        return FoldState(points, angles, slopes, stretches)
+        return Measures(points, angles, slopes, stretches)
 
-    def _gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
+    def _gradient(self, state: Measures, couples: Array, tensions: Array) -> Array:
         return self._point_gradient(state, couples, tensions)[: self._vertex_count]
 
-    def _point_gradient(self, state: FoldState, couples: Array, tensions: Array) -> Array:
+    def _point_gradient(self, state: Measures, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
@@ -139,7 +140,7 @@ class SplitFoldEnergy(ElasticEnergy):
             np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
         return gradient[:count] + self._further.energy_gradient(x)[1]
 
-    def _rates(self, state: FoldState, step: Array) -> tuple[Array, Array]:
+    def _rates(self, state: Measures, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
         moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
         folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
@@ -184,7 +185,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def halved(self) -> SplitFoldEnergy:
         """The same energy, each fold halved between its pairs: shares are small, but more positions coupled."""
-        return SplitFoldEnergy(*self._parts, self._held_vertices, halved=True).shifted(self._origin)
+        return self._again(self._held_vertices, halved=True)
 
     def least_shares(self, x: Array) -> Array:
         """Fold shares (m,) at the minimum."""
@@ -194,7 +195,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Their rates (m, r) along ``steps`` (n, 3, r)."""
         return -self._shares.solve(self._shares.coupling @ self._all_rates(self._measured(x), steps)[0])
 
-    def _all_rates(self, state: FoldState, steps: Array) -> tuple[Array, Array]:
+    def _all_rates(self, state: Measures, steps: Array) -> tuple[Array, Array]:
         rates = [self._rates(state, step) for step in np.moveaxis(steps, 2, 0)]
         return np.stack([folds for folds, _ in rates], axis=1), np.stack([squares for _, squares in rates], axis=1)
 
@@ -268,19 +269,15 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         state = self._measured(x)
-        own = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        own = state.energy(self._shares.couples(state.folds), self._tension @ state.stretches)
         return own + self._further.energy(x)
-
-    @staticmethod
-    def _value(state: FoldState, couples: Array, tensions: Array) -> float:
-        return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
         further, gradient = self._further.energy_gradient(x)
-        return self._value(state, couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
+        return state.energy(couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
@@ -288,7 +285,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Energy, gradient and Hessian values."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+        total, gradient = state.energy(couples, tensions), self._gradient(state, couples, tensions)
         data = self._material_part(slots, pattern, state)
         others = self._further.elements
         if others:
@@ -308,7 +305,7 @@ class SplitFoldEnergy(ElasticEnergy):
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
-    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: FoldState) -> Array:
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: Measures) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
@@ -361,7 +358,19 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
         """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""
-        return SplitFoldEnergy(*self._parts, held).shifted(self._origin)
+        return self._again(held)
+
+    def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
+        again = SplitFoldEnergy(*self._parts, held, halved=halved)
+        return (again if self._rest_shape is None else again.resting(self._rest_shape)).shifted(self._origin)
+
+    def resting(self, shape: RestShape) -> SplitFoldEnergy:
+        """The same energy, least at a rest shape in place of the mesh's own."""
+        other = copy.copy(self)
+        other._rest_shape = shape
+        other._rest_angles = self._rest_angles + shape.offsets(self._parts[0], self._folds)
+        other._rest_squares = self._rest_squares + shape.squares
+        return other
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

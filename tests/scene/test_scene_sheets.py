@@ -70,6 +70,16 @@ density = 0.324
     assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
 
 
+def test_a_laminate_scene_is_the_laminate_in_python(tmp_path):
+    moduli = "young = [140e9, 10e9], shear = 5e9, poisson = 0.3, density = 1600.0, thickness = 1e-4"
+    plies = ", ".join(f"{{ {moduli}, angle = {angle} }}" for angle in (0.0, 90.0, 90.0, 0.0))
+    shell = scene(tmp_path, f'kind = "laminate"\nplies = [{plies}]\ndirection = 20.0').build_shell()
+    ply = ms.Orthotropic(young=(140e9, 10e9), shear=5e9, poisson=0.3, thickness=1e-4, density=1600.0)
+    sheet = ms.Laminate([ms.Ply(ply, angle, 1e-4) for angle in (0.0, 90.0, 90.0, 0.0)], 20.0)
+    x = shell.rest_positions + 1e-3 * np.random.default_rng(0).normal(size=shell.rest_positions.shape)
+    assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
+
+
 def test_a_card_in_a_scene(tmp_path):
     built = scene(tmp_path, 'kind = "card"\nname = "royal-target"\ndirection = [0, 1, 0]')
     sheet = built.build_shell().material
