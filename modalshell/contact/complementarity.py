@@ -1,6 +1,8 @@
-"""Compiled: small linear complementarity problems, by projected Gauss-Seidel and then an exact active set."""
+"""Compiled: small complementarity problems, by projected Gauss-Seidel and an exact active set; local shapes."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -75,3 +77,38 @@ def complementary(matrix, gaps, forces, accuracy):  # type: ignore[no-untyped-de
             return True
     _sweep(matrix, gaps, forces, _LONG, accuracy)
     return False
+
+
+@njit
+def residual_compliance(store, slots, vertices, own, out):  # type: ignore[no-untyped-def]
+    """Give way ``out`` (k, k) [m/N] along directions ``own`` (k, 3) at vertices under forces along them.
+
+    ``store[slot]`` (n, 3, 3) is the shape under unit forces on the vertex of a slot; all in the axes at rest.
+    """
+    for a in range(slots.size):
+        for b in range(a, slots.size):
+            value = 0.0
+            for i in range(3):
+                for j in range(3):
+                    value += own[a, i] * store[slots[b], vertices[a], i, j] * own[b, j]
+            out[a, b] = out[b, a] = value
+
+
+@njit
+def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-def]
+    """Displacements ``out`` (n, 3) under ``pushes`` (k, 3) [N] in the axes at rest, turned by vectors (n, 3) [rad]."""
+    for v in range(out.shape[0]):
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(slots.size):
+            shape = store[slots[k], v]
+            x += shape[0, 0] * pushes[k, 0] + shape[0, 1] * pushes[k, 1] + shape[0, 2] * pushes[k, 2]
+            y += shape[1, 0] * pushes[k, 0] + shape[1, 1] * pushes[k, 1] + shape[1, 2] * pushes[k, 2]
+            z += shape[2, 0] * pushes[k, 0] + shape[2, 1] * pushes[k, 1] + shape[2, 2] * pushes[k, 2]
+        a, b, c = turns[v, 0], turns[v, 1], turns[v, 2]
+        angle = math.sqrt(a * a + b * b + c * c)
+        cosine = math.cos(angle)
+        sine = math.sin(angle) / angle if angle > 0.0 else 1.0
+        rest = (1.0 - cosine) / (angle * angle) * (a * x + b * y + c * z) if angle > 0.0 else 0.0
+        out[v, 0] = cosine * x + sine * (b * z - c * y) + rest * a
+        out[v, 1] = cosine * y + sine * (c * x - a * z) + rest * b
+        out[v, 2] = cosine * z + sine * (a * y - b * x) + rest * c

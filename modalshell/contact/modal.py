@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from modalshell.contact.complementarity import complementary
+from modalshell.contact.complementarity import complementary, local_shape, residual_compliance
 from modalshell.contact.contact import Contact
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
@@ -96,36 +96,53 @@ class ModalContacts:
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self._turns = basis, positions, rows, turns
-        self._shapes: dict[int, Array] = {}
+        count = len(basis.shell.rest_positions)
+        self._places, self._used = np.full(count, -1, np.int64), 0
+        self._store = np.empty((0, count, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
-        self._most = max(CANDIDATES, int(_KEPT / (72.0 * len(basis.shell.rest_positions))))
+        self._most = max(CANDIDATES, int(_KEPT / (72.0 * count)))
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
         self.touching = self.touching.at(time)
 
+    def _slots(self, vertices: Index) -> Index:
+        """Places (k,) of the local shapes of vertices, which are found where they are not kept."""
+        missing = [int(vertex) for vertex in np.unique(vertices) if self._places[vertex] < 0]
+        if len(missing) + self._used > self._most:
+            self._places[:], self._used = -1, 0
+            missing = [int(vertex) for vertex in np.unique(vertices)]
+        for vertex in missing:
+            if self._used == len(self._store):  # twice as large
+                room = min(self._most, max(CANDIDATES, 2 * self._used)) - self._used
+                self._store = np.concatenate([self._store, np.empty((room, *self._store.shape[1:]))])
+            self._store[self._used] = self._shape(vertex)
+            self._places[vertex] = self._used
+            self._used += 1
+        return self._places[vertices]
+
     def _shape(self, vertex: int) -> Array:
         """Displacements (n, 3, 3) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
-        found = self._shapes.get(vertex)
-        if found is None:
-            if len(self._shapes) >= self._most:
-                self._shapes.clear()
-            basis, shell = self._basis, self._basis.shell
-            if self._solve is None:
-                self._solve = _static_solver(basis)
-            loads = np.zeros((shell.rest_positions.size, 3))
-            loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
-            whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
-            by_modes = basis.modes @ ((basis.modes.T @ loads) / basis.eigenvalues[:, None])
-            found = self._shapes[vertex] = (whole - by_modes).reshape(-1, 3, 3)
-        return found
+        basis, shell = self._basis, self._basis.shell
+        if self._solve is None:
+            self._solve = _static_solver(basis)
+        loads = np.zeros((shell.rest_positions.size, 3))
+        loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
+        whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
+        by_modes = basis.modes @ ((basis.modes.T @ loads) / basis.eigenvalues[:, None])
+        return np.asarray((whole - by_modes).reshape(-1, 3, 3))
 
-    def _turned(self, q: Array) -> Array:
-        """Rotations (n, 3, 3) of the vertices at q."""
-        count = len(self._basis.shell.rest_positions)
+    def _rotation_vectors(self, q: Array) -> Array:
+        """Rotation vectors (n, 3) [rad] of the vertices at q."""
         if not self._turns:
-            return np.broadcast_to(np.eye(3), (count, 3, 3))
-        return np.asarray(Rotation.from_rotvec((self._basis.rotations @ q).reshape(-1, 3)).as_matrix())
+            return np.zeros_like(self._basis.shell.rest_positions)
+        return np.asarray(self._basis.rotations @ q).reshape(-1, 3)
+
+    def _own(self, vertices: Index, normals: Array, turns: Array) -> Array:
+        """Normals (k, 3) in the axes of their vertices at rest."""
+        if not self._turns:
+            return normals
+        return np.ascontiguousarray(Rotation.from_rotvec(turns[vertices]).apply(normals, inverse=True))
 
     def candidates(self, gaps: Array) -> Index:
         """Rows (k,) of the nearest vertices."""
@@ -174,14 +191,12 @@ class ModalContacts:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals."""
         local = np.zeros_like(self._basis.shell.rest_positions)
         rows = np.flatnonzero(pushes)
-        if not rows.size:
-            return local
-        turns = self._turned(q)
-        vertices = self.touching.vertices[rows]
-        normals = self.touching.gaps(self._positions(q), rows)[1]
-        for vertex, push, normal in zip(vertices, pushes[rows], normals, strict=True):
-            local += self._shape(int(vertex)) @ (turns[vertex].T @ (push * normal))
-        return np.einsum("vij,vj->vi", turns, local)
+        if rows.size:
+            vertices, turns = self.touching.vertices[rows], self._rotation_vectors(q)
+            own = self._own(vertices, self.touching.gaps(self._positions(q), rows)[1], turns)
+            slots = self._slots(vertices)
+            local_shape(self._store, slots, pushes[rows, None] * own, turns, local)
+        return local
 
     def _linearised(
         self, q: Array, free: Array, compliance: Array, rows: Index, before: Array
@@ -189,14 +204,14 @@ class ModalContacts:
         """Coordinates and forces of all rows of the problem linearised at q, and the move [m] there."""
         touching = self.touching
         vertices = touching.vertices[rows]
-        turns = self._turned(q)
         gap, normals, _ = touching.gaps(self._positions(q), rows)
-        along = np.einsum("kim,ki->km", self._rows(q, vertices), normals)
+        moves = self._rows(q, vertices)
+        along = np.einsum("kim,ki->km", moves, normals)
         softened = along * compliance if compliance.ndim == 1 else along @ compliance.T
-        own = np.einsum("kji,kj->ki", turns[vertices], normals)  # normals in the axes of the vertices at rest
-        shapes = np.stack([self._shape(int(vertex)) for vertex in vertices])
-        between = np.einsum("ki,kvij,vj->vk", own, shapes[:, vertices].transpose(0, 1, 3, 2), own)
-        matrix = along @ softened.T + 0.5 * (between + between.T)
+        own = self._own(vertices, np.ascontiguousarray(normals), self._rotation_vectors(q))
+        slots, between = self._slots(vertices), np.empty((rows.size, rows.size))
+        residual_compliance(self._store, slots, vertices, own, between)
+        matrix = along @ softened.T + between
         matrix[np.diag_indices(rows.size)] += 1e-9 * np.trace(matrix) / rows.size
         offset = gap + along @ (free - q)
         forces = before[rows].copy()
@@ -205,7 +220,7 @@ class ModalContacts:
         pushes = np.zeros_like(before)
         pushes[rows] = forces
         after = free + softened.T @ forces
-        move = np.abs(self._rows(q, vertices) @ (after - q)).max(initial=0.0)
+        move = np.abs(moves @ (after - q)).max(initial=0.0)
         return after, pushes, float(move)
 
 

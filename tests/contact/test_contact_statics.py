@@ -205,3 +205,13 @@ def test_no_contacts_no_import_and_the_same_bits():
     assert out[0] == out[1]
     assert out[0].endswith("(0, 3) (0,) 0.0")
     assert out[2] == "False"
+
+
+def test_derivatives_of_answers_with_contacts_are_refused():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    model = ms.DiscreteShell(ms.Shell(mesh, heavy(0.4), clamped="x < 1e-9"))
+    floor = ms.Contact(ms.Plane((0, 0, 1), -0.1))
+    state = model.equilibrium(gravity=(0, 0, -GRAVITY), contacts=[floor])
+    assert state.converged
+    with pytest.raises(ms.OptionError, match="without constraints or contacts"):
+        model.sensitivity(state, "young")
