@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from modalshell.mesh.area_vectors import area_vectors
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
+from modalshell.render.stage import LOWEST_VIEW, Stage
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
 
 
@@ -76,6 +77,10 @@ class Look:
         Time of a picture [s]; the end without it.
     title : str
         Of a picture; the name of its file without it.
+    model : str
+        Name of the model, for the corner of a film.
+    style : str
+        "stage": films have a ground, a shadow, and the model and the time in a corner; "plain": the shell alone.
     """
 
     rate: float | None = None
@@ -84,6 +89,8 @@ class Look:
     turntable: bool = False
     still: float | None = None
     title: str = ""
+    model: str = ""
+    style: Literal["stage", "plain"] = "stage"
 
     def plain(self) -> dict[str, Any]:
         """The attributes as JSON has them."""
@@ -116,7 +123,19 @@ def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | No
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
         seen = positions[::every]
-        return write_film(path, [surface], [seen], fps=rate / every, camera=look.camera, on_frame=on_step, **colours)
+        surfaces: list[ShadedSurface] = [surface]
+        motions: list[Any] = [seen]
+        if look.style == "stage":
+            name = f"{look.model}, " if look.model else ""
+            colours["texts"] = [f"{name}{time:.2f} {run.units.time}" for time in run.times[::every]]
+            if look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(seen, run.faces)
+                surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
+                if shown is not None:
+                    colours["scalars"] += [None] * len(stage.surfaces)
+        return write_film(
+            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=1, on_frame=on_step, **colours
+        )
     return save_trajectory(run, path, on_frame=on_step)
 
 
