@@ -182,6 +182,10 @@ class _FilmOptions:
     ] = DEFAULT_CAMERA
     turntable: Annotated[bool, Parameter(negative="", help="Turn the shell once about the vertical.")] = False
     still: Annotated[float | None, Parameter(help="Also draw the frame at this time [s].")] = None
+    style: Annotated[
+        Literal["stage", "plain"],
+        Parameter(name="--look", help="Films with ground, shadow, model and time, or the shell alone."),
+    ] = "stage"
 
     @property
     def look(self) -> Look:
@@ -192,6 +196,7 @@ class _FilmOptions:
             camera=checked_direction(self.camera),
             turntable=self.turntable,
             still=None if self.still is None else checked_number("--still", self.still, at_least=0.0, unit="s"),
+            style=self.style,
         )
 
 
@@ -312,7 +317,7 @@ def simulate(
         say(f"{mesh}: {description}")
     spec = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
-    look = replace(look, rate=rate, title=f"{mesh.stem}, {spec}")
+    look = replace(look, rate=rate, title=f"{mesh.stem}, {spec}", model=spec)
     with progress(f"{spec} steps") as on_step, progress("film") as on_frame:
         result = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
     say(f"{spec}: {result.summary}")

@@ -26,6 +26,7 @@ from modalshell.render.content import (
 )
 from modalshell.render.open_painter import open_painter
 from modalshell.render.painter import Painter
+from modalshell.render.stage import with_texts
 from modalshell.render.surfaces import scalar_colors
 
 RATE_FACTOR = 18
@@ -46,6 +47,8 @@ def write_film(
     scalars: Sequence[ArrayLike | None] = (),
     scalar_range: tuple[float, float] | None = None,
     rate_factor: int = RATE_FACTOR,
+    framed: int | None = None,
+    texts: Sequence[str] = (),
     on_frame: Progress | None = None,
 ) -> Path:
     """
@@ -79,6 +82,10 @@ def write_film(
         Values at the ends of the colour map; by default the extremes over all frames.
     rate_factor : int
         H.264's constant rate factor: higher makes a smaller and coarser film.
+    framed : int, optional
+        How many of the first surfaces the camera frames; all without it.
+    texts : sequence of str
+        A text for the lower left of each frame; none where left out.
     on_frame : callable, optional
         Called as ``on_frame(done, total)`` after each frame; what it raises ends the film and leaves no file.
 
@@ -99,6 +106,8 @@ def write_film(
         raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
     target = checked_path(path, ".mp4")
     values = _checked_scalars(shown, scalars, count)
+    if texts and len(texts) != count:
+        raise OptionError(f"texts must hold one text a frame, {count} (got {len(texts)})")
     if scalar_range is None and (known := [one for one in values if one is not None]):
         scalar_range = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
     colors = scalar_colors(shown, colormap, scalar_range)
@@ -110,12 +119,16 @@ def write_film(
     else:
         passed = [
             np.asarray(surface.vertices if motion is None else motion, dtype=np.float64).reshape(-1, 3)
-            for surface, motion in zip(shown, moves, strict=True)
+            for surface, motion in list(zip(shown, moves, strict=True))[:framed]
         ]
         view = frame_points(np.concatenate(passed), checked_direction(camera), page.cell[0] / page.cell[1])
     with closing(open_painter(page.cell, film=all(surface.opacity == 1.0 for surface in shown))) as painter:
         painter.start(shown, view, colors)
-        _encode(target, _pictures(page, painter, moves, values, count), size, fps, count, on_frame, rate_factor)
+        pictures = _pictures(page, painter, moves, values, count)
+        if texts:
+            left, top = page.corners[0]
+            pictures = with_texts(pictures, texts, (left, top + page.cell[1]), page.font)
+        _encode(target, pictures, size, fps, count, on_frame, rate_factor)
     return target
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from modalshell.mesh.area_vectors import area_vectors
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
+from modalshell.render.stage import LOWEST_VIEW, Stage
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
 
 if TYPE_CHECKING:
@@ -87,6 +88,10 @@ class Look:
         Time of a picture [s]; the end without it.
     title : str
         Of a picture; the name of its file without it.
+    model : str
+        Name of the model, for the corner of a film.
+    style : str
+        "stage": films have a ground, a shadow, and the model and the time in a corner; "plain": the shell alone.
     """
 
     rate: float | None = None
@@ -95,6 +100,8 @@ class Look:
     turntable: bool = False
     still: float | None = None
     title: str = ""
+    model: str = ""
+    style: Literal["stage", "plain"] = "stage"
 
     def plain(self) -> dict[str, Any]:
         """The attributes as JSON has them."""
@@ -132,13 +139,25 @@ def write_result(
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
-        surfaces, motions = [surface], [positions[::every]]
-        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
+        seen = positions[::every]
+        surfaces: list[ShadedSurface] = [surface]
+        motions: list[Any] = [seen]
+        bodies = [] if look.turntable else _bodies(run, contacts, run.times[::every])
+        for moved, faces in bodies:
             surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
-            motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
+            motions.append(np.broadcast_to(moved, (len(seen), *moved.shape[1:])))
+        if look.style == "stage":
+            name = f"{look.model}, " if look.model else ""
+            colours["texts"] = [f"{name}{time:.2f} {run.units.time}" for time in run.times[::every]]
+            # Colliders are ground enough.
+            if not bodies and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(seen, run.faces)
+                surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
         if "scalars" in colours:
             colours["scalars"] += [None] * (len(surfaces) - 1)
-        return write_film(path, surfaces, motions, fps=rate / every, camera=look.camera, on_frame=on_step, **colours)
+        return write_film(
+            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=1, on_frame=on_step, **colours
+        )
     return save_trajectory(run, path, on_frame=on_step)
 
 

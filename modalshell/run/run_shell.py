@@ -89,7 +89,10 @@ class ShellRun(SceneRun[SceneResult]):
         solve: Callable[[Shell, int], Basis] = model_basis,
     ) -> None:
         super().__init__(scene, shell, folder)
-        self._scene, self._look = scene, look or Look(color=scene.output.color)
+        self._scene, self._look = (
+            scene,
+            look or Look(color=scene.output.color, model=scene.model.spec.name, style=scene.output.look),
+        )
         self._on_frame, self._solve = on_frame, solve
         with located(scene.file, "output", scene.output):
             checked_fields(self._fields, shell)

@@ -198,7 +198,8 @@ class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
     The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
-    coloured by the one named ``color``.
+    coloured by the one named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow
+    and text.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
@@ -206,3 +207,4 @@ class Output(Table, frozen=True):
     formats: list[Format] = []
     fields: list[FieldName] = []
     color: FieldName | None = None
+    look: Literal["stage", "plain"] = "stage"

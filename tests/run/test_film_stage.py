@@ -1,0 +1,81 @@
+"""Films of runs: the ground and the shadow below the shell, and the text in the corner."""
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.motion import Trajectory
+from modalshell.render import ShadedSurface, write_film
+from modalshell.render.stage import Stage
+from modalshell.run import Look, write_result
+
+
+@pytest.fixture(autouse=True)
+def _built_in(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+
+
+def flat():
+    """Vertices and faces of a flat strip."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 3))
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def test_a_stage_lies_below_the_motion_and_its_shadows_fall_on_it():
+    vertices, faces = flat()
+    frames = np.stack([vertices, vertices + np.array([0.0, 0.0, 0.3])])
+    stage = Stage(frames, faces)
+    ground, *shadows = stage.surfaces
+    level = np.asarray(ground.vertices)[:, 2]
+    assert np.ptp(level) == 0.0
+    assert level[0] < frames[..., 2].min()
+    assert stage.motions[0] is None
+    for surface, shadow in zip(shadows, stage.motions[1:], strict=True):
+        assert surface.opacity == 1.0  # a transparent one would take a layer of its own
+        assert np.ptp(shadow[..., 2]) == 0.0
+        assert 0.0 < shadow[0, 0, 2] - level[0] < 0.01
+        assert np.abs(shadow[1] - shadow[0])[:, :2].max() > 0.0  # a slanting lamp: it moves as the shell rises
+        radius = np.linalg.norm(np.asarray(ground.vertices)[:, :2] - frames.mean(axis=(0, 1))[:2], axis=1).max()
+        assert np.linalg.norm(shadow[..., :2] - frames.mean(axis=(0, 1))[:2], axis=-1).max() < radius
+
+
+def test_a_film_has_a_text_in_the_corner_of_every_frame(tmp_path):
+    vertices, faces = flat()
+    frames = np.stack([vertices, vertices + np.array([0.0, 0.0, 0.01]), vertices])
+    read = []
+    for texts in ((), ["MWTS, 0.00 s", "MWTS, 0.03 s", "MWTS, 0.07 s"]):
+        path = tmp_path / f"{len(texts)}.mp4"
+        write_film(path, [ShadedSurface(vertices, faces)], [frames], size=(320, 240), texts=texts)
+        reader = imageio_ffmpeg.read_frames(str(path))
+        next(reader)
+        read.append([np.frombuffer(frame, np.uint8).reshape(240, 320, 3).astype(int) for frame in reader])
+    for plain, written in zip(*read, strict=True):
+        differing = np.argwhere(np.abs(plain - written).max(axis=2) > 100)
+        assert len(differing) > 20
+        assert differing[:, 0].min() > 200
+        assert differing[:, 1].max() < 160
+    with pytest.raises(ms.OptionError, match=r"one text a frame, 3 \(got 1\)"):
+        write_film(tmp_path / "x.mp4", [ShadedSurface(vertices, faces)], [frames], texts=["one"])
+
+
+def test_films_of_runs_stand_on_a_stage_unless_plain(tmp_path, monkeypatch):
+    vertices, faces = flat()
+    frames = np.stack([vertices, vertices + np.array([0.0, 0.0, 0.1])])
+    run = Trajectory(
+        times=np.array([0.0, 0.5]), positions=frames, outcome=ms.Outcome.COMPLETED, message="", unconverged_steps=0,
+        seconds=0.0, energies=np.zeros((2, 3)), constraint_residuals=np.empty((2, 0)), faces=faces,
+        rest_positions=vertices,
+    )  # fmt: skip
+    seen = []
+    monkeypatch.setattr(
+        "modalshell.run.results.write_film", lambda _, surfaces, __, **options: seen.append((surfaces, options))
+    )
+    looks = [Look(model="MWTS"), Look(style="plain"), Look(camera=(1.0, 0.0, -0.5)), Look(color="displacement")]
+    for look in looks:
+        write_result(run, tmp_path / "f.mp4", look)
+    assert [len(surfaces) for surfaces, _ in seen] == [6, 1, 1, 6]
+    assert seen[0][1]["texts"] == ["MWTS, 0.00 s", "MWTS, 0.50 s"]
+    assert "texts" not in seen[1][1]
+    assert [scalars is None for scalars in seen[3][1]["scalars"]] == [False, True, True, True, True, True]
+    assert all(options["framed"] == 1 for _, options in seen)
