@@ -142,15 +142,15 @@ def write_result(
         seen = positions[::every]
         surfaces: list[ShadedSurface] = [surface]
         motions: list[Any] = [seen]
-        bodies = [] if look.turntable else _bodies(run, contacts, run.times[::every])
-        for moved, faces in bodies:
+        colliders = [] if look.turntable else _bodies(run, contacts, run.times[::every])
+        for moved, faces in colliders:
             surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
             motions.append(np.broadcast_to(moved, (len(seen), *moved.shape[1:])))
         if look.style == "stage":
             name = f"{look.model}, " if look.model else ""
             colours["texts"] = [f"{name}{time:.2f} {run.units.time}" for time in run.times[::every]]
             # Colliders are ground enough.
-            if not bodies and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+            if not colliders and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
                 stage = Stage(seen, run.faces)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
         if "scalars" in colours:
