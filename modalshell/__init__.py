@@ -3,10 +3,13 @@
 from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 
 # isort: split
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
-from modalshell.compare import Advice, Tradeoff, advise, tradeoff
+from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint
 from modalshell.core.errors import (
     FileFormatError,
@@ -52,6 +55,7 @@ from modalshell.mesh import (
     v_beam,
 )
 from modalshell.models import (
+    Auto,
     CoarseDiscreteShell,
     DiscreteShell,
     Equilibrium,
@@ -65,6 +69,8 @@ from modalshell.models import (
     RotationStrain,
     coarse_shell,
 )
+from modalshell.models.error_bars import error_bar
+from modalshell.models.quantity_bars import QuantityBar, quantity_bars
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
@@ -72,24 +78,61 @@ from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.shell import (
+    Fabric,
+    Isotropic,
+    Laminate,
+    Material,
+    Orthotropic,
+    Ply,
+    Shell,
+    ShellFields,
+    Temperature,
+    card,
+    cards,
+)
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
+from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
+if TYPE_CHECKING:
+    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, Plane, Sphere
+
 __version__ = "0.1.0"
+
+_LAZY = dict.fromkeys(("Box", "Capsule", "Contact", "Cylinder", "HeightField", "Plane", "Sphere"), "modalshell.contact")
+"""Names that are imported when they are first used: nothing else pays for them."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_LAZY[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
+
 
 __all__ = [
     "Advice",
+    "Auto",
     "Basis",
     "BasisSensitivity",
+    "Box",
     "Buckling",
+    "Capsule",
     "Clamp",
     "CoarseDiscreteShell",
+    "Contact",
     "Crowd",
+    "Cylinder",
     "Damping",
     "Diaphragm",
     "DiscreteShell",
@@ -97,6 +140,8 @@ __all__ = [
     "EnergyFunction",
     "Equilibrium",
     "EquilibriumPath",
+    "ErrorBar",
+    "Fabric",
     "FileFormatError",
     "Fit",
     "Fix",
@@ -104,8 +149,10 @@ __all__ = [
     "Flock",
     "FollowerForce",
     "FrameInertia",
+    "HeightField",
     "HybridStress",
     "Isotropic",
+    "Laminate",
     "LineForce",
     "LinearModal",
     "LoadError",
@@ -121,12 +168,17 @@ __all__ = [
     "ModelSpec",
     "OptionError",
     "OrientationConstraint",
+    "Orthotropic",
     "Outcome",
     "PathEvent",
     "Pin",
+    "Plane",
+    "Ply",
     "PointForce",
     "PositionConstraint",
     "Pressure",
+    "QuantityBar",
+    "QuickAdvice",
     "ReducedRotationStrain",
     "RepairReport",
     "RigidShell",
@@ -141,11 +193,13 @@ __all__ = [
     "Shell",
     "ShellFields",
     "SolverError",
+    "Sphere",
     "SpringSheet",
     "SupportError",
     "SupportPath",
     "SweepResult",
     "Symmetry",
+    "Temperature",
     "Tie",
     "Tradeoff",
     "Trajectory",
@@ -156,9 +210,12 @@ __all__ = [
     "WorkerError",
     "advise",
     "buckling_factors",
+    "card",
+    "cards",
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",
+    "error_bar",
     "fit",
     "flat_beam",
     "leaf",
@@ -170,6 +227,8 @@ __all__ = [
     "models",
     "paper_bird",
     "plot",
+    "quantity_bars",
+    "quick_advice",
     "remesh",
     "repair",
     "run_scene",

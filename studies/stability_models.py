@@ -136,7 +136,7 @@ def rules_of(spec: ms.ModelSpec) -> Iterator[type[Integrator]]:
 
 def integrated_models() -> Iterator[IntegratedModel]:
     """Every registered model with every integrator, and variants that move otherwise."""
-    known = ms.models()
+    known = {key: spec for key, spec in ms.models().items() if spec.on_ladder}
     for spec in known.values():
         name = spec.name.replace(",", "")
         if spec.response == "rigid":

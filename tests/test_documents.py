@@ -27,13 +27,13 @@ VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell bench": "modalshell bench --only assembly",
-    "python -m pytest": "python -m pytest --collect-only -q",
+    "python -m pytest -n auto": "python -m pytest --collect-only -q",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
 }
 """What runs in place of a command that needs a display, takes an hour, or would run these tests."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only flat_vs_v_beam",
-    ".venv/bin/python -m pytest": ".venv/bin/python -m pytest --collect-only -q",
+    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",
     ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[dev,docs]'",
 }
 """The same for what follows the making of an environment; .ci/run takes those commands as they stand."""

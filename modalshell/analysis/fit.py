@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -19,8 +19,8 @@ from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.shell import Isotropic, Material, Shell
-from modalshell.shell.energies_of import material_constants
+from modalshell.shell import Material, Sheet, Shell
+from modalshell.shell.energies_of import ANY_SIGN, material_constants, with_constants
 
 _LIMIT = 100
 """Shells that are solved at most."""
@@ -40,7 +40,7 @@ class Fit:
         The constants, by name.
     intervals : dict of (float, float)
         Confidence interval of each, for independent errors of one variance.
-    material : Material or Isotropic
+    material : Material or Sheet
         The material with these constants.
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
@@ -54,7 +54,7 @@ class Fit:
 
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
-    material: Material | Isotropic
+    material: Material | Sheet
     state: Equilibrium | None
     converged: bool
     residual: float
@@ -175,7 +175,8 @@ class _Misfit:
 
     def __init__(self, shell: Shell, names: list[str], measured: Measurements) -> None:
         self._shell, self._names, self._measured = shell, names, measured
-        self._logarithmic = np.array([name != "poisson" for name in names])
+        self._logarithmic = np.array([name not in ANY_SIGN for name in names])
+        self._ratios = np.array([name == "poisson" for name in names])
         self._parameters, self._differences = np.empty(0), np.empty(0)
         self.material = shell.material
         self.state: Equilibrium | None = None
@@ -184,7 +185,7 @@ class _Misfit:
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest parameters."""
-        return np.where(self._logarithmic, -np.inf, -0.95), np.where(self._logarithmic, np.inf, 0.495)
+        return np.where(self._ratios, -0.95, -np.inf), np.where(self._ratios, 0.495, np.inf)
 
     def parameters(self, constants: Array) -> Array:
         """The parameters that stand for constants."""
@@ -200,7 +201,7 @@ class _Misfit:
         if np.array_equal(parameters, self._parameters) and (self._measured.exact or not exact):
             return self._differences
         constants = dict(zip(self._names, self.constants(parameters).tolist(), strict=True))
-        material = replace(self._shell.material, **constants)
+        material = with_constants(self._shell.material, constants)
         try:
             shell = self._shell.with_material(material)
             self._differences, self.state = self._measured.misfit(shell, self._names, exact=exact)
@@ -224,7 +225,7 @@ def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
     names = [wrt] if isinstance(wrt, str) else list(wrt)
     known = material_constants(shell.material)
     for name in names:
-        if name not in known or (known[name] <= 0.0 and name != "poisson"):
+        if name not in known or (known[name] <= 0.0 and name not in ANY_SIGN):
             raise OptionError(f"wrt must be constants above 0 among {', '.join(known)} (got {shown(name)})")
     if not names or len(set(names)) < len(names):
         raise OptionError(f"wrt must name each constant once (got {shown(wrt)})")

@@ -18,7 +18,8 @@ from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell import Material, Sheet, Shell
+from modalshell.shell.energies_of import ANY_SIGN, material_constants
 from modalshell.statics.mixed_newton import GOAL
 
 _FRACTION, _LOOSE = 1e-3, 1e-3
@@ -190,13 +191,14 @@ class MeasuredPositions(Measurements):
         raise SolverError(f"no equilibrium was found ({answer.status}): begin nearer to the answer")
 
 
-def _steps(names: list[str], old: Material | Isotropic, new: Material | Isotropic) -> Array:
+def _steps(names: list[str], old: Material | Sheet, new: Material | Sheet) -> Array:
     """Changes of constants (k, 2): to the first order in logarithms, and as shares; of Poisson's ratio as they are."""
-    pairs = [(float(getattr(old, name)), float(getattr(new, name))) for name in names]
+    before, after = (material_constants(material) for material in (old, new))
+    pairs = [(before[name], after[name]) for name in names]
     changes = [
-        new - old if name == "poisson" else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
+        new - old if name in ANY_SIGN else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
     ]
-    sizes = [1.0 if name == "poisson" else old for name, (old, _) in zip(names, pairs, strict=True)]
+    sizes = [1.0 if name in ANY_SIGN else old for name, (old, _) in zip(names, pairs, strict=True)]
     return np.stack([np.multiply(sizes, changes), changes], axis=1)
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands import meshes, results, scenes
+from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
 from modalshell.commands.licences import show_licences
 from modalshell.commands.pages import write_pages
@@ -113,6 +114,9 @@ def advise(
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
     write: Annotated[Path | None, Parameter(help="Write the scene with the named model to this file.")] = None,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
+    quick: Annotated[
+        bool, Parameter(negative="", help="At rest, by error bars instead of measured runs: seconds; no files.")
+    ] = False,
 ) -> None:
     """Name the cheapest model that meets an error and a frame rate on a scene, from measured runs.
 
@@ -122,6 +126,13 @@ def advise(
     """
     if write is not None:
         checked_target("--write", write, (".toml",), scene)
+    if quick:
+        with progress(f"{scene.stem} rungs") as on_step:
+            found = ms.quick_advice(scene, error=error, modes=modes, on_step=on_step)
+        CONSOLE.print(Markdown(found.explanation))
+        if write is not None:
+            say(found.write_scene(scene, write))
+        return
     _spare_measurements(scene, out)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
@@ -147,6 +158,9 @@ def bench(
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     say(*written, sep="\n")
+
+
+app.command(cards)
 
 
 @app.command

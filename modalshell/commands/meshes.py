@@ -23,13 +23,16 @@ from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
 from modalshell.mesh.parts import chosen_part
 from modalshell.models.factory import MODE_COUNT
-from modalshell.models.registry import MODELS
+from modalshell.models.registry import MODELS, TRUTH
 from modalshell.modes import model_basis
+from modalshell.modes.rigid import left_free
+from modalshell.motion.motion_check import bar_at_largest
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
 from modalshell.run.results import DISPLACEMENT, Look
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import ShellScene, parse_scene
 from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_damping
 
 _OR_FILE = ", or a file with one number per triangle"
 _YOUNG = 1e9
@@ -38,6 +41,10 @@ _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
 """Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
 """Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
+_MOST_VERTICES = 30_000
+"""Vertices of a shell up to which the error against DS is estimated without being asked for."""
+_GOOD = 0.05
+"""Estimated error from which another model is named."""
 _OPTIONS = Path("options")
 """Stands for the file of the scene that options make."""
 _SAME = "young poisson thickness density component join modes gravity duration dt damping color camera"
@@ -56,8 +63,8 @@ class _MeshOptions:
         bool,
         Parameter(
             negative="",
-            help="Repair, and cut sheets apart where three or more faces meet at an edge: a rib holds its plate no "
-            "longer.",
+            help="Repair, and cut sheets apart where three or more faces meet at an edge, which are joined else: a "
+            "rib then holds its plate no longer.",
         ),
     ] = False
     component: Annotated[
@@ -242,6 +249,29 @@ def _name_options() -> Iterator[None]:
             raise ms.OptionError(_with_options(str(error))) from error
 
 
+def _has_bar(scene: ShellScene, shell: ms.Shell) -> bool:
+    """Whether answers get an error bar of their own accord: those of DS need none, and large ones would take long."""
+    return scene.model.spec.key != TRUTH and len(shell.mass) <= _MOST_VERTICES and not left_free(shell)
+
+
+def _error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> list[str]:
+    """How far a motion is from DS where it is largest, and what to take instead, of equilibria too."""
+    if not _has_bar(scene, shell) or run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
+        return []
+    if run.bars is not None:
+        good, text = bool(run.bars.valid[0] and run.bars.displacement[0] <= _GOOD), ""
+    else:
+        assert scene.motion is not None
+        loading = shell.loading(scene.loads.gravity if scene.loads else None)
+        found = bar_at_largest(run, shell, loading, build_damping(scene.motion))
+        if found is None:
+            return []
+        good = found[1].valid and found[1].displacement <= _GOOD
+        text = f"at its largest displacement, at {found[0]:.3g} s: {found[1]}"
+    advice = "" if good else f"take --model {TRUTH}"
+    return ["; ".join(part for part in (text, advice) if part)] if text or advice else []
+
+
 @_name_options()
 def simulate(
     mesh: MeshPath,
@@ -281,6 +311,7 @@ def simulate(
         tables["motion"] = moved.table(timing)
     scene = replace(options.scene(mesh, built_mesh, tables), name=name)
     built = scene.build_shell(built_mesh)
+    scene = replace(scene, bar=moved.static and _has_bar(scene, built))
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
@@ -292,6 +323,8 @@ def simulate(
     say(f"{spec}: {result.summary}")
     if built.clamped.any():
         say(f"{spec}: {motion_as_text(result.trajectory, built.mesh.size)}")
+        for line in _error_as_text(scene, built, result.trajectory):
+            say(f"{spec}: {line}")
     say(*result.files, sep="\n")
     end_with(result.outcome)
 

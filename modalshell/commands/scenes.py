@@ -167,8 +167,10 @@ def fit(
     given: dict[str, Any] = {"frequencies": measured.get("frequencies")}
     if "positions" in measured:
         path, force, loads, constraints = declared.build_loading(shell)
-        if path is not None or constraints:
-            raise ms.OptionError("a fit takes scenes in equilibrium: leave moving supports and constraints out")
+        if path is not None or constraints or declared.contacts:
+            raise ms.OptionError(
+                "a fit takes scenes in equilibrium: leave moving supports, constraints and contacts out"
+            )
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
         given |= {"gravity": declared.loads.gravity if declared.loads else None, "loads": loads}

@@ -73,6 +73,8 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
         left_out["more modes"] = f"the shell has {most} free unknowns"
     chosen: list[Candidate] = []
     for key, spec in models().items():
+        if not spec.on_ladder:
+            continue
         keys = model_tables()[key].__struct_fields__
         if spec.on_coarse_mesh:
             for mesh in case.coarse[:1] if spec.needs == "coarse training" else case.coarse:

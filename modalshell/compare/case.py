@@ -21,7 +21,7 @@ from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.scene.parts import build_damping
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Sheet, Shell
 
 _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
@@ -75,7 +75,7 @@ class Case:
     @property
     def notes(self) -> str:
         """Notes on the reference and the load, in sentences."""
-        theory = isinstance(self.shell.material, Isotropic)
+        theory = isinstance(self.shell.material, Sheet)
         reference = "DS stands for shell theory, by split folds on the same mesh." if theory else ""
         return " ".join(filter(None, (reference, self.note)))
 
@@ -101,6 +101,8 @@ def make_case(
 
 def scene_case(scene: ShellScene) -> Case:
     """The case of a scene; moving supports give the largest inertial load of their path."""
+    if scene.contacts:
+        raise OptionError(f"{scene.file}: contacts: rungs are not compared with contacts yet; leave them out")
     if scene.constraints:
         raise OptionError(
             f"{scene.file}: constraints: rungs are compared under loads, not under constraints; leave them out, or "

@@ -196,6 +196,8 @@ def declared_flock(declared: dict[str, Any]) -> FlockScene:
         raise SceneError(f"{file}: motion: missing; a flight needs it")
     if tables_given.pop("constraints"):
         raise SceneError(f"{file}: constraints: a flock takes none")
+    if "contacts" in declared:
+        raise SceneError(f"{file}: contacts: a flock takes none")
     if "path" in declared:
         raise SceneError(f"{file}: path: a flock has none; leave the table out")
     return FlockScene(**tables_given)

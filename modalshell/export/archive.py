@@ -17,6 +17,7 @@ from modalshell.files.archive import UNITS, Archive, Field, readable
 from modalshell.files.atomic_io import read_header, read_member, write_atomically
 from modalshell.files.regular import open_regular
 from modalshell.motion import Trajectory
+from modalshell.motion.bars import Bars
 from modalshell.shell.fields import FIELDS, TENSORS
 
 _ALIGNMENT = 64
@@ -56,6 +57,16 @@ _TRAJECTORY = Archive(
 )
 _PERHAPS = "step_error", "damping_error"
 """Numbers that are not always known: arrays of one, or of none."""
+_BAR = "bar_"
+_BARS = {
+    "bar_times": Field("f", ("B",), "s"),
+    "bar_displacement": Field("f", ("B",), ""),
+    "bar_margin": Field("f", ("B",), ""),
+    "bar_valid": Field("b", ("B",)),
+}
+"""Error bars, of trajectories that have them."""
+_LEVELS = {"levels": Field("U", ("F",))}
+"""Models of the frames, of trajectories of a model that switches itself."""
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -67,7 +78,11 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     values = {name: getattr(run, _NAMES.get(name, name)) for name in (*_TRAJECTORY.fields, *_POSITIONS)}
     values |= {name: np.array([] if values[name] is None else [values[name]], dtype=float) for name in _PERHAPS}
     values |= {f"{_FIELD}{name}": field for name, field in run.fields.items()}
-    arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES)
+    if run.bars is not None:
+        values |= {name: getattr(run.bars, name.removeprefix(_BAR)) for name in _BARS}
+    if run.levels:
+        values["levels"] = np.array(run.levels)
+    arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES | _BARS | _LEVELS)
     positions = arrays.pop("positions")
     return write_atomically(path, lambda file: _write(file, arrays, positions))
 
@@ -113,7 +128,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     with readable(_TRAJECTORY.kind, file):
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             stored = {name.removesuffix(".npy") for name in archive.namelist()}
-            further = {name: field for name, field in _TRIANGLES.items() if name in stored}
+            further = {name: field for name, field in (_TRIANGLES | _BARS | _LEVELS).items() if name in stored}
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
             positions = _mapped(file, archive, verify)
@@ -129,7 +144,11 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             values[name] = number(values[name])
         for name in _PERHAPS:
             values[name] = float(values[name][0]) if values[name].size else None
-        fields = {name.removeprefix(_FIELD): data[name] for name in further}
+        fields = {name.removeprefix(_FIELD): data[name] for name in further if name in _TRIANGLES}
+        if _BARS.keys() & further.keys():
+            values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS})
+        if "levels" in further:
+            values["levels"] = tuple(str(name) for name in data["levels"])
         return Trajectory(positions=positions, fields=fields, units=units, **values)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # motions without contacts do not import it
 
 
 @final
@@ -148,6 +151,8 @@ class MotionSetup:
         Moves the supports.
     constraints : sequence of Constraint
         On patches of vertices.
+    contacts : sequence of Contact
+        Colliders.
     """
 
     dt: float
@@ -155,3 +160,4 @@ class MotionSetup:
     loading: Loading
     supports: SupportPath | None = None
     constraints: Sequence[Constraint] = ()
+    contacts: Sequence[Contact] = ()

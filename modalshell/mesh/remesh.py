@@ -50,9 +50,15 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> Trian
     OptionError
         If MeshLab is not installed, or an option is out of range.
     MeshError
-        If MeshLab fails on this surface.
+        If MeshLab fails on this surface, or the mesh has junctions, whose sheets it would part.
     """
     checked_kind("mesh", mesh, TriangleMesh)
+    if mesh.joints.edges.size:
+        raise MeshError(
+            f"remeshing would part the sheets that meet at {len(mesh.junctions)} junctions and {len(mesh.seams)} seams "
+            "of this mesh: mesh each sheet apart, with the same vertices along the junctions, and weld them "
+            "(TriangleMesh.from_soup)"
+        )
     asked = checked_count("triangles", triangles, at_least=4)
     demand_memory(f"a mesh of {asked} triangles", _BYTES * asked, "ask for fewer triangles")
     angle = checked_number("crease", crease, above=0.0, at_most=180.0, unit="degrees")

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import as_array, checked_kind, shown
-from modalshell.core.errors import SPLIT, MeshError, ModalShellWarning
+from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.mesh.polygons import Polygons
-from modalshell.mesh.sheets import cut_into_sheets
-from modalshell.mesh.topology import FloatArray, IntArray, half_edges
+from modalshell.mesh.sheets import cut_into_sheets, touching_apart
+from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces, without_needles
 
@@ -133,10 +133,10 @@ def repair(
     In this order: faces with vertices that are missing or not finite are dropped; polygons are split into triangles;
     coincident vertices are merged; faces without area, and those less than 1e-4 times as high as long, are taken away,
     their neighbours split at their corners or their short edges drawn to a point, so that no crack opens; copies of
-    faces are dropped; vertices at which sheets touch and, with ``split``, edges of three or more faces are split into
-    separate sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces are cut open
-    along a line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that is a shell
-    already comes back as it is.
+    faces are dropped; vertices at which sheets touch are split; faces are wound alike within each sheet; vertices in no
+    face are dropped. Edges of three or more faces are junctions and stay, as do one-sided surfaces, unless ``split``
+    cuts them into separate two-sided sheets, those faces staying together that are wound alike and lie flattest. Holes
+    are not filled. A mesh that is a shell already comes back as it is.
 
     Parameters
     ----------
@@ -149,8 +149,8 @@ def repair(
     component : "largest", "all" or int, optional
         Which connected part is kept: that of the largest area, or the N-th in order of decreasing area; by default all.
     split : bool
-        Cut the sheets apart where three or more faces meet at an edge: a rib no longer holds the plate on which it
-        stands, unless its vertices are tied to those of the plate, see :class:`modalshell.Tie`.
+        Cut the sheets apart where three or more faces meet at an edge, after which a rib no longer holds the plate on
+        which it stands, and cut one-sided surfaces open along a line.
 
     Returns
     -------
@@ -162,8 +162,8 @@ def repair(
     Raises
     ------
     MeshError
-        If nothing remains that could be a shell: no face with area, coordinates out of range; or for edges of three or
-        more faces without ``split``.
+        If nothing remains that could be a shell: no face with area, coordinates out of range; or where two sheets of a
+        junction lie on each other, without ``split``.
     """
     checked_kind("split", split, bool)
     count: dict[str, int] = {}
@@ -204,9 +204,7 @@ def _into_sheets(
     for _ in range(_PASSES):
         triangles, flat, thin = _with_area(points, triangles)
         triangles, repeated = _once_each(triangles)
-        if not split:
-            _refuse_junctions(points, triangles)
-        sheets = cut_into_sheets(points, triangles)
+        sheets = (cut_into_sheets if split else touching_apart)(points, triangles)
         points, triangles = drop_unused(sheets.vertices, sheets.faces)
         done = {"flat_faces": flat, "thin_faces": thin, "repeated_faces": repeated, "flipped_faces": sheets.flipped}
         done |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
@@ -275,22 +273,6 @@ def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
     if not len(kept):
         raise MeshError(f"all {len(triangles)} faces have zero area: a shell needs a surface; write the mesh again")
     return kept, int(flat.sum()), int((thin & ~flat).sum())
-
-
-def _refuse_junctions(points: Any, triangles: IntArray) -> None:
-    """MeshError where more than two faces meet at an edge."""
-    links = half_edges(triangles, len(points))
-    crowded = np.flatnonzero(links.counts > 2)
-    if not crowded.size:
-        return
-    ends, at = points[links.edges[crowded[0]]], np.flatnonzero((links.face_edges == crowded[0]).any(axis=1))
-    what = "1 edge has" if len(crowded) == 1 else f"{len(crowded)} edges have"
-    raise MeshError(
-        f"{what} three or more faces, the first from {ends[0].round(6).tolist()} to {ends[1].round(6).tolist()} m "
-        f"({len(at)} faces): an edge of a shell has two at most. To cut the sheets apart there, so that a rib no "
-        f"longer holds its plate, ask for it: {SPLIT}. To keep them joined tie the vertices that coincide after the "
-        "cut, each pair by a support ms.Tie([i, j])"
-    )
 
 
 def _once_each(triangles: IntArray) -> tuple[IntArray, int]:

@@ -262,7 +262,9 @@ def _angles(mesh: TriangleMesh, direction: NDArray[np.float64]) -> NDArray[np.fl
         raise OptionError("angle must be that to a direction (got zero)")
     normals = np.zeros((len(mesh.vertices), 3))
     np.add.at(normals, mesh.faces, (mesh.face_areas[:, None] * mesh.face_normals)[:, None])
-    cosines = normals @ (direction / length) / np.linalg.norm(normals, axis=1)
+    # Sheets that cross may leave a vertex on the junction without a mean normal: it is at right angles to all.
+    sizes = np.linalg.norm(normals, axis=1)
+    cosines = normals @ (direction / length) / np.where(sizes > 0.0, sizes, 1.0)
     return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from modalshell.mesh.topology import FloatArray, HalfEdges, IntArray, connected_parts, half_edges
-from modalshell.mesh.winding import flips_and_tears
+from modalshell.mesh.winding import faces_to_flip, flips_and_tears
 
 
 class Sheets(NamedTuple):
@@ -39,6 +39,21 @@ class Sheets(NamedTuple):
     split_vertices: int
     cut_edges: int
     flipped: int
+
+
+def touching_apart(vertices: FloatArray, faces: IntArray) -> Sheets:
+    """Split vertices at which sheets touch without a common edge, and wind the faces of every sheet alike.
+
+    Edges of three and more faces stay, and so do one-sided surfaces.
+    """
+    links = half_edges(faces, len(vertices))
+    half = links.face_edges.ravel()
+    order = np.argsort(half, kind="stable")
+    same = half[order[1:]] == half[order[:-1]]
+    apart, faces = _fans_apart(vertices, faces, np.column_stack([order[:-1][same], order[1:][same]]))
+    flip = faces_to_flip(half_edges(faces, len(apart)))
+    faces = np.where(flip[:, None], faces[:, [0, 2, 1]], faces)
+    return Sheets(apart, faces, 0, len(apart) - len(vertices), 0, int(flip.sum()))
 
 
 def cut_into_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:

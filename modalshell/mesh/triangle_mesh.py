@@ -13,12 +13,16 @@ from modalshell.core.errors import MeshError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.mesh import validation
 from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.joints import Joints, hinges_of_joints, joints_of
 from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 
 
 class TriangleMesh(ReadOnlyArrays, Drawn):
-    """An immutable, validated triangle mesh: a manifold surface with consistent winding, with or without boundary.
+    """An immutable, validated triangle mesh: sheets of consistent winding, with or without boundary.
+
+    Any number of triangles may meet at an edge: sheets are joined rigidly at such :attr:`junctions`. Winding is
+    consistent between them, not over them, and a one-sided sheet has :attr:`seams`.
 
     Parameters
     ----------
@@ -41,8 +45,17 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         validation.check_used(triangles, len(points))
         self._vertices = read_only(points)
         self._faces = read_only(triangles)
-        self._edge_faces, self._edge_corners = map(read_only, faces_of_edges(self._links))
+        self._joints = Joints(*map(read_only, joints_of(points, triangles, self._links)))
+        self._edge_faces, self._edge_corners = map(read_only, self._first_faces())
         validation.warn_of_seams(self._vertices, self.boundary_vertices)
+
+    def _first_faces(self) -> tuple[IntArray, IntArray]:
+        edge_faces, corners = faces_of_edges(self._links)
+        edges, starts, wings = self._joints
+        for side in (0, 1):
+            half = wings[starts[:-1] + side]
+            edge_faces[edges, side], corners[edges, side] = half // 3, half % 3
+        return edge_faces, corners
 
     @classmethod
     def from_soup(cls, vertices: ArrayLike, faces: ArrayLike) -> TriangleMesh:
@@ -76,9 +89,24 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         """Faces of each edge, shape (E, 2).
 
         Column 0 runs along the edge from its smaller to its larger vertex; a boundary edge has its one face there
-        and -1 in column 1.
+        and -1 in column 1. Of a junction these are two of its faces, and of a seam both, whichever way they run.
         """
         return self._edge_faces
+
+    @property
+    def joints(self) -> Joints:
+        """Junctions and seams together, with all their faces."""
+        return self._joints
+
+    @cached_property
+    def junctions(self) -> IntArray:
+        """Edges with three faces or more, ascending, shape (J,)."""
+        return read_only(np.flatnonzero(self._links.counts > 2))
+
+    @cached_property
+    def seams(self) -> IntArray:
+        """Edges of one-sided sheets with two faces that run along them the same way, ascending."""
+        return read_only(np.setdiff1d(self._joints.edges, self.junctions))
 
     @property
     def edge_corners(self) -> IntArray:
@@ -88,6 +116,12 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
     @cached_property
     def _hinge_data(self) -> tuple[IntArray, IntArray]:
         hinges, edges = hinges_of_edges(self.faces, self._links, self.edge_faces)
+        if self._joints.edges.size:
+            odd = np.isin(edges, self._joints.edges)
+            hinges = np.vstack([hinges[~odd], hinges_of_joints(self.faces, self._joints)])
+            edges = np.concatenate([edges[~odd], self._joints.hinge_edges])
+            order = np.argsort(edges, kind="stable")
+            hinges, edges = hinges[order], edges[order]
         return read_only(hinges), read_only(edges)
 
     @property
@@ -95,7 +129,8 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         """Hinges [x0, x1, x2, x3] over the interior edges, shape (H, 4).
 
         The edge runs x0 -> x1 with x0 < x1; (x0, x1, x2) and (x1, x0, x3) are its faces in their winding, so the fold
-        angle of the flexure energy is 0 where the surface is flat.
+        angle of the flexure energy is 0 where the surface is flat. A junction of k faces has k - 1 hinges, all with its
+        first face; there x0 -> x1 is such that (x1, x0, x3) is the other one in its winding.
         """
         return self._hinge_data[0]
 
@@ -103,6 +138,15 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
     def hinge_edges(self) -> IntArray:
         """Index into `edges` of each hinge, shape (H,), ascending."""
         return self._hinge_data[1]
+
+    @cached_property
+    def hinge_faces(self) -> IntArray:
+        """Faces (x0, x1, x2) and (x1, x0, x3) of each hinge, shape (H, 2)."""
+        faces = self.edge_faces[self.hinge_edges]
+        if self._joints.edges.size:
+            first, other = self._joints.hinge_wings
+            faces[np.isin(self.hinge_edges, self._joints.edges)] = np.column_stack([first, other]) // 3
+        return read_only(faces)
 
     @cached_property
     def edge_lengths(self) -> FloatArray:

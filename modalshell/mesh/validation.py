@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from modalshell.core.checks import as_array
-from modalshell.core.errors import REPAIR, SPLIT, MeshError, ModalShellWarning
+from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
 
@@ -109,16 +109,8 @@ def check_faces(vertices: FloatArray, faces: IntArray) -> None:
 
 
 def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdges]:
-    """Reject edges with three or more faces; return consistently wound faces and their half-edges."""
+    """Faces wound consistently wherever two meet at an edge, and their half-edges."""
     links = half_edges(faces, vertex_count)
-    bad = np.flatnonzero(links.counts > 2)
-    if len(bad):
-        at = np.flatnonzero((links.face_edges == bad[0]).any(axis=1)).tolist()
-        raise MeshError(
-            f"edge {_row(links.edges[bad[0]])} (vertices counted from 0) has {len(at)} faces: {_few(at)}"
-            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: remove the extra faces, or "
-            f"cut the sheets apart there, after which a rib no longer holds its plate, by {REPAIR} with {SPLIT}"
-        )
     flip = faces_to_flip(links)
     if flip.any():
         faces = np.where(flip[:, None], faces[:, [0, 2, 1]], faces)
@@ -185,7 +177,3 @@ def _more(count: int, noun: str) -> str:
 
 def _row(indices: IntArray) -> str:
     return f"({', '.join(str(i) for i in indices.tolist())})"
-
-
-def _few(indices: list[int]) -> str:
-    return ", ".join(str(i) for i in indices[:6]) + (", ..." if len(indices) > 6 else "")

@@ -9,20 +9,15 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from modalshell.core.errors import REPAIR, MeshError
-from modalshell.mesh.topology import BoolArray, HalfEdges, IntArray
+from modalshell.mesh.topology import BoolArray, HalfEdges, IntArray, connected_parts
 
 
 def faces_to_flip(links: HalfEdges) -> BoolArray:
     """Faces (T,) bool to flip so that neighbours run along their common edge in opposite directions.
 
-    Of the two answers per connected component the one with fewer flips is taken, or on a tie the one that keeps the
-    component's first face. Needs edges with at most two faces.
-
-    Raises
-    ------
-    MeshError
-        When no consistent winding exists, as on a Moebius strip.
+    Of the two answers per sheet the one with fewer flips is taken, or on a tie the one that keeps its first face. A
+    one-sided sheet, such as a Moebius strip, has no answer: it stays as it is unless flips leave fewer such edges.
+    Edges of three faces and more do not count.
     """
     half, forward = links.face_edges.ravel(), links.forward.ravel()
     order = np.argsort(half, kind="stable")
@@ -32,13 +27,9 @@ def faces_to_flip(links: HalfEdges) -> BoolArray:
         return np.zeros(len(links.face_edges), dtype=np.bool_)
     flip, torn = flips_and_tears(pairs, opposed, len(links.face_edges))
     if torn.any():
-        first = pairs[np.argmax(torn)]
-        (a, b), (low, high) = (first // 3).tolist(), links.edges[half[first[0]]].tolist()
-        raise MeshError(
-            "no consistent winding exists: the surface is one-sided, like a Moebius strip; the first contradiction is "
-            f"at edge ({low}, {high}) between faces {a} and {b} (counted from 0); a shell needs two sides: cut it open "
-            f"along a row of edges by {REPAIR}"
-        )
+        sheet = connected_parts(pairs // 3, len(links.face_edges))
+        before, after = (np.bincount(sheet[pairs[which, 0] // 3], minlength=len(flip)) for which in (opposed, torn))
+        flip &= (after < before)[sheet]
     return flip
 
 

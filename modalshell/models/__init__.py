@@ -1,5 +1,6 @@
 """Models of a shell, from cheap to accurate; all answer the same scene."""
 
+from modalshell.models.auto.auto import Auto
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import CoarseMesh, coarse_shell
@@ -14,6 +15,7 @@ from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import ModalWarping
 
 __all__ = [
+    "Auto",
     "CoarseDiscreteShell",
     "CoarseMesh",
     "DiscreteShell",

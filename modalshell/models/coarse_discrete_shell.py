@@ -59,6 +59,7 @@ class CoarseDiscreteShell(ImplicitModel):
     """
 
     name = "coarse DS"
+    follows_snaps = True
 
     def __init__(
         self,
@@ -72,6 +73,7 @@ class CoarseDiscreteShell(ImplicitModel):
         self.shell = checked_kind("shell", shell, Shell)
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell), step_tolerance=self.step_tolerance)
+        self.coarse_shell = coarse
         mesh, under = shell.mesh, coarse.mesh
         self._prolongation = Prolongation(under, mesh)
         distance = self._prolongation.distance

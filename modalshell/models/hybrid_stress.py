@@ -1,7 +1,4 @@
-"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads.
-
-See theory 11, eq. 2 to 7.
-"""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads (theory 11)."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
+from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
@@ -86,12 +83,13 @@ class HybridStress(ImplicitModel):
     Raises
     ------
     OptionError
-        If the coarse shell has other energies than those of a :class:`Material`.
+        If the coarse shell has further energies than its material's.
     SupportError
         If the shell has no supports.
     """
 
     name = "hybrid"
+    follows_snaps = True
 
     def __init__(
         self, shell: Shell, coarse: Shell, trained: Trained, *, integrator: str | FullIntegrator = "bdf2"
@@ -99,20 +97,22 @@ class HybridStress(ImplicitModel):
         self.shell = checked_kind("shell", shell, Shell)
         self.integrator = implicit_rule(integrator)
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
+        self.coarse_shell = self.coarse.coarse_shell
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self.coarse_errors = trained.coarse_errors
         self._trained, self._basis = trained, trained.basis
         parts = trained.basis, trained.stresses, trained.viscous
-        self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
+        self._reduced: ReducedStress = reduce_energy(measures_of(coarse.centred()[0]), *parts)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes = self._reduced.membrane.linear.shape
-        hinges = len(self._reduced.hinges)
+        bending = self._reduced.bending
+        hinges = len(bending.hinges)
         self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
-        read = *self._reduced.membrane, self._reduced.flat, self._reduced.modes
+        read = *self._reduced.membrane, bending.flat, bending.modes, bending.across
         self._bytes = sum(part.nbytes for part in read)
-        self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
+        self._measures = measures_of(coarse)
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
@@ -167,7 +167,7 @@ class HybridStress(ImplicitModel):
         Raises
         ------
         OptionError
-            For a load of zero, energies other than those of a :class:`Material`, or options out of range.
+            For a load of zero, energies other than the material's, or options out of range.
         """
         checked_kind("shell", shell, Shell)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
@@ -218,9 +218,10 @@ class HybridStress(ImplicitModel):
 
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
-        count_elements(self._checked)
-        shell = self.coarse.coarse.shell
-        return self._trained.unseen(shell, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
+        count_elements(self._measures.evaluated)
+        return (
+            self._trained.unseen(self._measures, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
+        )
 
     def _sees_state(self, z: Array) -> bool:
         """The same, of any state."""
@@ -231,7 +232,7 @@ class HybridStress(ImplicitModel):
 
     def _count(self, evaluations: int) -> None:
         """Count evaluations of the reduced energy with its derivatives."""
-        count_elements(evaluations * len(self._reduced.hinges))
+        count_elements(evaluations * len(self._reduced.bending.hinges))
         count_read(evaluations * self._bytes)
         count_products(evaluations * self._products)
 
@@ -295,7 +296,7 @@ class HybridStress(ImplicitModel):
         columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
-        constants = forces_by_constants(small, self._reduced, self._trained.stresses, self._basis, z)
+        constants = forces_by_constants(measures_of(small), self._reduced, self._trained.stresses, self._basis, z)
         tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
         return tangent.derivative(wrt, of)
 

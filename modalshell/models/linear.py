@@ -67,6 +67,10 @@ class LinearModal(ModalModel):
         """Rows (k, 3, m) of the modes at some vertices."""
         return self._patch_rows(self.basis.modes, vertices)
 
+    def contact_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices."""
+        return self.warped_rows(q, vertices)
+
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
         """The loads by points, and by the modes there."""
         return LoadQuadrature.of(self.basis, loading, lambda _: ModalPush.by_modes(self.basis))

@@ -147,7 +147,7 @@ class ModalDerivatives(ImplicitModel):
 
         def by_constant(name: str) -> Array:
             if name == "young" and not self.shell.energies:  # of elements with weights, too
-                return -self.energy.gradient(z)[1] / self.shell.material.young  # type: ignore[union-attr, operator]
+                return -self.energy.gradient(z)[1] / self.shell.material.young  # type: ignore[union-attr]
             self._refuse_cubature(name)
             return -(self.shell.rates_by_constant(name, x).ravel() @ vectors)
 

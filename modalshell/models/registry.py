@@ -11,6 +11,7 @@ from typing import Literal, final, get_args
 from modalshell.core.errors import OptionError
 from modalshell.core.plugins import load_plugins
 from modalshell.core.registry import Registry
+from modalshell.models.auto.auto import Auto
 from modalshell.models.base.model import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
@@ -63,6 +64,8 @@ class ModelSpec:
         How it answers a load: without deformation, in proportion to the load, or otherwise.
     bends : bool
         Whether a flat shell has bending stiffness at small angles; springs across hinges have none.
+    on_ladder : bool
+        Whether comparisons of all models take it; not where it stands for several.
     """
 
     key: str
@@ -79,6 +82,7 @@ class ModelSpec:
     pictured: bool = True
     response: Response = "nonlinear"
     bends: bool = True
+    on_ladder: bool = True
 
     @property
     def given(self) -> int:
@@ -146,6 +150,7 @@ for _spec in (
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
     ModelSpec("hybrid", "hybrid", trained_on_load, "coarse training", 65, color="#e7298a", marker="p"),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
+    ModelSpec("auto", "auto", Auto, "shell", 80, color="#8c6d1f", marker="*", pictured=False, on_ladder=False),
     ModelSpec(TRUTH, "DS", DiscreteShell, "shell", 100, constraints=True, color="#2f9e44"),
 ):  # fmt: skip
     register(_spec)

@@ -86,14 +86,22 @@ class ModalWarping(UnstretchedModel):
 
     def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
+        moved, rows = self._moved_rows(q, vertices)
+        return (self.shell.rest_positions[vertices] + moved).mean(axis=0), rows.mean(axis=0)
+
+    def contact_rows(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""
+        return self._moved_rows(q, vertices)[1]
+
+    def _moved_rows(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Displacements (k, 3) [m] of some vertices, and their derivatives (k, 3, m)."""
         modes = self._patch_rows(self.basis.modes, vertices)
         turns = self._patch_rows(self.basis.rotations, vertices)
         w, linear = turns @ q, modes @ q
         averages, slopes = np.empty((2, len(vertices), 3, 3))
         rotations.averages(w, averages)
         rotations.warp_jacobian(w, linear, slopes)
-        value = self.shell.rest_positions[vertices] + np.einsum("vij,vj->vi", averages, linear)
-        return value.mean(axis=0), (averages @ modes + slopes @ turns).mean(axis=0)
+        return np.einsum("vij,vj->vi", averages, linear), averages @ modes + slopes @ turns
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""

@@ -32,8 +32,9 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell import Isotropic, Material, Sheet, Shell
 from modalshell.shell.elements import ENERGIES
+from modalshell.shell.sheet import SHEETS
 from modalshell.supports import SUPPORTS
 
 _BASIS = Archive(
@@ -69,6 +70,8 @@ _CONSTANTS: dict[type, dict[str, Field]] = {
     },
 }
 """Constants of materials."""
+_SHEET = {"sheet": Field("U")}
+"""Other sheets, as the text of their kind and constants."""
 _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
@@ -145,12 +148,16 @@ class Basis(VibrationModes, Drawn):
         shell, material = self.shell, self.shell.material
         if isinstance(material, Isotropic):  # functions cannot be stored, their values can
             material = material.on(shell.mesh)
-        values = {name: getattr(material, name) for name in _CONSTANTS[type(material)]}
+        constants = _CONSTANTS.get(type(material), _SHEET)
+        if isinstance(material, Sheet) and constants is _SHEET:
+            values: dict[str, Any] = {"sheet": json.dumps([material.kind, material.plain(shell.mesh)])}
+        else:
+            values = {name: getattr(material, name) for name in constants}
         values |= {name: getattr(self, name) for name in _BASIS.fields if hasattr(self, name)}
         values |= {"vertices": shell.mesh.vertices, "faces": shell.mesh.faces}
         values["supports"] = json.dumps([[support.key, support.plain()] for support in shell.supports])
         values["energies"] = json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])  # type: ignore[call-overload]
-        write_npz(path, **_BASIS.arrays(values, further=_CONSTANTS[type(material)]))
+        write_npz(path, **_BASIS.arrays(values, further=constants))
 
     def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
@@ -173,20 +180,30 @@ class Basis(VibrationModes, Drawn):
         """
         load_plugins()
         with _BASIS.read(path) as data:
-            kind = Isotropic if "young" in data else Material
-            _BASIS.check(data, _CONSTANTS[kind])
-            constants: dict[str, Any] = {name: data[name] for name in _CONSTANTS[kind]}
-            if "correct_clamp" in constants:
-                constants["correct_clamp"] = bool(constants["correct_clamp"])
+            material = _read_material(data)
             energies = [ENERGIES[key](**parameters) for key, parameters in json.loads(str(data["energies"]))]
             supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
             mesh = TriangleMesh(data["vertices"], data["faces"])
-            shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
+            shell = Shell(mesh, material, supports=supports, energies=energies)
             count, rigid = len(data["eigenvalues"]), int(data["rigid_modes"])
             if len(data["modes"]) != shell.rest_positions.size or not 0 <= rigid <= count:
                 raise ValueError(f"{count} modes of {len(data['modes'])} numbers each, {rigid} of them rigid")
             counts = rigid, float(data["residual"]), str(data["backend"])
             return cls(shell, data["eigenvalues"], data["modes"], data["rotations"], *counts)
+
+
+def _read_material(data: dict[str, Any]) -> Material | Sheet:
+    """The material of a saved basis; ValueError or KeyError for what is none."""
+    if "sheet" in data:
+        _BASIS.check(data, _SHEET)
+        name, values = json.loads(str(data["sheet"]))
+        return SHEETS[name].of_plain(values)
+    kind = Isotropic if "young" in data else Material
+    _BASIS.check(data, _CONSTANTS[kind])
+    constants: dict[str, Any] = {name: data[name] for name in _CONSTANTS[kind]}
+    if "correct_clamp" in constants:
+        constants["correct_clamp"] = bool(constants["correct_clamp"])
+    return kind(**constants)
 
 
 @overload
@@ -303,6 +320,11 @@ def _solved(
     shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
+    if shell.rest_shape is not None:
+        raise OptionError(
+            "modes about the mesh need a shell without stress there (got one of a prestrain, rest_curvature or "
+            "temperature): find its equilibrium by ms.DiscreteShell, and its modes by solve_modes(shell, about=state)"
+        )
     forces = attached_forces(shell, attachments)
     eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)
     if forces.shape[1]:

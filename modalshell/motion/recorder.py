@@ -85,6 +85,8 @@ class Recorder:
         Kinetic and elastic energy and potential of the load in each [J].
     residuals : list of ndarray, shape (k,)
         What was left to each constraint's target.
+    levels : list of int
+        Number of the model of each, of a model that switches itself; else empty.
     fault : Outcome or None
         The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
@@ -105,6 +107,7 @@ class Recorder:
         self.times: list[float] = []
         self.energies: list[Array] = []
         self.residuals: list[Array] = []
+        self.levels: list[int] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
         self._watch, self._seconds_before = Stopwatch(), 0.0
@@ -152,6 +155,8 @@ class Recorder:
         self.times.append(motion.time)
         self.energies.append(motion.energies())
         self.residuals.append(motion.constraint_residuals)
+        if motion.model.level_names:
+            self.levels.append(int(motion.state.memory["level"][0]))
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
@@ -173,6 +178,7 @@ class Recorder:
             constraint_residuals=np.array(self.residuals),
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
+            levels=tuple(self.motion.model.level_names[level] for level in self.levels),
         )
 
     def verdict(self) -> tuple[Outcome, str]:
@@ -200,6 +206,7 @@ class Recorder:
         said = [motion.errors.remark(), motion.errors.undersampled()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
+        said.append(motion.model.account(motion.state))
         notes += [note for note in said if note]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
 
@@ -209,7 +216,8 @@ class Recorder:
         loading = self.motion.setup.loading
         if not (loading.steady and loading.conservative):
             return False
-        return self.motion.setup.supports is None and not self.motion.setup.constraints
+        setup = self.motion.setup
+        return setup.supports is None and not (setup.constraints or setup.contacts)
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -15,12 +15,17 @@ from modalshell.core.typing import Progress
 from modalshell.integrators.state import Damping
 from modalshell.loads import Load
 from modalshell.models import Model
+from modalshell.models.base.bars import check_bar
 from modalshell.motion.fields import checked_fields, with_fields
+from modalshell.motion.motion_check import with_bars
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.trajectory import Trajectory
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact
 
 
 def simulate(
@@ -35,10 +40,12 @@ def simulate(
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
+    contacts: Sequence[Contact] | None = None,
     tolerance: float | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
     fields: Sequence[str] = (),
+    bars: int | None = None,
     on_step: Progress | None = None,
 ) -> Trajectory:
     """Step a model from rest under a dead load.
@@ -68,6 +75,9 @@ def simulate(
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
         Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
+    contacts : sequence of Contact, optional
+        Colliders that vertices stay out of, for models that take contacts. While something touches, rules of order two
+        step by implicit Euler.
     tolerance : float, optional
         Error, as a share of the shell's size, that the steps may make by their length. Each step is then taken in as
         many halves of halves as that needs; frames stay where they are.
@@ -78,6 +88,11 @@ def simulate(
     fields : sequence of str
         Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
         :class:`~modalshell.ShellFields`.
+    bars : int, optional
+        Check every this many stored frames how far the motion is from that of DS: two Newton steps and a stability
+        margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of
+        a model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
+        differences. Lags of phase that add up do not show.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -91,7 +106,9 @@ def simulate(
     Raises
     ------
     OptionError
-        For a duration, step, damping or store_every out of range, or an explicit step above its stability estimate.
+        For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
+        bars under constraints or contacts or of a shell that its supports do not hold, or contacts of a model that
+        takes none, that begin inside the shell, or move too fast for the step.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError
@@ -103,6 +120,9 @@ def simulate(
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
+    if bars is not None:
+        bars = checked_count("bars", bars)
+        check_bar(model.shell, constrained=bool(constraints) or bool(contacts))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),
@@ -111,11 +131,16 @@ def simulate(
         start=start,
         supports=supports,
         constraints=constraints,
+        contacts=contacts,
         tolerance=None if tolerance is None else Tolerance(tolerance, duration),
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)
     positions = _stored_frames(recorder, dtype, on_step)
-    return with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
+    run = with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
+    if bars is None:
+        return run
+    setup = motion.setup
+    return with_bars(run, model, setup.loading, every=bars, damping=setup.damping, supports=supports)
 
 
 def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:

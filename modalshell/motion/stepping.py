@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,9 @@ from modalshell.models import Model
 from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact
 
 STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""
@@ -72,6 +75,7 @@ class Motion:
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
+        contacts: Sequence[Contact] | None = None,
         tolerance: Tolerance | None = None,
     ) -> None:
         if not isinstance(damping, Damping):
@@ -82,7 +86,9 @@ class Motion:
             checked_kind("supports", supports, SupportPath)
         if supports is not None and not shell.unknowns.supported.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
-        self.setup = MotionSetup(dt, damping, loading, supports, checked_constraints(constraints, shell))
+        wanted = checked_constraints(constraints, shell)
+        # Contacts are checked where they are known: what has none does not import them.
+        self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or ())
         self.load = loading.dead
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
@@ -194,7 +200,8 @@ class Motion:
     @property
     def remarks(self) -> list[str]:
         """What the model says of its states, each sentence once, with the time from which it holds."""
-        return [
+        told = [self.stepper.note] if self.stepper.note else []
+        return told + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
             for remark, first in self._remarks.items()
         ]

@@ -19,6 +19,7 @@ from modalshell.core.typing import Array, Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
+from modalshell.motion.bars import Bars
 from modalshell.shell import Shell
 
 WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
@@ -64,6 +65,10 @@ class Trajectory(Drawn):
         Vertex positions at rest [m].
     fields : dict of ndarray
         Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
+    levels : tuple of str
+        The model of each frame, of a model that switches itself; else empty.
+    bars : Bars or None
+        Error bars of some frames, where these were asked for.
     units : UnitSystem
         Units of all numbers but ``seconds``: SI unless the scene names others.
     """
@@ -81,12 +86,24 @@ class Trajectory(Drawn):
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
     fields: dict[str, Array] = field(default_factory=dict)
+    levels: tuple[str, ...] = ()
+    bars: Bars | None = None
     units: UnitSystem = SI
 
     @property
     def status(self) -> str:
         """The outcome as a word or two."""
         return str(self.outcome)
+
+    @property
+    def error(self) -> Array | None:
+        """Estimated distance from DS at the checked frames (B,), those at ``bars.times``; None without bars."""
+        return None if self.bars is None else self.bars.displacement
+
+    @property
+    def margin(self) -> Array | None:
+        """Stability margin at the checked frames (B,); None without bars."""
+        return None if self.bars is None else self.bars.margin
 
     def with_remark(self, remark: str) -> Trajectory:
         """The same trajectory, its message with a further sentence."""
@@ -107,6 +124,7 @@ class Trajectory(Drawn):
             constraint_residuals=answer.constraint_residuals[None],
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
+            bars=None if answer.bar is None else Bars.still(answer.bar),
         )
 
     def save(self, path: str | os.PathLike[str], *, on_frame: Progress | None = None) -> Path:

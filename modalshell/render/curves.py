@@ -26,8 +26,9 @@ _INSIDE = 5
 class Curve:
     """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points.
 
-    A label that begins with an underscore is not in the legend. Values of categories are not ``joined``: they are dots,
-    each next to those of the other curves at its place. With ``low`` and ``high`` every dot has a bar between them.
+    A label that begins with an underscore is not in the legend. Points that are not ``joined`` stand for themselves; of
+    categories, which are panels with ticks of their own, each stands next to those of the other curves at its place.
+    With ``low`` and ``high`` every one has a bar between them.
     """
 
     x: ArrayLike
@@ -157,7 +158,8 @@ def _add_curves(axes: Axes, panel: Panel) -> None:
             style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
             axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=curve.label)
             continue
-        place = np.asarray(curve.x, float) + _SPREAD * (shown - 0.5 * (count - 1)) / count
+        spread = _SPREAD * (shown - 0.5 * (count - 1)) / count if panel.x_ticks is not None else 0.0
+        place = np.asarray(curve.x, float) + spread
         shown += 1
         if curve.low is not None and curve.high is not None:
             axes.vlines(place, np.asarray(curve.low), np.asarray(curve.high), color=curve.color, alpha=0.45, lw=2)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Progress
 from modalshell.export import save_trajectory
@@ -16,6 +18,9 @@ from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.render.stage import LOWEST_VIEW, Stage
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact
 
 
 @final
@@ -52,6 +57,12 @@ class Colouring:
         return low, high
 
 
+_BODY: dict[str, Any] = {"color": "#c9b79c", "smooth": False, "lined": False}
+"""How colliders are painted."""
+_AROUND = 0.1
+"""What planes show beyond the motion, as a share of its size."""
+_INSET = 5e-3
+"""Depth below their surfaces at which they are drawn, as a share of the motion's size: what lies on them shows."""
 _FILM_RATE = 60.0
 """Frames a second of a film, at most."""
 DISPLACEMENT = "displacement"
@@ -97,8 +108,13 @@ class Look:
         return asdict(self) | {"camera": list(self.camera)}
 
 
-def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | None = None) -> Path:
-    """Write a motion in the format of the file's suffix, atomically; return the path."""
+def write_result(
+    run: Trajectory, path: Path, look: Look, on_step: Progress | None = None, contacts: Sequence[Contact] = ()
+) -> Path:
+    """Write a motion in the format of the file's suffix, atomically; return the path.
+
+    Films and pictures show the colliders of ``contacts``, too.
+    """
     shown = Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
     colours: dict[str, Any] = {} if shown is None else {"colormap": shown.colormap}
     if path.suffix == ".png":
@@ -111,7 +127,8 @@ def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | No
         if shown is not None:
             surface = replace(surface, scalars=shown.values[frame], label=shown.label)
             colours["scalar_range"] = shown.spread(frame)
-        return draw_views([View([surface, rest], title=title, camera=look.camera)], path, **colours)
+        bodies = [ShadedSurface(x[0], faces, **_BODY) for x, faces in _bodies(run, contacts, run.times[[frame]])]
+        return draw_views([View([surface, rest, *bodies], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
         rate = look.rate
         if rate is None:
@@ -122,21 +139,50 @@ def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | No
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
-        seen = positions[::every]
         surfaces: list[ShadedSurface] = [surface]
-        motions: list[Any] = [seen]
+        motions: list[Any] = [positions[::every]]
+        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
+            surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
+            motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
+        framed = len(surfaces)
         if look.style == "stage":
-            name = f"{look.model}, " if look.model else ""
-            colours["texts"] = [f"{name}{time:.2f} {run.units.time}" for time in run.times[::every]]
-            if look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
-                stage = Stage(seen, run.faces)
+            colours["texts"] = _texts(run, look.model, run.times[::every])
+            # A scene with colliders has its own ground.
+            if framed == 1 and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(motions[0], run.faces)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
-                if shown is not None:
-                    colours["scalars"] += [None] * len(stage.surfaces)
+        if "scalars" in colours:
+            colours["scalars"] += [None] * (len(surfaces) - 1)
         return write_film(
-            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=1, on_frame=on_step, **colours
+            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=framed, on_frame=on_step, **colours
         )
     return save_trajectory(run, path, on_frame=on_step)
+
+
+def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[tuple[Array, NDArray[np.int64]]]:
+    """Surfaces of the colliders at some times, the rectangles of planes a little larger than the motion."""
+    if not contacts:
+        return []
+    points = np.asarray(run.positions, dtype=np.float64).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max())
+    ends = np.stack([low, high]) + _AROUND * size * np.outer([-1.0, 1.0], np.ones(3))
+    corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+    return [contact.surfaces(corners, times, _INSET * size) for contact in contacts]
+
+
+def _texts(run: Trajectory, model: str, times: Array) -> list[str]:
+    """The corner of each frame of a film: the model, the time, and the last error bar that was found up to then."""
+    name, bars = f"{model}, " if model else "", run.bars
+    texts = []
+    for time in times:
+        text = f"{name}{time:.2f} {run.units.time}"
+        before = 0 if bars is None else int(np.searchsorted(bars.times, time, side="right"))
+        if bars is not None and before:
+            error = f"{100.0 * bars.displacement[before - 1]:.2g} % from DS" if bars.valid[before - 1] else "bar void"
+            text = f"{text}, {error}"
+        texts.append(text)
+    return texts
 
 
 def _turned(run: Trajectory) -> Array:

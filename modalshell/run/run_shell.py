@@ -68,7 +68,8 @@ class SceneResult(RunResult):
         work = f"{len(run.times)} frames in {run.seconds:.3g} s{kept}"
         if self.answer is not None:
             work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
-        return f"{run.outcome.with_message(run.message)}, {work}"
+        bar = "" if run.bars is None else f"; {run.bars}"
+        return f"{run.outcome.with_message(run.message)}, {work}{bar}"
 
 
 @final
@@ -137,19 +138,23 @@ class ShellRun(SceneRun[SceneResult]):
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
-        self._take(replace(run, units=scene.unit_system))
+        self._take(replace(built.with_bars(run), units=scene.unit_system))
         return resumed
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
         for suffix in formats:
-            write_result(self._trajectory, self.path(suffix), self._look, self._on_frame)
+            path, contacts = self.path(suffix), self._scene.build_contacts()
+            write_result(self._trajectory, path, self._look, self._on_frame, contacts)
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
         run = self._trajectory
         units = {"seconds": "s of wall time"} | asdict(run.units)
         ended: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
+        if run.bars is not None:
+            bars = {name: getattr(run.bars, name).tolist() for name in ("times", "displacement", "margin", "valid")}
+            ended["bars"] = bars | {"summary": str(run.bars)}
         return ended | {"units": units, "look": self._look.plain()}
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
@@ -226,6 +231,8 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
             "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start again"
         )
+    if motion.model.level_names:
+        recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
     fault = bytes(last["fault"]).decode()
     recorder.resume(
         np.array(records["time"]),

@@ -1,8 +1,8 @@
 """Scene files: what to simulate, in TOML; unknown keys and invalid values are refused with the key's path.
 
 :mod:`modalshell.scene.tables` lists every table and key with its unit. ``[mesh]``, ``[material]`` and ``[model]`` are
-required; ``[supports]``, ``[loads]``, ``[[constraints]]``, ``[motion]``, ``[path]``, ``[energies]``, ``[units]`` and
-``[output]`` are optional. Without ``[motion]`` a scene asks for the equilibrium.
+required; ``[supports]``, ``[loads]``, ``[[constraints]]``, ``[[contacts]]``, ``[motion]``, ``[path]``, ``[energies]``,
+``[units]`` and ``[output]`` are optional. Without ``[motion]`` a scene asks for the equilibrium.
 """
 
 from modalshell.scene.load import load_scene, parse_scene

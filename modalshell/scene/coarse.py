@@ -15,8 +15,9 @@ from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, Su
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
 from modalshell.scene.parts import Shape, build_material
-from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.scene.sheets import MaterialTable, SheetTable
+from modalshell.scene.tables import MeshFile, PhysicalSheet
+from modalshell.shell import Material, Sheet, Shell
 
 _COARSENINGS = (2.0, 3.0, 4.0)
 """Factors by which the cells of coarser meshes are larger."""
@@ -26,7 +27,7 @@ _FEWEST = (6, 2)
 
 def scene_coarse_mesh(
     table: MeshFile | Shape,
-    material: Stiffnesses | PhysicalSheet,
+    material: MaterialTable,
     shell: Shell,
     cells: tuple[int, int] | None = None,
     triangles: int | None = None,
@@ -50,7 +51,7 @@ def scene_coarse_mesh(
 
 def _generated(
     table: Shape,
-    material: Stiffnesses | PhysicalSheet,
+    material: MaterialTable,
     shell: Shell,
     cells: tuple[int, int] | None,
     triangles: int | None,
@@ -67,14 +68,12 @@ def _generated(
     return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", _own(material, mesh), options or {"cells": cells})
 
 
-def _own(material: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material | Isotropic | None:
+def _own(material: MaterialTable, mesh: TriangleMesh) -> Material | Sheet | None:
     """The material of shell theory on ``mesh``; None where the stiffnesses are those of the shell."""
-    return build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet) else None
+    return build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet | SheetTable) else None
 
 
-def scene_coarse_meshes(
-    table: MeshFile | Shape, material: Stiffnesses | PhysicalSheet, shell: Shell
-) -> list[CoarseMesh]:
+def scene_coarse_meshes(table: MeshFile | Shape, material: MaterialTable, shell: Shell) -> list[CoarseMesh]:
     """Coarse meshes at most half as fine; none for a material that varies, or a file where MeshLab cannot remesh it."""
     if not _uniform(material):
         return []
@@ -93,8 +92,10 @@ def scene_coarse_meshes(
     return meshes
 
 
-def _uniform(material: Stiffnesses | PhysicalSheet) -> bool:
+def _uniform(material: MaterialTable) -> bool:
     """Whether it is of single numbers."""
+    if isinstance(material, SheetTable):
+        return True
     return all(isinstance(value, float | int) for value in material.plain().values())
 
 

@@ -20,10 +20,11 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
 from modalshell.scene.read import checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
 from modalshell.scene.scene import Scene, ShellScene
+from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
-_OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "output", "units")
+_OPTIONAL = ("supports", "energies", "loads", "constraints", "contacts", "motion", "path", "output", "units")
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -57,7 +58,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     """
     load_plugins()
     raw = with_index_files(file, raw)
-    refuse_unknown_keys(file, "", raw, ("name", *_REQUIRED, *_OPTIONAL, *KINDS))
+    refuse_unknown_keys(file, "", raw, ("name", "bar", *_REQUIRED, *_OPTIONAL, *KINDS))
     for name in _REQUIRED:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
@@ -87,33 +88,59 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
         )
     model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
-    physical = isinstance(sheet, dict) and not {"young", "poisson", "thickness"}.isdisjoint(sheet)
     declared: dict[str, Any] = optional | {
         "name": name,
         "file": file,
         "mesh": _mesh_table(file, raw["mesh"]),
-        "material": checked_table(file, "material", sheet, tables.PhysicalSheet if physical else tables.Stiffnesses),
+        "material": checked_table(file, "material", sheet, _material_kind(file, sheet)),
         "model": checked_table(file, "model", raw["model"], model),
     }
     declared["constraints"] = tuple(
         checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
     )
+    if "contacts" in raw:
+        from modalshell.scene.contacts import contact_tables  # not without contacts
+
+        declared["contacts"] = contact_tables(file, raw["contacts"])
     own = next((kind for key, kind in KINDS.items() if key in declared), None)
+    if _wants_bar(file, raw):
+        if own is not None:
+            raise SceneError(f"{file}: bar: only scenes of one shell have error bars; leave it out")
+        declared["bar"] = True
     return ShellScene(**declared) if own is None else own.builder(declared)
+
+
+def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:
+    given = raw.get("bar", False)
+    if not isinstance(given, bool):
+        raise SceneError(f"{file}: bar: must be true or false (got {given!r:.60})")
+    return given
 
 
 def pickled_scene(scene: Scene) -> tuple[Any, ...]:
     """What a scene is pickled as: its tables as plain dicts and lists, whose types are made as the scene is read."""
     raw = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name != "file"}
     plain = {name: msgspec.to_builtins(value) for name, value in raw.items() if value is not None}
-    if "constraints" in plain:
-        plain["constraints"] = list(plain["constraints"])
+    for key in ("constraints", "contacts"):
+        if key in plain:
+            plain[key] = list(plain[key])
+    if not plain.get("contacts"):
+        plain.pop("contacts", None)
     if isinstance(scene.supports, tables.SupportList):
         plain["supports"] = plain["supports"]["entries"]
     return parse_scene, (scene.file, plain)
 
 
 copyreg.pickle(ShellScene, pickled_scene)
+
+
+def _material_kind(file: Path, raw: Any) -> type[tables.Table]:
+    """The kind of table that a material is, by its key ``kind`` or, without it, by its other keys."""
+    if not isinstance(raw, dict):
+        return tables.Stiffnesses
+    if "kind" in raw:
+        return chosen(file, "material", raw, "kind", SHEET_TABLES)
+    return tables.Stiffnesses if {"young", "poisson", "thickness"}.isdisjoint(raw) else tables.PhysicalSheet
 
 
 def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:

@@ -22,6 +22,7 @@ from modalshell.mesh.parts import chosen_part
 from modalshell.mesh.selection import selected
 from modalshell.motion import SupportPath
 from modalshell.scene.index_files import read_numbers
+from modalshell.scene.sheets import MaterialTable, SheetTable
 from modalshell.scene.signatures import Built, signature_table
 from modalshell.scene.tables import (
     Constrained,
@@ -34,7 +35,7 @@ from modalshell.scene.tables import (
     Supports,
     Vector,
 )
-from modalshell.shell import Isotropic, Material
+from modalshell.shell import Isotropic, Material, Sheet
 
 
 class Shape(Built, frozen=True, tag_field="shape"):
@@ -74,10 +75,12 @@ def input_files(scene: Any) -> list[Path]:
     return [scene.file, *(folder / name for name in names if isinstance(name, str))]
 
 
-def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh, folder: Path) -> Material | Isotropic:
+def build_material(table: MaterialTable, mesh: TriangleMesh, folder: Path) -> Material | Sheet:
     """The material on ``mesh``; files are looked for as those of meshes."""
     if isinstance(table, Stiffnesses):
         return Material(**table.plain())
+    if isinstance(table, SheetTable):
+        return table.sheet().on(mesh)
     values = material_values(table, folder)
     if not table.calibrated:
         return Isotropic(**values).on(mesh)

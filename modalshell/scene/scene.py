@@ -27,9 +27,11 @@ from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
+from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, model_basis
-from modalshell.motion import Motion, SupportPath
+from modalshell.motion import Motion, SupportPath, Trajectory
+from modalshell.motion.motion_check import with_bars
 from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
@@ -45,12 +47,16 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
+from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
+
+BARS_EVERY = 15
+"""Frames from one error bar of a scene in motion to the next."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +76,7 @@ class Scene(ABC):
     name: str
     file: Path
     mesh: tables.MeshFile | Shape
-    material: tables.Stiffnesses | tables.PhysicalSheet
+    material: MaterialTable
     model: ModelTable
     supports: tables.Supports | tables.SupportList | None = None
     energies: tables.Table | None = None
@@ -102,12 +108,17 @@ class Scene(ABC):
         arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
         return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
 
+    @property
+    def _of_theory(self) -> bool:
+        """Whether the shell is one of shell theory, with fold shares."""
+        return isinstance(self.material, SheetTable) or not getattr(self.material, "calibrated", True)
+
     def build_mesh(self) -> TriangleMesh:
         """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
             cells: Sequence[int] = getattr(self.mesh, "cells", ())
             if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
-                split = isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated
+                split = self._of_theory
                 demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
             return build_mesh(self.mesh, self.file.parent)
 
@@ -118,11 +129,13 @@ class Scene(ABC):
         """
         mesh = mesh or self.build_mesh()
         remarks = odd_values(self.material, self.units or tables.Units(), mesh.size)
-        if isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated:
+        if self._of_theory:
             remarks += filter(None, [sliver_remark(mesh)])
         for remark in remarks:
             warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
+            if isinstance(self.material, CardTable) and (self.units or tables.Units()) != tables.Units():
+                raise OptionError(f"name {self.material.name!r} is a card in m, kg and s: leave out [units]")
             material = build_material(self.material, mesh, self.file.parent)
         supports, unknowns = self._build_supports(mesh)
         all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
@@ -166,12 +179,18 @@ class ShellScene(Scene):
         See :class:`Scene`.
     constraints : tuple of Constrained
         Prescribed positions and orientations of patches.
+    contacts : tuple of ContactTable
+        Colliders; see :mod:`modalshell.scene.contacts`.
     path : PathTable or None
         How its path of equilibria is followed.
+    bar : bool
+        Whether its equilibrium, or some frames of its motion, get error bars against DS.
     """
 
     constraints: tuple[tables.Constrained, ...] = ()
+    contacts: tuple[Any, ...] = ()
     path: tables.PathTable | None = None
+    bar: bool = False
 
     def require_shell(self) -> ShellScene:
         """The scene itself."""
@@ -179,7 +198,10 @@ class ShellScene(Scene):
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
-        return super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        content = super().content() | {"constraints": [table.plain() for table in self.constraints]}
+        # Results of scenes without contacts keep their digests.
+        content |= {"contacts": [table.plain() for table in self.contacts]} if self.contacts else {}
+        return content | ({"bar": True} if self.bar else {})
 
     def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
@@ -197,7 +219,22 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
-        return BuiltScene(self, shell, model, force, loads, path, constraints)
+        if self.bar:
+            try:
+                check_bar(shell, constrained=bool(constraints) or bool(self.contacts))
+            except OptionError as error:
+                raise SceneError(f"{self.file}: bar: {error}") from error
+        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts())
+
+    def build_contacts(self) -> list[Any]:
+        """The contacts; SceneError where a table is refused."""
+        contacts = []
+        for index, table in enumerate(self.contacts):
+            with located(self.file, f"contacts[{index}]", table):
+                if table.path is not None and self.motion is None:
+                    raise OptionError("path needs a [motion] table: statics knows no time")
+                contacts.append(table.contact())
+        return contacts
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
@@ -291,6 +328,8 @@ class BuiltScene:
         How the supports move.
     constraints : sequence of Constraint
         On patches of vertices.
+    contacts : sequence of Contact
+        Colliders.
     """
 
     scene: ShellScene
@@ -300,6 +339,7 @@ class BuiltScene:
     loads: Sequence[Load]
     path: SupportPath | None
     constraints: Sequence[Constraint]
+    contacts: Sequence[Any] = ()
 
     @property
     def gravity(self) -> tables.Vector | None:
@@ -319,8 +359,17 @@ class BuiltScene:
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
+                contacts=self.contacts,
                 tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
             )
+
+    def with_bars(self, run: Trajectory) -> Trajectory:
+        """A motion of the scene with error bars, where the scene asks for them."""
+        if not self.scene.bar or self.scene.motion is None:
+            return run
+        damping = build_damping(self.scene.motion)
+        options: dict[str, Any] = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
+        return with_bars(run, self.model, self.loading(), **options)
 
     def loading(self) -> Loading:
         """All loads together."""
@@ -329,5 +378,8 @@ class BuiltScene:
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
+        if self.scene.bar:
+            options["bar"] = True
+        options |= {"contacts": self.contacts} if self.contacts else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

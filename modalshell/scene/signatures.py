@@ -9,6 +9,7 @@ from types import UnionType
 from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
+from numpy.typing import ArrayLike
 
 from modalshell.core.errors import OptionError
 from modalshell.loads import LOADS, Load, Scaled
@@ -51,6 +52,8 @@ def signature_table(
 
 def _of_scenes(hint: Any) -> Any:
     """The type of a scene's key: selections as text or indices, without callables."""
+    if hint == ArrayLike:
+        return list[list[float]]
     if hint in (Selection, Selection | None):
         return tables.Selection if hint == Selection else tables.Selection | None
     if get_origin(hint) in (Union, UnionType):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from modalshell.core.units import LENGTHS, MASSES, TIMES
-from modalshell.scene.tables import PhysicalSheet, Stiffnesses, Units
+from modalshell.scene.sheets import MaterialTable
+from modalshell.scene.tables import PhysicalSheet, Units
 
 _THICKEST = 0.2
 """Thickness, as a share of the size, above which a body is no sheet."""
@@ -13,9 +14,9 @@ _STIFFEST = 2e12
 """Young's modulus [Pa] above diamond's."""
 
 
-def odd_values(material: Stiffnesses | PhysicalSheet, units: Units, size: float) -> list[str]:
+def odd_values(material: MaterialTable, units: Units, size: float) -> list[str]:
     """Message about implausible values of a material on a mesh of ``size``; values from files are not checked."""
-    if isinstance(material, Stiffnesses):
+    if not isinstance(material, PhysicalSheet):
         return []
     length, mass, time = LENGTHS[units.length], MASSES[units.mass], TIMES[units.time]
     remarks = []

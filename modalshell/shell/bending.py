@@ -56,7 +56,7 @@ class BendingConstants:
 
 def hinge_weights(mesh: TriangleMesh) -> Array:
     """``l0 / h0`` of every hinge (H,), with h0 a third of the mean of the two heights over the edge."""
-    areas = mesh.face_areas[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
+    areas = mesh.face_areas[mesh.hinge_faces].sum(axis=1)
     return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
 
 
@@ -66,7 +66,7 @@ def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray
     Such a hinge stands for the free half of its cell only.
     """
     held: NDArray[np.bool_] = np.asarray(clamped[mesh.faces].all(axis=1))
-    faces = mesh.edge_faces[mesh.hinge_edges]
+    faces = mesh.hinge_faces
     return np.not_equal(held[faces[:, 0]], held[faces[:, 1]])
 
 
@@ -96,8 +96,19 @@ def hinge_rows(mesh: TriangleMesh) -> tuple[Array, Array, Array]:
     length = mesh.edge_lengths[mesh.hinge_edges]
     along = length**2 * (foot_1 * (foot_1 - 1.0) / height_1 + foot_2 * (foot_2 - 1.0) / height_2)
     rows = -0.5 * np.stack([along, height_1 + height_2, 2.0 * length * (foot_1 - foot_2)], axis=1)
-    normals = mesh.face_normals[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
+    normals = _normals_along(mesh).sum(axis=1)
     return rows, tangents, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def _normals_along(mesh: TriangleMesh) -> Array:
+    """Normals (H, 2, 3) of the faces of each hinge, turned where a face of a joint runs the other way."""
+    normals = mesh.face_normals[mesh.hinge_faces]
+    if mesh.joints.edges.size:
+        odd = np.isin(mesh.hinge_edges, mesh.joints.edges)
+        x0, x1, x2, _ = np.moveaxis(mesh.vertices[mesh.hinges[odd]], 1, 0)
+        along = np.sum(np.cross(x1 - x0, x2 - x0) * normals[odd, 0], axis=1)
+        normals[odd, 0] *= np.sign(along)[:, None]
+    return normals
 
 
 def hinge_operator(mesh: TriangleMesh) -> sps.csr_array:
@@ -167,7 +178,7 @@ def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
     depth = _rings(graph, mesh.boundary_vertices)
     deepest = np.flatnonzero(depth >= min(_RINGS, depth.max()))
     centres = deepest[np.linspace(0, deepest.size - 1, min(_PATCHES, deepest.size)).round().astype(int)]
-    hinge_faces = mesh.edge_faces[mesh.hinge_edges]
+    hinge_faces = mesh.hinge_faces
     total, area = np.zeros((3, 3)), 0.0
     for centre in np.unique(centres):
         ring = _rings(graph, np.array([centre]))

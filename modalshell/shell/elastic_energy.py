@@ -96,6 +96,10 @@ class ElasticEnergy(ABC):
         """The same energy of positions from which ``origin`` (3,) [m] has been taken."""
         return self
 
+    def resting(self, shape: Any) -> ElasticEnergy:  # noqa: ARG002 (of those of sheets)
+        """The same energy, least at a RestShape in place of the mesh's own."""
+        return self
+
     def posed(self, place: Callable[[Array], Array]) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy where the supports have moved: ``place`` maps positions of the shape at rest."""
         return self

@@ -131,6 +131,11 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
             f"a plane of symmetry needs one flexure for all hinges, as those across it are not in the mesh (got "
             f"{np.size(material.flexure)} values)"
         )
+    if np.isin(slopes.mirrored, mesh.joints.edges).any():
+        raise SupportError(
+            "hinges of ms.Material know no junction in a plane of symmetry: take ms.Isotropic, or a mesh of the whole "
+            "surface"
+        )
     sets = []
     for reflection in np.unique(slopes.reflections(), axis=0):
         edges = slopes.mirrored[(slopes.reflections() == reflection).all(axis=(1, 2))]

@@ -14,15 +14,18 @@ from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.elements import ElementSum, Energy, element_sets
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
+
+ANY_SIGN = ("poisson", "direction")
+"""Constants that need not be above zero."""
 
 
 def energy_of(
     mesh: TriangleMesh,
-    material: Material | Isotropic,
+    material: Material | Sheet,
     slopes: HeldSlopes,
     energies: Sequence[Energy],
     held: NDArray[np.bool_],
@@ -32,21 +35,28 @@ def energy_of(
         checked_kind("each of energies", energy, Energy).elements(mesh)  # type: ignore[type-abstract]
         for energy in energies
     ]
-    if isinstance(material, Isotropic):
+    if isinstance(material, Sheet):
         return SplitFoldEnergy(mesh, material, slopes, further, held)
     return ElementSum([*element_sets(mesh, material, held, slopes), *further], len(mesh.vertices))
 
 
-def material_constants(material: Material | Isotropic) -> dict[str, float]:
+def material_constants(material: Material | Sheet) -> dict[str, float]:
     """The constants of a material that are one number, by name."""
+    if isinstance(material, Sheet):
+        return material.constants
     values = {field.name: getattr(material, field.name) for field in fields(material)}
     return {name: float(value) for name, value in values.items() if isinstance(value, float)}
+
+
+def with_constants(material: Material | Sheet, values: dict[str, float]) -> Material | Sheet:
+    """The material with other values of some constants, by name."""
+    return material.with_constants(values) if isinstance(material, Sheet) else replace(material, **values)  # type: ignore[arg-type]
 
 
 def gradient_by_constant(
     energy: ElasticEnergy,
     mesh: TriangleMesh,
-    material: Material | Isotropic,
+    material: Material | Sheet,
     slopes: HeldSlopes,
     held: NDArray[np.bool_],
     name: str,
@@ -71,5 +81,6 @@ def gradient_by_constant(
         return np.zeros_like(x)
     # Linear in each stiffness, and far cheaper to make than one Hessian.
     only: dict[str, float] = {"stretch": 0.0, "shear": 0.0, "flexure": 0.0, name: 1.0}
+    assert isinstance(material, Material)
     unit = energy_of(mesh, replace(material, **only), slopes, (), held)  # type: ignore[arg-type]
     return unit.energy_gradient(x)[1] if step is None else -unit.damping_force(x, step, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.smoothed_membrane import strain_of_lengths
 from modalshell.shell.triangle_pairs import moment_tensors
 
@@ -32,6 +33,8 @@ TENSORS: Final = ("membrane_strain", "membrane_force", "curvature", "moment")
 """Fields that are tensors."""
 BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
 """A sheet of bending stiffness 1 N m, from whose moments the curvatures of other materials follow."""
+_HALF_SHEAR = np.array([1.0, 1.0, 0.5])
+"""Tensor components over those that elasticity takes, (11, 22, 2 12)."""
 
 
 @final
@@ -71,17 +74,31 @@ class ShellFields:
 
     @classmethod
     def of(
-        cls, mesh: TriangleMesh, material: Material | Isotropic, x: Array, fold_moments: Array, energy_density: Array
+        cls,
+        mesh: TriangleMesh,
+        material: Material | Sheet,
+        x: Array,
+        fold_moments: Array,
+        energy_density: Array,
+        rest: Any = None,
     ) -> ShellFields:
-        """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density."""
+        """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density.
+
+        With a RestShape strains are those from it; so are the moments.
+        """
         moment = moment_of_folds(mesh, fold_moments)
-        sheet = material if isinstance(material, Isotropic) else BARE_SHEET
-        membrane, rigidity, poisson = sheet.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
-        strain, axes = membrane_strain(mesh, x), triangle_axes(mesh, x)
-        if not isinstance(material, Isotropic):
+        sheet = material if isinstance(material, Sheet) else BARE_SHEET
+        strain = membrane_strain(mesh, x, None if rest is None else rest.squares)
+        axes = triangle_axes(mesh, x)
+        if (directed := sheet.directed(mesh)) is None:
+            membrane, rigidity, poisson = sheet.elasticity(mesh)
+            curvature, force = curvature_of_moment(rigidity, poisson, moment), resultants(membrane, poisson, strain)
+        else:
+            in_plane, bending = (elasticity.in_triangles(mesh) for elasticity in directed)
+            curvature = np.linalg.solve(bending, moment[:, :, None])[:, :, 0] * _HALF_SHEAR
+            force = np.einsum("tij,tj->ti", in_plane, strain / _HALF_SHEAR)
+        if not isinstance(material, Sheet):
             return cls(strain, curvature, energy_density, axes)
-        force = resultants(membrane, poisson, strain)
         return cls(strain, curvature, energy_density, axes, force, moment, von_mises(mesh, material, force, moment))
 
     @property
@@ -98,7 +115,7 @@ class ShellFields:
         found: Array | None = getattr(self, name)
         if found is None:
             raise OptionError(
-                f"{name} needs a sheet with a thickness (got a Material, which has stiffnesses alone): take "
+                f"{name} needs a sheet with a thickness (got a material of stiffnesses alone): take "
                 "ms.Isotropic, or membrane_strain, curvature or energy_density"
             )
         return found
@@ -150,11 +167,16 @@ def triangle_axes(mesh: TriangleMesh, x: Array) -> Array:
     return np.stack([along, across / np.linalg.norm(across, axis=1)[:, None]], axis=1)
 
 
-def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:
-    """Green strain (T, 3) of every triangle from the rest shape of ``mesh`` to positions ``x`` (n, 3)."""
+def membrane_strain(mesh: TriangleMesh, x: Array, squares: Array | None = None) -> Array:
+    """Green strain (T, 3) of every triangle from the rest shape of ``mesh`` to positions ``x`` (n, 3).
+
+    ``squares`` (E,) is the change of half the squared lengths [m^2] that the edges have without stress.
+    """
     corners, rest = x[mesh.faces], mesh.vertices[mesh.faces]
     moved, before = (points[:, [1, 2, 2]] - points[:, [0, 0, 1]] for points in (corners, rest))
     stretches = 0.5 * (np.sum(moved**2, axis=2) - np.sum(before**2, axis=2))
+    if squares is not None:
+        stretches = stretches - squares[mesh.face_edges[:, [0, 2, 1]]]
     strain = np.einsum("tij,tj->ti", strain_of_lengths(mesh, mesh.faces), stretches)
     strain[:, 2] *= 0.5
     return np.asarray(strain)
@@ -183,11 +205,12 @@ def curvature_of_moment(rigidity: Array, poisson: Array, moment: Array) -> Array
     return np.asarray(out / (rigidity * (1.0 - poisson**2))[:, None])
 
 
-def von_mises(mesh: TriangleMesh, material: Isotropic, force: Array, moment: Array) -> Array:
-    """Von Mises stress (T, 2) [Pa] at both faces, ``N / h + 6 M / h^2`` and ``N / h - 6 M / h^2``."""
-    thickness = material.thicknesses(mesh)[:, None]
+def von_mises(mesh: TriangleMesh, material: Sheet, force: Array, moment: Array) -> Array | None:
+    """Von Mises stress (T, 2) [Pa] at both faces; None of a sheet without a thickness."""
+    stresses = material.face_stresses(mesh, force, moment)
+    if stresses is None:
+        return None
     faces = []
-    for side in (1.0, -1.0):
-        first, second, shear = (force / thickness + side * 6.0 * moment / thickness**2).T
+    for first, second, shear in (stress.T for stress in stresses):
         faces.append(np.sqrt(first**2 - first * second + second**2 + 3.0 * shear**2))
     return np.stack(faces, axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -34,6 +34,20 @@ def _factorised(stiffness: sps.csc_matrix) -> tuple[Any, ...]:
     lower = sps.csc_array(sps.tril(factor.L, -1))
     lower.sort_indices()
     return lower.indptr, lower.indices, lower.data, factor.U.diagonal(), np.argsort(factor.perm_c).astype(np.int32)
+
+
+@final
+class Measures(NamedTuple):
+    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
+
+    points: Array
+    folds: Array
+    slopes: Array
+    stretches: Array
+
+    def energy(self, couples: Array, tensions: Array) -> float:
+        """Half the work of couples (H,) and tensions (E,) on them."""
+        return 0.5 * float(self.folds @ couples + self.stretches @ tensions)
 
 
 @final

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -11,12 +10,9 @@ import numpy as np
 from modalshell.core.checks import LARGEST, as_array, shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-
-Field = float | Array | Callable[[Array], Array]
-"""One number, one per triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""
+from modalshell.shell.sheet import Field, Sheet
 
 _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
@@ -24,7 +20,7 @@ _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 @final
 @short_repr
 @dataclass(frozen=True)
-class Isotropic(ReadOnlyArrays):
+class Isotropic(Sheet, kind="isotropic"):
     """Isotropic elastic sheet of the split-fold energy, a Kirchhoff shell; no calibration to the mesh.
 
     Each may be one number, one value per triangle, or a function of the triangles' centroids (T, 3) [m].

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_vectors, shown
 from modalshell.core.errors import OptionError, SupportError
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
@@ -20,11 +20,12 @@ from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
-from modalshell.shell.energies_of import energy_of, gradient_by_constant
-from modalshell.shell.extended import Extended
+from modalshell.shell.energies_of import energy_of
+from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.rest_shape import Temperature, Tensor, rest_shape
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.vertex_masses import masses_of
@@ -34,15 +35,18 @@ from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 
 
-class Shell(ReadOnlyArrays):
+class Shell(EnergyAccess):
     """A thin shell on a triangle mesh: a discrete shell [choi2007, section 3; grinspun2003], or one of shell theory.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        The rest shape; its fold angles, areas and lengths are the rest values of the energies.
-    material : Material or Isotropic
-        Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
+        The rest shape; its fold angles, areas and lengths are the rest values of the energies. Where three triangles
+        or more meet at an edge an :class:`Isotropic` shell has a rigid joint that is free to turn; a
+        :class:`Material`'s has a hinge between the first of them and each of the others, so that a couple goes from
+        one to the next through that first one alone.
+    material : Material, Isotropic, Orthotropic
+        Stiffnesses of the discrete-shell energies; or a sheet, whose energy is that of split folds.
     clamped : str, array_like of bool, shape (n,), or of int, optional
         Vertices that are held, short for one :class:`Clamp`. To clamp an edge of a :class:`Material`'s shell hold two
         rows of vertices: with one row the triangles next to it can hinge freely about the clamped edge; the span then
@@ -54,6 +58,14 @@ class Shell(ReadOnlyArrays):
         Energies in addition to those of the material.
     loose_parts : bool
         Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
+
+    prestrain, rest_curvature : float, array_like of shape (T,), (3, 3) or (T, 3, 3), or callable, optional
+        Green strain, and curvature [1/m], at which a sheet has no stress: a number for all directions, or a tensor in
+        space, of which each triangle takes the part in its plane; or a function of the centroids (T, 3) that gives
+        them. Curvature is positive where the normals spread. The mesh itself is then under stress, and is no
+        equilibrium: modes are those about a state.
+    temperature : Temperature, optional
+        A change of temperature, which strains the sheet and, where it changes through the thickness, bends it.
 
     Attributes
     ----------
@@ -74,7 +86,7 @@ class Shell(ReadOnlyArrays):
     Raises
     ------
     MaterialError
-        If the material's arrays do not fit the mesh.
+        If the material's arrays, or those of a rest shape, do not fit the mesh.
     SupportError
         If ``clamped`` has the wrong shape, selects no such vertex, or holds every vertex; or for ``supports`` that do
         not fit the mesh or one another.
@@ -85,21 +97,24 @@ class Shell(ReadOnlyArrays):
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: Material | Isotropic,
+        material: Material | Sheet,
         clamped: ArrayLike | str | None = None,
         supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
         loose_parts: bool = False,
+        prestrain: Tensor | None = None,
+        rest_curvature: Tensor | None = None,
+        temperature: Temperature | None = None,
     ) -> None:
         self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
-        if not isinstance(material, Material | Isotropic):
-            raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
+        if not isinstance(material, Material | Sheet):
+            raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(material)})")
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
-        demand_shell(count, split=isinstance(material, Isotropic))
+        demand_shell(count, split=isinstance(material, Sheet))
         clamp = held_vertices(clamped, count, mesh)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
@@ -109,6 +124,10 @@ class Shell(ReadOnlyArrays):
             warn_of_two_way_bending(mesh, unknowns.supported)
         self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
+        self._rest = {"prestrain": prestrain, "rest_curvature": rest_curvature, "temperature": temperature}
+        self.rest_shape = rest_shape(mesh, material, prestrain, rest_curvature, temperature)
+        if self.rest_shape is not None:
+            self._energy = self._energy.resting(self.rest_shape)
         self._support(unknowns)
 
     def _support(self, unknowns: Unknowns) -> None:
@@ -163,9 +182,10 @@ class Shell(ReadOnlyArrays):
         other._support(self.unknowns)
         return other
 
-    def with_material(self, material: Material | Isotropic) -> Shell:
+    def with_material(self, material: Material | Sheet) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        return Shell(self.mesh, material, None, self.supports, energies=self.energies, loose_parts=self.loose_parts)
+        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest}
+        return Shell(self.mesh, material, None, self.supports, **own)  # type: ignore[arg-type]
 
     @property
     def size(self) -> float:
@@ -254,7 +274,7 @@ class Shell(ReadOnlyArrays):
                 self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
-        return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
+        return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density, self.rest_shape)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -333,64 +353,3 @@ class Shell(ReadOnlyArrays):
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
-
-    # Below: for solvers, on arrays that they own; no checks.
-
-    @property
-    def elastic_energy(self) -> ElasticEnergy:
-        """The elastic energy itself."""
-        return self._energy
-
-    def raw_energy(self, x: Array) -> float:
-        """Energy [J] without input checks; not finite at collapsed elements."""
-        return self._energy.energy(x)
-
-    def energy_gradient(self, x: Array) -> tuple[float, Array]:
-        """Energy [J] and gradient (n, 3) [N] in one pass."""
-        return self._energy.energy_gradient(x)
-
-    def extended_gradient(self, displacement: Extended) -> Extended:
-        """Gradient (n, 3) [N] in extended precision, at displacements (n, 3) [m] from the rest shape."""
-        return self._energy.extended_gradient(self.rest_positions, displacement)
-
-    def energy_gradient_hessian(
-        self, x: Array, geometric: int, stresses: list[Array] | None = None
-    ) -> tuple[float, Array, Array]:
-        """Energy, gradient (n, 3) and Hessian values for :attr:`pattern`, in one pass.
-
-        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
-        """
-        return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
-
-    def rates_by_constant(self, name: str, x: Array, step: Array | None = None) -> Array:
-        """Derivative (n, 3) of the gradient at ``x``, or of the first part of the Hessian times ``step``."""
-        of = self._energy, self.mesh, self.material, self._slopes, self.clamped
-        return gradient_by_constant(*of, name, x, step)
-
-    def held_slopes(self) -> Index:
-        """Vertices (k, 2) of the edges about which the surface cannot turn; none of a discrete shell."""
-        return self._energy.held_slopes()
-
-    def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
-        """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
-        return self._energy.linear_stresses(x, step)
-
-    def linear_energy(self, x: Array, step: Array) -> float:
-        """Half of ``step . K_1(x) step`` [J], K_1 the positive semi-definite first term of the Hessian."""
-        return self._energy.linear_energy(x, step)
-
-    @property
-    def has_dashpots(self) -> bool:
-        """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
-        return self._energy.has_dashpots
-
-    def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
-        """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
-
-        K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
-        """
-        return self._energy.damping_force(x, velocity, factor)
-
-    def damping_matrix(self, x: Array, factor: float) -> Array:
-        """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
-        return self._energy.damping_matrix(self._slots, self.pattern, x, factor)

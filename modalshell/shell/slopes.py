@@ -24,7 +24,7 @@ class HeldSlopes:
     clamped : ndarray of bool, shape (n,)
         Vertices of clamps: edges between two of them are clamped.
     mirrored : ndarray of int64, shape (s,)
-        Boundary edges in planes of symmetry.
+        Boundary edges and junctions in planes of symmetry.
     normals : ndarray, shape (s, 3)
         Unit normals of their planes.
     """
@@ -56,8 +56,12 @@ def held_slopes(supports: Sequence[Support], mesh: TriangleMesh) -> HeldSlopes:
         inside = support.vertices(mesh)
         # A triangle in the plane itself is its own mirror image, and folds about none of its edges.
         faces = mesh.edge_faces[:, 0]
-        rim = (mesh.edge_faces[:, 1] < 0) & inside[mesh.edges].all(axis=1) & ~inside[mesh.faces[faces]].all(axis=1)
-        plane[rim] = normal
+        outside: NDArray[np.bool_] = np.asarray(~inside[mesh.faces].all(axis=1))
+        rim = (mesh.edge_faces[:, 1] < 0) & outside[faces]
+        joints, starts, wings = mesh.joints
+        if joints.size:
+            rim[joints] = np.logical_or.reduceat(outside[wings // 3], starts[:-1])
+        plane[rim & inside[mesh.edges].all(axis=1)] = normal
     plane[clamped[mesh.edges].all(axis=1)] = 0.0
     mirrored = np.flatnonzero(plane.any(axis=1))
     return HeldSlopes(clamped, mirrored, plane[mirrored])

@@ -8,9 +8,9 @@ quarter of the largest part. Across a smooth edge the strains of both triangles 
           \bar E = \frac{A_{T,e} E_T + A_{T',e} E_{T'}}{A_{T,e} + A_{T',e}},
 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
-edges each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C : E_T / 2`; at smooth edges in a plane of
-symmetry less the shear, which its mirror image has with the other sign. The energy is :math:`s^T Q s / 2` with one
-constant matrix Q (theory 6, eq. 2 to 6).
+edges, and at junctions, each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C : E_T / 2`; at smooth edges in
+a plane of symmetry less the shear, which its mirror image has with the other sign. The energy is :math:`s^T Q s / 2`
+with one constant matrix Q (theory 6, eq. 2 to 6).
 
 Thirds of the area, as in edge-based smoothed finite elements [liu2009], leave sheets of right triangles too stiff in
 their own plane: a strip of length five widths and four union-jack cells across bends in it 6.8 % too little, 0.8 % with
@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import quadratic_forms
 
 SHARP = np.radians(20.0)
@@ -117,6 +118,10 @@ class Strained(NamedTuple):
     areas: Array
     faces: Index
 
+    def in_tables(self) -> Strained:
+        """The elements with their places in a list of :func:`turned_elasticity` for faces."""
+        return self._replace(faces=np.arange(self.faces.size).reshape(self.faces.shape))
+
     def elastic(self, elastic: Array) -> Array:
         """C (elements, 3, 3) [N m] of the elasticity (T, 3, 3) [N/m] of every triangle."""
         return np.asarray(np.sum(self.areas[:, :, None, None] * elastic[self.faces], axis=1))
@@ -152,6 +157,7 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
         return areas
 
     smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
+    smooth[np.isin(mesh.hinge_edges, mesh.joints.edges)] = False
     hinges, edges = mesh.hinges[smooth], mesh.hinge_edges[smooth]
     both = mesh.edge_faces[edges]
     areas = taken(both, mesh.edge_corners[edges])
@@ -182,13 +188,42 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     return found
 
 
-def membrane_elements(strained: list[Strained], elastic: Array) -> list[MembraneElements]:
+def membrane_of(
+    mesh: TriangleMesh, strained: list[Strained], stiffness: Array, poisson: Array, directed: Elasticity | None
+) -> list[MembraneElements]:
+    """Elements of an isotropic sheet of ``E h / (1 - nu^2)`` and Poisson's ratio (T,), or of a ``directed`` one."""
+    if directed is None:
+        return membrane_elements(strained, plane_stress(stiffness, poisson))
+    return membrane_elements(strained, turned_elasticity(mesh, strained, directed))
+
+
+def turned_elasticity(mesh: TriangleMesh, strained: list[Strained], elasticity: Elasticity) -> list[Any]:
+    """Elasticity (elements * triangles, 3, 3) in the axes in which each of the elements has its strains."""
+    found = []
+    for e in strained:
+        x0, x1 = mesh.vertices[e.stencils[:, 0]], mesh.vertices[e.stencils[:, 1]]
+        along = (x1 - x0) / np.linalg.norm(x1 - x0, axis=1)[:, None]
+        sides = []
+        for side in range(e.faces.shape[1]):
+            arm = (1.0 - 2.0 * side) * (mesh.vertices[e.stencils[:, 2 + side]] - x0)
+            across = arm - np.sum(arm * along, axis=1)[:, None] * along
+            across = across / np.linalg.norm(across, axis=1)[:, None]
+            sides.append(elasticity.in_axes(mesh, e.faces[:, side], along, across))
+        found.append(np.stack(sides, axis=1).reshape(-1, 3, 3))
+    return found
+
+
+def membrane_elements(strained: list[Strained], elastic: Array | list[Any]) -> list[MembraneElements]:
     """The :func:`strained_elements` with their matrices: pairs, and all single triangles together.
 
-    ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m]; means over the areas count across smooth edges.
+    ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m], or a list of those of every kind's elements from
+    :func:`turned_elasticity`; means over the areas count across smooth edges.
     """
+    tables = elastic if isinstance(elastic, list) else [elastic] * len(strained)
+    own = [e.in_tables() if isinstance(elastic, list) else e for e in strained]
     pairs, *singles = (
-        MembraneElements(e.stencils, e.pairs, e.edges, _matrices(e, elastic), e.faces, e.areas) for e in strained
+        MembraneElements(e.stencils, e.pairs, e.edges, _matrices(used, table), e.faces, e.areas)
+        for e, used, table in zip(strained, own, tables, strict=True)
     )
     names = ("stencils", "edges", "matrices", "faces", "areas")
     if len(singles) > 1:

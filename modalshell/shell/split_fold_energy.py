@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, cast, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -16,16 +16,18 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
-from modalshell.shell.constant_slopes import SlopesByPoisson, rates_by_constant
+from modalshell.shell.constant_forms import ConstantForms
+from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
-from modalshell.shell.fold_shares import FoldShares
-from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
+from modalshell.shell.rest_shape import RestShape
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
@@ -33,24 +35,14 @@ from modalshell.supports import Unknowns
 
 
 @final
-class _State(NamedTuple):
-    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
-
-    points: Array
-    folds: Array
-    slopes: Array
-    stretches: Array
-
-
-@final
 class SplitFoldEnergy(ElasticEnergy):
-    """Bending by split folds and smoothed membrane of an isotropic sheet; see theory 4, eq. 11, and theory 6, eq. 6.
+    """Bending by split folds and smoothed membrane of a sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Rest shape.
-    material : Isotropic
+    material : Sheet
         The sheet.
     slopes : HeldSlopes
         Clamped edges, and edges in planes of symmetry.
@@ -66,7 +58,7 @@ class SplitFoldEnergy(ElasticEnergy):
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: Isotropic,
+        material: Sheet,
         slopes: HeldSlopes,
         further: list[ElementSet],
         held: NDArray[np.bool_],
@@ -75,12 +67,14 @@ class SplitFoldEnergy(ElasticEnergy):
     ) -> None:
         self._parts = mesh, material, slopes, further
         self._held_vertices = held
-        self._origin = np.zeros(3)
+        self._origin, self._rest_shape = np.zeros(3), cast("RestShape | None", None)
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         scale = float(stiffness.mean())
-        folds = self._folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved)
+        in_plane, bending = material.directed(mesh) or (None, None)
+        folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved, bending=bending)
+        self._folds = folds
         self._shares = FoldShares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
@@ -93,27 +87,34 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
+        mirrored = mirrored[~np.isin(mirrored, mesh.joints.edges)]
         self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
-        self._by_poisson: SlopesByPoisson | None = None
-        self._membrane = membrane.membrane_elements(self._strained(), membrane.plane_stress(stiffness, poisson))
+        self._membrane = membrane.membrane_of(mesh, self._strained(), stiffness, poisson, in_plane)
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
+        self._constants = ConstantSlopes(mesh, material, folds, self._strained, self._tension)
+
+    def constant_forms(self) -> ConstantForms:
+        """What the energy is made of."""
+        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        points = self._points(np.array(self._parts[0].vertices) - self._origin)
+        return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
 
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
-    def _measured(self, x: Array) -> _State:
+    def _measured(self, x: Array) -> Measures:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
         self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
-        return _State(points, angles, slopes, stretches)
+        return Measures(points, angles, slopes, stretches)
 
-    def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _gradient(self, state: Measures, couples: Array, tensions: Array) -> Array:
         return self._point_gradient(state, couples, tensions)[: self._vertex_count]
 
-    def _point_gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+    def _point_gradient(self, state: Measures, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
@@ -121,21 +122,14 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def gradient_by_constant(self, name: str, x: Array, step: Array | None) -> Array:
         """Derivative (n, 3) of the sheet's gradient by a constant, or of the Hessian's first part times a step."""
-        state, sheet = self._measured(x), self._parts[:2]
+        state = self._measured(x)
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
-        if name == "poisson":
-            if self._by_poisson is None:
-                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._strained())
-            couples, tensions = self._by_poisson.couples(self._shares, folds), self._by_poisson.tensions(stretches)
-        else:
-            bending, stretching = rates_by_constant(sheet[1], name)
-            couples, tensions = bending * self._shares.couples(folds), stretching * (self._tension @ stretches)
-        return self._gradient(state, couples, tensions)
+        return self._gradient(state, *self._constants.stresses(name, self._shares, folds, stretches))
 
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
         couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
-        return self._folds.of_hinges(self._parts[0], -couples)
+        return self._folds.of_hinges(-couples)
 
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
@@ -146,7 +140,7 @@ class SplitFoldEnergy(ElasticEnergy):
             np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
         return gradient[:count] + self._further.energy_gradient(x)[1]
 
-    def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
+    def _rates(self, state: Measures, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
         moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
         folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
@@ -191,7 +185,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def halved(self) -> SplitFoldEnergy:
         """The same energy, each fold halved between its pairs: shares are small, but more positions coupled."""
-        return SplitFoldEnergy(*self._parts, self._held_vertices, halved=True).shifted(self._origin)
+        return self._again(self._held_vertices, halved=True)
 
     def least_shares(self, x: Array) -> Array:
         """Fold shares (m,) at the minimum."""
@@ -201,7 +195,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Their rates (m, r) along ``steps`` (n, 3, r)."""
         return -self._shares.solve(self._shares.coupling @ self._all_rates(self._measured(x), steps)[0])
 
-    def _all_rates(self, state: _State, steps: Array) -> tuple[Array, Array]:
+    def _all_rates(self, state: Measures, steps: Array) -> tuple[Array, Array]:
         rates = [self._rates(state, step) for step in np.moveaxis(steps, 2, 0)]
         return np.stack([folds for folds, _ in rates], axis=1), np.stack([squares for _, squares in rates], axis=1)
 
@@ -275,19 +269,15 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         state = self._measured(x)
-        own = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        own = state.energy(self._shares.couples(state.folds), self._tension @ state.stretches)
         return own + self._further.energy(x)
-
-    @staticmethod
-    def _value(state: _State, couples: Array, tensions: Array) -> float:
-        return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
         further, gradient = self._further.energy_gradient(x)
-        return self._value(state, couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
+        return state.energy(couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
@@ -295,7 +285,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Energy, gradient and Hessian values."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+        total, gradient = state.energy(couples, tensions), self._gradient(state, couples, tensions)
         data = self._material_part(slots, pattern, state)
         others = self._further.elements
         if others:
@@ -315,7 +305,7 @@ class SplitFoldEnergy(ElasticEnergy):
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
-    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: _State) -> Array:
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: Measures) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
@@ -368,7 +358,19 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
         """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""
-        return SplitFoldEnergy(*self._parts, held).shifted(self._origin)
+        return self._again(held)
+
+    def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
+        again = SplitFoldEnergy(*self._parts, held, halved=halved)
+        return (again if self._rest_shape is None else again.resting(self._rest_shape)).shifted(self._origin)
+
+    def resting(self, shape: RestShape) -> SplitFoldEnergy:
+        """The same energy, least at a rest shape in place of the mesh's own."""
+        other = copy.copy(self)
+        other._rest_shape = shape
+        other._rest_angles = self._rest_angles + shape.offsets(self._parts[0], self._folds)
+        other._rest_squares = self._rest_squares + shape.squares
+        return other
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -36,10 +36,12 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import colour_triangles
 from modalshell.shell.pattern import incidence
 from modalshell.shell.slopes import HeldSlopes
-from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
+from modalshell.shell.triangle_pairs import ALIKE, fold_moments, paired_triangles
+from modalshell.shell.wings import Wings, wings_of
 
 _ALONG = np.array([[1, 2, 0, 3], [2, 0, 1, 4], [0, 1, 2, 5], [1, 3, 2, 6], [3, 2, 1, 7]])
 """Vertices of the hinge at each edge among a pair's eight, where the pair's own triangle is left of the edge."""
@@ -89,6 +91,8 @@ class SplitFolds:
         Stiffness by gamma, free edges condensed [N m].
     share_count : int
         Number of fold shares.
+    sources : csr_array, shape (H of the mesh, H)
+        Angles of the mesh's hinges that make those of these hinges; none for ghosts.
     """
 
     ghosts: Array
@@ -103,6 +107,7 @@ class SplitFolds:
     share_index: Index
     moments: Array
     share_count: int
+    sources: sps.csr_array
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""
@@ -129,14 +134,9 @@ class SplitFolds:
         """Gamma (B, 5) of fold angles (H,) and fold shares (m,): the part of each fold that every pair has."""
         return np.append(angles, 0.0)[self.folds] + self.shares * np.append(shares, 0.0)[self.share_index]
 
-    def of_hinges(self, mesh: TriangleMesh, values: Array) -> Array:
+    def of_hinges(self, values: Array) -> Array:
         """Values (H,) of folds at the hinges of the mesh; zero at those between held triangles."""
-        real = self.hinges[:, 3] < len(mesh.vertices)
-        keys, wanted = (ends[:, :2] @ np.array([len(mesh.vertices), 1]) for ends in (mesh.hinges, self.hinges[real]))
-        order = np.argsort(keys)
-        found = np.zeros(len(mesh.hinges))
-        found[order[np.searchsorted(keys[order], wanted)]] = values[real]
-        return found
+        return np.asarray(self.sources @ values)
 
     def coupled_vertices(self, count: int) -> sps.csr_array:
         """Vertices below ``count`` that each share is coupled to, a pattern (m, count)."""
@@ -179,6 +179,8 @@ class _Pairs(NamedTuple):
 
     Faces and corners (B, 2) are those of :class:`SplitFolds`. Each edge (B, 5) of the mesh has its :class:`EdgeKind`,
     the pair's own triangle on its ``left`` or not, and across split ones there is the pair ``neighbours``, else -1.
+    ``hinges`` are numbers of those of ``wings``, -1 for none. At joints the pair is ``forward`` or not, and has no one
+    neighbour.
     """
 
     faces: Index
@@ -187,6 +189,10 @@ class _Pairs(NamedTuple):
     kinds: Index
     left: NDArray[np.bool_]
     neighbours: Index
+    hinges: Index
+    joined: NDArray[np.bool_]
+    forward: NDArray[np.bool_]
+    wings: Wings
 
 
 def split_folds(
@@ -198,6 +204,7 @@ def split_folds(
     scale: float,
     *,
     halved: bool = False,
+    bending: Elasticity | None = None,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -216,33 +223,36 @@ def split_folds(
     halved : bool
         Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
         than that. The energy is the same, but every pair couples all the vertices around it.
+    bending : Elasticity, optional
+        That of a sheet that is not isotropic; its means over directions are ``rigidity`` and ``poisson``.
     """
-    pairs = _bending_pairs(mesh, rigidity, poisson, slopes, held_vertices)
+    alike = np.ones(len(mesh.edges), dtype=bool) if bending is None else bending.alike(mesh, ALIKE - 1.0)
+    pairs = _bending_pairs(mesh, rigidity, poisson, slopes, held_vertices, alike)
     split, takes_fold = pairs.kinds == EdgeKind.SPLIT, _takes_fold(pairs)
-    inner, folds = _numbered(pairs.edges, np.isin(pairs.kinds, (EdgeKind.INNER, EdgeKind.SPLIT, EdgeKind.HELD)))
-    if not halved:
-        folds[split & ~takes_fold] = -1
+    folded = np.isin(pairs.kinds, (EdgeKind.INNER, EdgeKind.SPLIT, EdgeKind.HELD)) & (pairs.hinges >= 0)
+    inner, folds = _numbered(pairs.hinges, folded)
+    halves = split & ~pairs.joined if halved else np.zeros_like(split)
+    folds[split & ~takes_fold & ~halves] = -1
     row, k = np.hstack([np.nonzero(pairs.kinds == kind) for kind in (EdgeKind.CLAMPED, EdgeKind.MIRRORED)])
     folds[row, k] = inner.size + np.arange(row.size)
     stencils = _corners(mesh, pairs)
     start, end, apex = stencils[row[:, None], _ALONG[k, :3]].T
     ghost_index = len(mesh.vertices) + np.arange(row.size)
-    hinge_of_edge = np.full(len(mesh.edges), -1)
-    hinge_of_edge[mesh.hinge_edges] = np.arange(len(mesh.hinges))
-    hinges = np.vstack([mesh.hinges[hinge_of_edge[inner]], np.column_stack([start, end, apex, ghost_index])])
+    hinges = np.vstack([pairs.wings.hinges[inner], np.column_stack([start, end, apex, ghost_index])])
 
     # A triangle on the right runs against its edge, and is the second of the hinge's triangles.
     left = pairs.left.copy()
     left[row, k] = True
     places = np.where(left[:, :, None], _ALONG, _ALONG[:, [1, 0, 3, 2]])
-    folded = np.nonzero(folds >= 0)
-    stencils[folded[0], _ALONG[folded[1], 3]] = hinges[folds[folded], np.where(left[folded], 3, 2)]
+    at = np.nonzero(folds >= 0)
+    stencils[at[0], _ALONG[at[1], 3]] = hinges[folds[at], np.where(left[at], 3, 2)]
 
-    moments = fold_moments(mesh, pairs.faces, pairs.corners, rigidity, poisson, pairs.kinds == EdgeKind.FREE)
+    moments = fold_moments(mesh, pairs.faces, pairs.corners, rigidity, poisson, pairs.kinds == EdgeKind.FREE, bending)
     shared, share_index = _numbered(pairs.edges, split)
-    shares = _share_factors(share_index, pairs.left if halved else ~takes_fold, moments, scale)
+    gains = np.where(pairs.joined, pairs.forward, pairs.left if halved else ~takes_fold)
+    shares = _share_factors(share_index, gains, moments, scale)
     if halved:
-        weight = np.where(split, 0.5, 1.0)
+        weight = np.where(halves, 0.5, 1.0)
         shares /= weight
         moments = weight[:, :, None] * moments * weight[:, None, :]
     mirrored = pairs.edges[pairs.kinds == EdgeKind.MIRRORED]
@@ -259,19 +269,41 @@ def split_folds(
         share_index=share_index,
         moments=moments,
         share_count=int(shared.size),
+        sources=_sources(mesh, pairs.wings, inner, len(hinges)),
     )
 
 
+def _sources(mesh: TriangleMesh, wings: Wings, inner: Index, count: int) -> sps.csr_array:
+    """Angles of the mesh's hinges that make those of ``count`` hinges, the first of which are ``inner``."""
+    own = inner < len(mesh.hinges)
+    rows, columns, values = [inner[own]], [np.flatnonzero(own)], [np.ones(int(own.sum()))]
+    for side in (0, 1):
+        further = inner[~own] - len(mesh.hinges)
+        kept = wings.rest[further, side] >= 0
+        rows.append(wings.rest[further, side][kept])
+        columns.append(np.flatnonzero(~own)[kept])
+        values.append(wings.rest_signs[further, side][kept])
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sps.csr_array(sps.coo_array((np.concatenate(values), places), shape=(len(mesh.hinges), count)))
+
+
 def _bending_pairs(
-    mesh: TriangleMesh, rigidity: Array, poisson: Array, slopes: HeldSlopes, held_vertices: NDArray[np.bool_]
+    mesh: TriangleMesh,
+    rigidity: Array,
+    poisson: Array,
+    slopes: HeldSlopes,
+    held_vertices: NDArray[np.bool_],
+    alike: NDArray[np.bool_],
 ) -> _Pairs:
-    """Pairs of the triangles that bend, and what their edges are."""
+    """Pairs of the triangles that bend, over ``alike`` edges (E,) alone, and what their edges are."""
     clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
     loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
     held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
     # Of the last side, which stands for none, nothing bends.
     meeting = np.append(~held, False)[mesh.edge_faces].all(axis=1) & ~clamped
-    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting)
+    meeting[mesh.joints.edges] = False
+    wings = wings_of(mesh, held, slopes)
+    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting & alike)
     own = faces[:, [0, 0, 0, 1, 1]]
     turned = (corners[:, [0, 0, 0, 1, 1]] + np.array([1, 2, 3, 2, 3])) % 3
     edges = np.where(own >= 0, mesh.face_edges[own, turned], -1)
@@ -280,18 +312,24 @@ def _bending_pairs(
     across = np.where(left, sides[:, :, 1], sides[:, :, 0])
     mirrored = np.zeros(len(mesh.edges), dtype=bool)
     mirrored[slopes.mirrored] = True
+    joined = wings.joined[own, turned] & (own >= 0)
+    flat = joined & wings.flat[own, turned]
+    left &= ~joined
     cases = {
         EdgeKind.ABSENT: own < 0,
         EdgeKind.INNER: (faces[:, 1:] >= 0) & (np.arange(5) == 0),
-        EdgeKind.MIRRORED: mirrored[edges],
-        EdgeKind.HELD: (across >= 0) & held[across],
+        EdgeKind.MIRRORED: mirrored[edges] & ~flat,
+        EdgeKind.HELD: np.where(joined, wings.held[own, turned], (across >= 0) & held[across]),
         EdgeKind.CLAMPED: clamped[edges],
-        EdgeKind.FREE: across < 0,
+        EdgeKind.FREE: (across < 0) | flat,  # in a plane of symmetry a triangle stays flat, and without moment
     }
     kinds = np.select([*cases.values()], [*cases], EdgeKind.SPLIT)
     pair = np.empty(len(mesh.faces) + 1, dtype=np.int64)  # the last, which stands for no triangle, is not read
     pair[faces] = np.arange(len(faces))[:, None]
-    return _Pairs(faces, corners, edges, kinds, left, np.where(kinds == EdgeKind.SPLIT, pair[across], -1))
+    neighbours = np.where((kinds == EdgeKind.SPLIT) & ~joined, pair[across], -1)
+    hinges = np.where(own >= 0, wings.of_corners[own, turned], -1)
+    forward = wings.forward[own, turned]
+    return _Pairs(faces, corners, edges, kinds, left, neighbours, hinges, joined, forward, wings)
 
 
 def _corners(mesh: TriangleMesh, pairs: _Pairs) -> Index:
@@ -326,7 +364,7 @@ def _takes_fold(pairs: _Pairs) -> NDArray[np.bool_]:
     colours = np.full(len(pairs.faces), -1)
     colour_triangles(pairs.neighbours, colours)
     own, other = colours[:, None], colours[pairs.neighbours]
-    return np.where(own == other, pairs.left, own > other)
+    return np.where(pairs.joined, pairs.hinges >= 0, np.where(own == other, pairs.left, own > other))
 
 
 def _share_factors(share_index: Index, gains: NDArray[np.bool_], moments: Array, scale: float) -> Array:

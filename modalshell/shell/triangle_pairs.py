@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import match_triangles, quadratic_forms
 from modalshell.shell.smoothed_membrane import SHARP
 
@@ -35,7 +36,7 @@ MEAN_WEIGHT = 5.0 / 6.0
 """Weight w of a pair's mean moment."""
 _SLOTS = ([0, 1, 2], [0, 3, 4])
 """Edges of either triangle of a pair among its five."""
-_ALIKE = 1.25
+ALIKE = 1.25
 """Largest ratio of the bending stiffnesses of a pair: moments along an edge jump where the sheet does."""
 _SLENDER = 0.05
 """Least height of a pair's triangles, over their longest edge."""
@@ -63,7 +64,7 @@ def paired_triangles(
     first, second = both[candidates].T
     stiff = np.sort(rigidity[both[candidates]], axis=1)
     flat = np.sum(mesh.face_normals[first] * mesh.face_normals[second], axis=1) >= np.cos(SHARP)
-    alike = (stiff[:, 1] <= _ALIKE * stiff[:, 0]) & (np.abs(poisson[first] - poisson[second]) <= 0.05)
+    alike = (stiff[:, 1] <= ALIKE * stiff[:, 0]) & (np.abs(poisson[first] - poisson[second]) <= 0.05)
     kept = stout[first] & stout[second] & flat & alike
     candidates, first, second = candidates[kept], first[kept], second[kept]
     over = np.full(len(mesh.faces), -1)
@@ -95,18 +96,30 @@ def _distances_from_middle(mesh: TriangleMesh, edges: Index) -> Array:
 
 
 def fold_moments(
-    mesh: TriangleMesh, faces: Index, corners: Index, rigidity: Any, poisson: Any, free: NDArray[np.bool_]
+    mesh: TriangleMesh,
+    faces: Index,
+    corners: Index,
+    rigidity: Any,
+    poisson: Any,
+    free: NDArray[np.bool_],
+    bending: Elasticity | None = None,
 ) -> Any:
     """Stiffness (P, 5, 5) of pairs and single triangles by their folds, ``free`` ones (P, 5) condensed out.
 
     Folds are those at the common edge, at the two edges of the first triangle after it and at those of the second. Of a
-    single triangle the last two have none. Constants are those of every triangle (T,), complex ones too.
+    single triangle the last two have none. Constants are those of every triangle (T,), complex ones too; in place of
+    them ``bending`` is the elasticity of a sheet that is not isotropic.
     """
     paired = faces[:, 1] >= 0
-    moments = np.zeros((len(faces), 5, 5), dtype=np.result_type(rigidity, poisson))
-    moments[~paired, :3, :3] = _single(mesh, faces[~paired, 0], rigidity, poisson, free[~paired, :3])
+    used = (rigidity, poisson) if bending is None else (bending.matrices, bending.directions)
+    moments = np.zeros((len(faces), 5, 5), dtype=np.result_type(*used))
+    if bending is None:
+        alone = _single(mesh, faces[~paired, 0], rigidity, poisson)
+    else:
+        alone = _single_directed(mesh, faces[~paired, 0], bending)
+    moments[~paired, :3, :3] = _condensed(alone, free[~paired, :3])
     joined = np.empty((int(paired.sum()), 5, 5), dtype=moments.dtype)
-    constants = mesh, rigidity, poisson
+    constants = mesh, rigidity, poisson, bending
     fill_in_parts(joined, functools.partial(_joined, constants), faces[paired], corners[paired], free[paired])
     moments[paired] = joined
     return moments
@@ -130,8 +143,8 @@ def moments_of_triangles(mesh: TriangleMesh, faces: Index, corners: Index, momen
     return found
 
 
-def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any, free: NDArray[np.bool_]) -> Any:
-    """K_T (B, 3, 3) of triangles by themselves, with the free edges' folds condensed out."""
+def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any) -> Any:
+    """K_T (B, 3, 3) of triangles by themselves."""
     x = mesh.vertices[mesh.faces[faces]]
     edge = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
     length = np.linalg.norm(edge, axis=2)
@@ -139,7 +152,18 @@ def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any, free:
     cosines = np.einsum("tki,tli->tkl", edge, edge) / (length[:, :, None] * length[:, None, :])
     nu = poisson[faces, None, None]
     weight = (rigidity[faces] / mesh.face_areas[faces])[:, None, None]
-    moments = weight * length[:, :, None] * length[:, None, :] * (nu + (1.0 - nu) * cosines**2)
+    return weight * length[:, :, None] * length[:, None, :] * (nu + (1.0 - nu) * cosines**2)
+
+
+def _single_directed(mesh: TriangleMesh, faces: Index, bending: Elasticity) -> Any:
+    """K_T (B, 3, 3) of triangles by themselves, ``L C L^T / A`` with L of ``l_k (n_k1^2, n_k2^2, 2 n_k1 n_k2)``."""
+    rows, along, across = _edge_normals(mesh, faces, np.zeros_like(faces))
+    elastic = bending.in_axes(mesh, faces, along, across)
+    return rows @ elastic @ np.swapaxes(rows, 1, 2) / mesh.face_areas[faces, None, None]
+
+
+def _condensed(moments: Any, free: NDArray[np.bool_]) -> Any:
+    """Stiffness (B, 3, 3) with the ``free`` edges' folds (B, 3) condensed out."""
     for k in range(3):
         condensed = moments - moments[:, :, k, None] * moments[:, k, None, :] / moments[:, k, k, None, None]
         condensed[:, k] = condensed[:, :, k] = 0.0
@@ -147,11 +171,19 @@ def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any, free:
     return moments
 
 
-def _joined(constants: tuple[TriangleMesh, Any, Any], faces: Index, corners: Index, free: NDArray[np.bool_]) -> Any:
+def _joined(
+    constants: tuple[TriangleMesh, Any, Any, Elasticity | None], faces: Index, corners: Index, free: NDArray[np.bool_]
+) -> Any:
     """Stiffness (P, 5, 5) of pairs, of the mesh, rigidity and Poisson's ratio (T,); see :func:`fold_moments`."""
-    mesh, rigidity, poisson = constants
+    mesh, rigidity, poisson, bending = constants
     tensors, areas = _pair_tensors(mesh, faces, corners)
-    compliances = np.stack([_compliance(rigidity[own], poisson[own]) for own in faces.T])
+    if bending is None:
+        compliances = np.stack([_compliance(rigidity[own], poisson[own]) for own in faces.T])
+    else:
+        axes = (_edge_normals(mesh, faces[:, side], corners[:, side])[1:] for side in (0, 1))
+        compliances = np.stack(
+            [np.linalg.inv(bending.in_axes(mesh, own, *along)) for own, along in zip(faces.T, axes, strict=True)]
+        )
     compliances = compliances * areas[:, :, None, None]
     mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
     of_mean, of_both = np.empty((2, len(faces), 5, 5), dtype=compliances.dtype)
@@ -178,6 +210,11 @@ def moment_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
     Axis 1 is along the edge opposite the corner ``corners`` (P,), the first of the three; seen from the triangle across
     that edge it is the same axis, turned by 180 degrees.
     """
+    return np.asarray(np.linalg.inv(_edge_normals(mesh, faces, corners)[0]))
+
+
+def _edge_normals(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array, Array]:
+    """Rows (P, 3, 3) of ``l_k (n_k1^2, n_k2^2, 2 n_k1 n_k2)`` of the edges, and axes 1 and 2 (P, 3)."""
     turned = (corners[:, None] + np.arange(3)) % 3
     x = np.take_along_axis(mesh.vertices[mesh.faces[faces]], turned[:, :, None], axis=1)
     edges = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
@@ -185,7 +222,7 @@ def moment_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
     across = np.cross(mesh.face_normals[faces], along)
     s, t = np.einsum("tki,ti->tk", edges, along), np.einsum("tki,ti->tk", edges, across)
     # An edge with components (s, t) has the normal (t, -s): its square is (t^2, s^2, -2 s t) over the length squared.
-    return np.linalg.inv(np.stack([t * t, s * s, -2.0 * s * t], axis=2) / np.hypot(s, t)[:, :, None])
+    return np.stack([t * t, s * s, -2.0 * s * t], axis=2) / np.hypot(s, t)[:, :, None], along, across
 
 
 def _compliance(rigidity: Any, poisson: Any) -> Any:

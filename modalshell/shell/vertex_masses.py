@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
-from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.sheet import Sheet
 from modalshell.shell.smoothed_membrane import SHARP
 from modalshell.supports import Support
 
@@ -21,7 +21,7 @@ _LEAST = 0.25
 
 
 def masses_of(
-    mesh: TriangleMesh, material: Material | Isotropic, held: NDArray[np.bool_], supports: Sequence[Support]
+    mesh: TriangleMesh, material: Material | Sheet, held: NDArray[np.bool_], supports: Sequence[Support]
 ) -> Array:
     """Masses (n,) [kg] of a shell's vertices: thirds of the triangles' on hinges, else :func:`vertex_masses`."""
     density = material.area_density(mesh)
@@ -82,9 +82,10 @@ def vertex_masses(
 
 
 def _joined_corners(mesh: TriangleMesh) -> Index:
-    """Number (T, 3) of each corner's group: corners at a vertex whose triangles meet without a sharp fold."""
-    left, right = mesh.edge_faces[mesh.hinge_edges].T
-    first, second = mesh.edge_corners[mesh.hinge_edges].T
+    """Group (T, 3) of each corner: those at a vertex whose triangles meet without a sharp fold or a junction."""
+    edges = mesh.hinge_edges[~np.isin(mesh.hinge_edges, mesh.joints.edges)]
+    left, right = mesh.edge_faces[edges].T
+    first, second = mesh.edge_corners[edges].T
     smooth = np.sum(mesh.face_normals[left] * mesh.face_normals[right], axis=1) >= np.cos(SHARP)
     # Both triangles run along their edge in opposite senses.
     starts = np.concatenate([3 * left + first, 3 * left + (first + 1) % 3])

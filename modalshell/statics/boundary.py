@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.constraints.constraints import HeldPatch
+from modalshell.constraints.constraints import Constraint, HeldPatch
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
@@ -104,3 +104,25 @@ def _predicted(
     guess, _, fraction = warped_step(shell, x, shell.unknowns.values(moved.ravel()), _STEP_TURN)
     guess[vertices] = target
     return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
+
+
+def reactions_of(
+    shell: Shell,
+    constraints: Sequence[Constraint],
+    patches: Sequence[HeldPatch],
+    x: Array,
+    load: Array,
+    live: LiveLoads | None,
+) -> Array:
+    """Forces [N] and moments [N m] (k, 3) of constraints on a shell in equilibrium at x (n, 3)."""
+    if not patches:
+        return np.empty((0, 3))
+    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+    residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
+    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
+    reactions = np.empty((len(constraints), 3))
+    for reaction, constraint in zip(reactions, constraints, strict=True):
+        vertices = of_patch[constraint.vertices.tobytes()]
+        forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
+        reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
+    return reactions

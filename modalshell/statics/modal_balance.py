@@ -11,7 +11,7 @@ import scipy.linalg
 
 from modalshell.core.errors import SolverError
 from modalshell.core.outcome import Outcome
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.statics.continuation import Steps
 from modalshell.statics.dense import DenseFactor
 from modalshell.statics.least_potential import WOUND_UP, Statics
@@ -183,3 +183,14 @@ def differences(force: Callable[[Array], Array], q: Array, rotations: Array) -> 
         change[k] = _DIFFERENCE / turns[k]
         slope[:, k] = (force(q + change) - force(q - change)) / (2.0 * change[k])
     return slope
+
+
+def position_rows(positions: Callable[[Array], Array], q: Array, vertices: Index, rotations: Array) -> Array:
+    """Derivatives (k, 3, m) at q (m,) of the ``positions`` of some vertices (k,), by the same differences."""
+    turns = np.maximum(np.abs(rotations).max(axis=0), 1e-300)
+    rows = np.empty((vertices.size, 3, q.size))
+    for k in range(q.size):
+        change = np.zeros_like(q)
+        change[k] = _DIFFERENCE / turns[k]
+        rows[:, :, k] = (positions(q + change)[vertices] - positions(q - change)[vertices]) / (2.0 * change[k])
+    return rows

@@ -300,6 +300,7 @@ class ViewSession:
             damping=build_damping(self._table),
             supports=path,
             constraints=self._built.constraints,
+            contacts=self._built.contacts,
         )
         if before is not None:
             motion.count = before.count

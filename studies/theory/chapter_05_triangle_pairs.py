@@ -72,7 +72,7 @@ def statements() -> list[str]:
         "intervals of 95 %",
         f"too soft by {lost[0]:.1f} % by triangles and by {lost[1]:.2f} % in pairs",
         order,
-        f"bending stiffnesses more than {triangle_pairs._ALIKE} times apart",
+        f"bending stiffnesses more than {triangle_pairs.ALIKE} times apart",
     ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Array
 from modalshell.models.coarse.prolongation import Prolongation
-from modalshell.models.hybrid.assumed_stress import position_modes, reduce_energy, stress_modes
+from modalshell.models.hybrid.assumed_stress import measures_of, position_modes, reduce_energy, stress_modes
 from modalshell.models.hybrid.assumed_stress_step import evaluate
 from modalshell.modes import lowest_modes
 
@@ -36,13 +36,10 @@ def energies() -> tuple[float, float, float]:
     moved = (states[:STATES] - rest).reshape(STATES, -1).T
     modes = lowest_modes(shell, 6)[0].modes
     basis = position_modes(shell, modes[:, :4], moved, VECTORS, shell.stiffness())
-
-    def membrane(x: Array, step: Array) -> Array:
-        return np.concatenate(shell.predicted_stresses(x, step)[:2])
-
-    leading = np.array([membrane(rest, mode.reshape(-1, 3)) for mode in modes.T]).T
-    stresses = np.array([membrane(x, np.zeros_like(x)) for x in states[:STATES]]).T
-    reduced = reduce_energy(shell, basis, *[stress_modes(shell, leading, stresses, 2 * VECTORS)] * 2)
+    measures, still = measures_of(shell), np.zeros_like(rest)
+    leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in modes.T]).T
+    stresses = np.array([measures.state(x, still) for x in states[:STATES]]).T
+    reduced = reduce_energy(measures, basis, *[stress_modes(measures, leading, stresses, 2 * VECTORS)] * 2)
     none, found = np.zeros(reduced.membrane.linear.shape[1]), []
     for x in states[STATES:]:
         z = basis.T @ (shell.mass[:, None] * (x - rest)).ravel()

@@ -114,3 +114,21 @@ def test_bad_measurements_end_with_status_2(capsys, tmp_path, name, text, messag
     status, _, err = command(capsys, tmp_path, "--data", str(tmp_path / name), "--wrt", "young")
     assert status == 2
     assert message in " ".join(err.split())
+
+
+def test_cards_are_listed_with_their_sources(capsys):
+    from modalshell.shell.cards import CARDS
+
+    listed, one = "", ""
+    for name in ((), ("steel-0.1mm",)):
+        with pytest.raises(SystemExit) as done:
+            main(["cards", *name])
+        assert not done.value.code
+        listed, one = one, capsys.readouterr().out
+    assert all(key in listed for key in CARDS)
+    assert "young = 2.1e+11" in one
+    assert "speed of sound along a thin bar: 5200 m/s within 2 %" in one
+    with pytest.raises(SystemExit) as stopped:
+        main(["cards", "steal-0.1mm"])
+    assert stopped.value.code == 2
+    assert "did you mean 'steel-0.1mm'" in capsys.readouterr().err

@@ -26,7 +26,10 @@ RECORDS = {"Advice", "Basis", "Buckling", "Damping", "Equilibrium", "Equilibrium
 RECORDS |= {"LoadedModes", "Model", "Outcome", "ModelSpec", "PathEvent", "Scene", "SceneResult"}
 RECORDS |= {
     "BasisSensitivity",
+    "ErrorBar",
     "Fit",
+    "QuantityBar",
+    "QuickAdvice",
     "RepairReport",
     "ShellFields",
     "SweepResult",
@@ -40,7 +43,7 @@ NO_INPUT = {"models"}
 FILES = {"load_clip", "load_mesh", "save_mesh", "load_scene"}
 FILES |= {"load_trajectory", "save_trajectory", "run_scene", "RunFollower"}
 """Their input is files: see the other surfaces."""
-SLOW = {"tradeoff", "advise"}
+SLOW = {"tradeoff", "advise", "quick_advice"}
 """Minutes of work where they accept what they get: junk in every parameter that has a check."""
 
 

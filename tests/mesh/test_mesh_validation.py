@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modalshell.core.errors import MeshError, ModalShellError
+from modalshell.core.errors import MeshError, ModalShellError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -41,11 +41,6 @@ REFUSED = {
     "coincident corners": ([*SQUARE, [1, 1, 0]], [*FACES, [1, 2, 4]], "face 2.*zero area"),
     "duplicate": (SQUARE, [*FACES, [2, 0, 1]], "face 2 is a duplicate of face 0"),
     "duplicate other side": (SQUARE, [*FACES, [3, 2, 0]], "face 2 is a duplicate of face 1"),
-    "three on an edge": (
-        [*SQUARE, [0, 0, 1]],
-        [*FACES, [0, 2, 4]],
-        r"edge \(0, 2\) .* has 3 faces: 0, 1, 2",
-    ),
     "unused": ([*SQUARE, [5, 5, 5]], FACES, "vertex 4 .* belongs to no face"),
 }
 
@@ -74,8 +69,38 @@ def moebius(count):
 
 
 def test_moebius_strip():
-    with pytest.raises(MeshError, match=r"no consistent winding exists.*edge \(\d+, \d+\) between faces \d+ and \d+"):
-        TriangleMesh(*moebius(20))
+    """It stays as it is, with one edge over which its winding turns; more of them are made one by flips."""
+    vertices, faces = moebius(20)
+    mesh = TriangleMesh(vertices, faces)
+    assert len(mesh.seams) == 1
+    np.testing.assert_array_equal(mesh.faces, faces)
+    mixed = np.array(faces)
+    mixed[::3] = mixed[::3, [0, 2, 1]]
+    with pytest.warns(ModalShellWarning, match="flipped"):
+        assert len(TriangleMesh(vertices, mixed).seams) == 1
+
+
+def test_junctions():
+    """Edges of any number of triangles, each of which is a wing; sheets are wound alike between them alone."""
+    turns = 2.0 * np.pi * np.array([0.0, 0.3, 0.55, 0.8])
+    vertices = np.vstack([[[0, 0, 0], [0, 0, 1]], np.column_stack([np.cos(turns), np.sin(turns), 0.5 + 0.0 * turns])])
+    faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]])
+    mesh = TriangleMesh(vertices, faces)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_array_equal(mesh.edges[mesh.junctions], [[0, 1]])
+    assert len(mesh.boundary_vertices) == 6
+    first, others = mesh.hinge_faces[:, 0], mesh.hinge_faces[:, 1]
+    assert sorted([first[0], *others]) == [0, 1, 2, 3]
+    assert len(set(first)) == 1
+    for hinge, other in zip(mesh.hinges, others, strict=True):
+        assert tuple(hinge[[1, 0, 3]]) in {tuple(np.roll(mesh.faces[other], k)) for k in range(3)}
+        assert set(hinge[:3]) == set(mesh.faces[first[0]])
+
+
+def test_sheets_of_a_junction_that_lie_on_each_other_are_refused():
+    vertices = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [2, 0, 0.5]]
+    with pytest.raises(MeshError, match=r"faces 0 and 2 .* lie on each other at edge \(0, 1\), where 3 faces meet"):
+        TriangleMesh(vertices, [[0, 1, 2], [1, 0, 3], [0, 1, 4]])
 
 
 @pytest.mark.parametrize("aspect", [1e3, 1e6])

@@ -124,15 +124,15 @@ REFUSED = {
     "repeated faces": repeated_faces,
     "corners twice": corners_twice,
     "flat faces": flat_faces,
-    "fins": fins,
     "unused": unused,
     "not finite": not_finite,
     "missing vertices": missing_vertices,
     "far away": far_away,
-    "one-sided": one_sided,
 }
 """Damages that TriangleMesh refuses."""
-DAMAGES = REFUSED | {"soup": apart, "flipped": flipped, "loose part": loose_part}
+JOINED = {"fins": fins, "one-sided": one_sided}
+"""What is no two-sided surface, and a shell all the same."""
+DAMAGES = REFUSED | JOINED | {"soup": apart, "flipped": flipped, "loose part": loose_part}
 DAMAGES |= {"cap": thin(1e-7, False), "needle": thin(1e-6, True)}
 
 
@@ -165,10 +165,24 @@ def test_a_refusal_names_the_repair_and_it_works(kind):
     vertices, faces = REFUSED[kind](*sheet(), np.random.default_rng(1))
     with pytest.raises(ms.MeshError, match=r"ms\.repair\(vertices, faces\) or, on the command line, --repair"):
         ms.TriangleMesh(vertices, faces)
-    mesh, report = ms.repair(vertices, faces, split=kind == "fins")
+    mesh, report = ms.repair(vertices, faces)
     assert report.changed
     all_of(mesh)
     moves(mesh)
+
+
+@pytest.mark.parametrize("kind", JOINED)
+def test_junctions_and_one_sided_surfaces_are_cut_only_where_that_is_asked_for(kind):
+    mesh = ms.TriangleMesh(*JOINED[kind](*sheet(), np.random.default_rng(1)))
+    kept, report = ms.repair(mesh.vertices, mesh.faces)
+    assert not report.changed
+    assert len(kept.joints.edges) == len(mesh.joints.edges) > 0
+    for split in (False, True):
+        mesh, report = ms.repair(mesh.vertices, mesh.faces, split=split)
+        assert report.changed == split
+        all_of(mesh)
+        moves(mesh)
+    assert len(mesh.joints.edges) == 0
 
 
 @pytest.mark.parametrize("kind", DAMAGES)
@@ -313,8 +327,11 @@ def test_a_surface_that_passes_an_edge_twice_gets_a_vertex_there():
     moves(mesh)
 
 
-def test_a_one_sided_strip_is_cut_across():
+def test_a_one_sided_strip_is_cut_across_where_that_is_asked_for():
     mesh, report = ms.repair(*moebius())
+    assert not report.changed
+    assert len(mesh.seams) == 2
+    mesh, report = ms.repair(*moebius(), split=True)
     assert report.cut_edges == 2
     assert report.split_vertices == 3
     assert mesh.components.max() == 0
@@ -411,8 +428,10 @@ def ribbed(cells=10):
 
 def test_a_rib_is_cut_off_its_plate_only_where_that_is_asked_for():
     vertices, faces = ribbed()
-    with pytest.raises(ms.MeshError, match=r"10 edges have three or more faces.*split=True.*ms\.Tie"):
-        ms.repair(vertices, faces)
+    mesh, report = ms.repair(vertices, faces)
+    assert report.parts == 1
+    assert not report.changed
+    assert len(mesh.junctions) == 10
     with pytest.raises(ms.OptionError, match="split"):
         ms.repair(vertices, faces, split=1)
     _, report = ms.repair(vertices, faces, split=True)

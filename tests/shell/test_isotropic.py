@@ -322,7 +322,7 @@ def test_refused_uses():
         Shell(mesh, Isotropic(np.ones(3), 0.3, 0.1, 1.0))
     with pytest.raises(MaterialError, match="thickness must be positive"):
         Shell(mesh, Isotropic(1.0, 0.3, lambda centres: -centres[:, 0], 1.0))
-    with pytest.raises(OptionError, match="material must be a Material or an Isotropic"):
+    with pytest.raises(OptionError, match="material must be a Material, an Isotropic or another sheet"):
         Shell(mesh, 1.0)
     shell = Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)
     with pytest.raises(OptionError, match="discrete-shell energies"):

@@ -36,8 +36,12 @@ def engine_case(
     constants = material_constants(shell.material)
     if not isinstance(shell.material, Isotropic) or set(CONSTANTS) - set(constants):
         raise OptionError("engines take one Young's modulus, Poisson's ratio, thickness and density: use ms.Isotropic")
+    if shell.rest_shape is not None:
+        raise OptionError("engines know no prestrain, rest_curvature or temperature")
     if shell.energies:
         raise OptionError("engines know no energies but the material's")
+    if shell.mesh.joints.edges.size:
+        raise OptionError("engines bend no edge with three triangles: take a mesh without junctions (mesh.junctions)")
     kinds = {type(support) for support in shell.supports}
     if kinds not in ({Clamp}, {Pin}):
         raise OptionError("engines take supports that are all clamps, or all pins")

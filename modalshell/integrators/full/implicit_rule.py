@@ -17,7 +17,7 @@ from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_po
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.potential import solve
+from modalshell.statics.potential import Potential, solve
 
 
 @final
@@ -102,6 +102,14 @@ class ImplicitRule(FullIntegrator):
         """State at rest, with what the rule keeps from step to step."""
         return MotionState(coordinates, np.zeros_like(coordinates))
 
+    def stood_in_for(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
+        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start."""
+        return MotionState(after.coordinates, after.rates)
+
+    def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """A step of implicit Euler of ``dt`` [s]; and whether it was solved."""
+        return euler_step(euler, state, dt, 0.0, 1.0)
+
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002
         """State at rest at ``positions`` (n, 3) [m]."""
         return self.at_rest(positions)
@@ -131,6 +139,15 @@ class StageOf(Protocol):
         """Body, dead load (n, 3) [N], and places (h, 3) [m] of the held vertices, at the end of a step."""
 
 
+class StepMinimum(Protocol):
+    """What finds the minimum of a step's potential where contacts bound it."""
+
+    def __call__(
+        self, problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], end: float, /
+    ) -> tuple[Array, bool]:
+        """Minimum (n, 3), and whether it was found, of a step that ends at the share ``end`` of the rule's step."""
+
+
 class LoadedSteps(EulerSteps):
     """Steps of implicit Euler that know the load that they took."""
 
@@ -143,8 +160,8 @@ class LoadedSteps(EulerSteps):
 class ShellSteps(LoadedSteps):
     """Steps of implicit Euler of a shell whose unknowns are its vertices."""
 
-    def __init__(self, body: Body, at: StageOf, damping: Damping) -> None:
-        self._body, self._at, self._damping = body, at, damping
+    def __init__(self, body: Body, at: StageOf, damping: Damping, minimum: StepMinimum | None = None) -> None:
+        self._body, self._at, self._damping, self._minimum = body, at, damping, minimum
         self._viscous: tuple[Array, Array] | None = None
         self._felt: tuple[Array, LiveLoads | None] | None = None
 
@@ -160,7 +177,11 @@ class ShellSteps(LoadedSteps):
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
         # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
         near = start.near if shell is body.start_shell else first
-        result = solve(problem, first, scale, body.step_tolerance, shell.predicted_stresses(near, first - near))
+        stresses = shell.predicted_stresses(near, first - near)
+        if self._minimum is not None:
+            point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
+            return start.after(point), solved
+        result = solve(problem, first, scale, body.step_tolerance, stresses)
         return start.after(result.point), result.converged
 
     def _viscosity(self, body: Body, start: EulerStart) -> Array | None:

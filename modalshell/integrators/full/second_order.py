@@ -47,6 +47,10 @@ class SecondOrderRule(ImplicitRule):
         after = euler.landed(state, after, dt)
         return MotionState(after.coordinates, after.rates, _memory(state, after, dt, order)), solved
 
+    def stood_in_for(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
+        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start."""
+        return MotionState(after.coordinates, after.rates, _memory(before, after, dt, 0))
+
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
         """Error of a step, and that of implicit Euler where it stood in."""
         memory = after.memory

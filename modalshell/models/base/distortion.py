@@ -40,7 +40,7 @@ class Distortion:
     def _rest(self) -> tuple[tuple[NDArray[np.int64], Array, NDArray[np.int64]], float, int]:
         """Faces, their areas and the pairs of neighbours that are not folded over each other; area; hinges."""
         mesh = self._mesh
-        pairs = mesh.edge_faces[mesh.hinge_edges]
+        pairs = mesh.hinge_faces
         normals = mesh.face_normals[pairs]
         unfolded = np.ascontiguousarray(pairs[np.einsum("hi,hi->h", normals[:, 0], normals[:, 1]) > 0.0])
         return (mesh.faces, mesh.face_areas, unfolded), mesh.area, len(pairs)

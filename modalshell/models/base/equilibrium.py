@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.checks import finite_answer
 from modalshell.core.drawn import Drawn
@@ -15,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.pattern import SparsePattern
+from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -51,12 +53,20 @@ class Equilibrium(Drawn):
     constraint_reactions : ndarray, shape (k, 3)
         What each constraint does to the shell: the force [N] that holds a patch at its position, or the moment [N m]
         about its mean position that holds it in its orientation.
+    contact_forces : ndarray, shape (n, 3)
+        Force of the contacts on every vertex [N]; empty without contacts, as the next one.
+    in_contact : ndarray of bool, shape (n,)
+        Vertices that touch a collider.
+    deepest : float
+        Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
         The load, for derivatives of the solution; None if unknown.
     mesh : TriangleMesh or None
         The mesh at rest, for pictures; None if unknown.
+    bar : ErrorBar or None
+        How far the answer is from DS, where that was asked for.
     """
 
     positions: Array
@@ -70,13 +80,22 @@ class Equilibrium(Drawn):
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
     constraint_reactions: Array = field(default_factory=lambda: np.empty((0, 3)))
+    contact_forces: Array = field(default_factory=lambda: np.empty((0, 3)))
+    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    deepest: float = 0.0
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)
     gravity: Array | None = field(default=None, repr=False, compare=False)
     mesh: TriangleMesh | None = field(default=None, repr=False, compare=False)
+    bar: ErrorBar | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
+
+    def __str__(self) -> str:
+        if self.bar is None:
+            return repr(self)
+        return f"{self.outcome.with_message(self.message)}; {self.bar}"
 
     def load_stiffness(self, pattern: SparsePattern) -> Array:
         """Minus the derivatives of the load's forces by the positions, as entries of a Hessian; zero of dead loads."""

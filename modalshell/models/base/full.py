@@ -6,32 +6,32 @@ import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Self, final
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, HeldPatch, held_patches
+from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
-from modalshell.integrators.full import ExplicitEuler, FullIntegrator, ImplicitRule
+from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
-from modalshell.models.base.stepper import LEAD, Stepper
+from modalshell.models.base.stepper import Stepper
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
-from modalshell.statics.boundary import continue_boundary
+from modalshell.statics.boundary import continue_boundary, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
@@ -74,6 +74,7 @@ class FullModel(Model):
 
     of_material = True
     """Whether the energies are those of the shell's material."""
+    follows_snaps = True
 
     def __init__(
         self,
@@ -110,8 +111,7 @@ class FullModel(Model):
         first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)
         shell, live = problem.shell, problem.live
-        if origin.any() and first is not None:
-            first = first - origin
+        first = first - origin if origin.any() and first is not None else first
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
@@ -131,8 +131,17 @@ class FullModel(Model):
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
-            constraint_reactions=_reactions(shell, constraints, patches, result.point, load, live),
+            constraint_reactions=reactions_of(shell, constraints, patches, result.point, load, live),
         )
+
+    def _solve_touching(
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        from modalshell.models.base.touching import equilibrium_on_contacts  # not without contacts
+
+        problem, origin = self.problem(loading)
+        first = None if start is None else hold(self.shell, start)
+        return equilibrium_on_contacts(problem, origin, first, contacts, constraints, self.costs)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
@@ -321,80 +330,3 @@ class FullModel(Model):
         body = copy.copy(self)
         body.live = replace(live, before=before, rate=1.0 / dt)
         return body
-
-
-@final
-class FullStepper(Stepper):
-    """Steps that take loads as they change within them, and edges clamped to supports along with these.
-
-    In the frame of supports that move, loads are those expected at the end of a step: they act in the world.
-    """
-
-    model: FullModel
-
-    def start(self, positions: Array | None) -> MotionState:
-        """State at rest, moved with the supports to where these are at time 0."""
-        state = super().start(positions)
-        return state if self._path is None else self.model.placed(state, self._path.at(0.0))
-
-    def state_at(self, positions: Array, time: float) -> MotionState:
-        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
-        state = super().state_at(positions, time)
-        if self._frame is None:
-            state.coordinates = positions - self.origin
-        return state
-
-    def model_at(self, time: float) -> Model:
-        """The model with its supports where they are at ``time`` [s]."""
-        return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)
-
-    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """One step of the model's rule."""
-        damping, rule = self.setup.damping, self.model.integrator
-        if isinstance(rule, ImplicitRule):
-            steps = ShellSteps(self.model, lambda start: self._at(begin, dt, start, load), damping)
-            return rule.march(steps_of(steps, self.model.free_parts, damping), state, dt)
-        x, rates = state.coordinates, state.rates
-        whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
-        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)
-        return rule.step(body, state, dt, load, damping, held)
-
-    def _at(
-        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False
-    ) -> tuple[FullModel, Array, Array | None]:
-        """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
-        model, loading = self.model, self.setup.loading
-        time, path = begin + start.end * dt, self._path or self._frame
-        if self._path is not None:
-            model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)
-            load = load + self.drag_along(self._path, time, start.guess.coordinates)
-        held = self._held_positions(time, None if path is None else path.at(time))
-        if self._frame is not None:
-            load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)
-        elif loading.live and begins:
-            load = load + loading.live_force(start.origin + self.origin, start.rates, time)
-        elif loading.live:
-            model = model.under(LiveLoads(loading, time, self.origin), start.origin, start.dt)
-        return model, load, held
-
-
-def _reactions(
-    shell: Shell,
-    constraints: Sequence[Constraint],
-    patches: Sequence[HeldPatch],
-    x: Array,
-    load: Array,
-    live: LiveLoads | None,
-) -> Array:
-    """Forces [N] and moments [N m] (k, 3) of constraints on a shell in equilibrium at x (n, 3)."""
-    if not patches:
-        return np.empty((0, 3))
-    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
-    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
-    reactions = np.empty((len(constraints), 3))
-    for reaction, constraint in zip(reactions, constraints, strict=True):
-        vertices = of_patch[constraint.vertices.tobytes()]
-        forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
-        reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
-    return reactions

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import cast, final
+from typing import Any, cast, final
 
 import numpy as np
 import scipy.linalg
@@ -99,6 +99,20 @@ class ModalModel(ModalMotion):
                 force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, first_step=1.0, retry=True
             )
         return self._answer(found)
+
+    def _solve_touching(
+        self,
+        loading: Loading,
+        start: Array | None,
+        contacts: Sequence[Any],
+        constraints: Sequence[Constraint],
+    ) -> Equilibrium:
+        from modalshell.models.base.modal_contact import equilibrium_on_modal_contacts  # not without contacts
+
+        self._first_coordinates(start)
+        found, q = equilibrium_on_modal_contacts(self, loading, start, contacts, constraints)
+        outcome, message = self._distortion.judged(found.outcome, found.message, found.positions)
+        return replace(found, outcome=outcome, message=message, coordinates=q)
 
     def _first_coordinates(self, start: Array | None) -> Array | None:
         """Coordinates (m,) of a start (n, 3) of statics; SolverError where an elastic mode has no stiffness."""
@@ -216,17 +230,33 @@ class ModalStepper(Stepper):
     """Steps under loads at few points where these serve, and onto constraints."""
 
     model: ModalModel
+    takes_contacts = True
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
+        self._contacts: Any = None
+        if setup.contacts:
+            from modalshell.models.base.modal_contact import ModalContactMotion  # not without contacts
+
+            self._contacts = ModalContactMotion(model, setup)
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
         if isinstance(model.integrator, ImplicitEuler):
             self._lead = 1.0  # its velocities are the moves of the vertices over a step
 
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest at ``positions`` (n, 3) [m], refused inside a collider."""
+        state = super().start(positions)
+        return state if self._contacts is None else self._contacts.begin(state)
+
+    def own_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the modes."""
+        own = super().own_positions(state)
+        return own if self._contacts is None else own + self._contacts.local(state)
+
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """One step of the model's rule, onto the constraints."""
+        """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
         model, damping = self.model, self.setup.damping
         last: list[tuple[Array, Array]] = []
 
@@ -245,6 +275,12 @@ class ModalStepper(Stepper):
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
+        if self._contacts is not None:
+            pushed = force(state.coordinates, state.rates, 1.0)
+            after, outside = self._contacts.follow(state, after, pushed, begin + dt, dt)
+            if "force" in after.memory:
+                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
+            solved = solved and outside
         return after, solved
 
     def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:

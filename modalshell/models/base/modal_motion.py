@@ -26,7 +26,7 @@ from modalshell.models.base.stepper import LEAD
 from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
-from modalshell.statics.modal_balance import differences
+from modalshell.statics.modal_balance import differences, position_rows
 from modalshell.supports import Pose
 
 CONSTRAINT_MET = 1e-6
@@ -297,6 +297,10 @@ class ModalMotion(Warp, FrameModel):
         if self.frames is None:
             return self.warped_rows(q, vertices)
         return self.frames.rows(q, vertices, self.warped_rows, self.warped_positions)
+
+    def contact_rows(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
+        return position_rows(self.raw_displacement, q, vertices, self.basis.rotations)
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse ratios that are not those of the modes."""

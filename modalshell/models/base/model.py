@@ -5,24 +5,29 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.constraints.constraints import Constraint, checked_constraints
-from modalshell.core.checks import checked_vectors
+from modalshell.core.checks import checked_kind, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Load, Loading
+from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # scenes without contacts do not import it
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
@@ -35,6 +40,10 @@ class Model(ABC):
 
     name: str
     shell: Shell
+    follows_snaps: ClassVar[bool] = False
+    """Whether it leaves a branch where DS does, and so stays on the one that DS is on."""
+    coarse_shell: Shell | None = None
+    """The coarse shell on which it stands, if it does."""
 
     def equilibrium(
         self,
@@ -44,6 +53,8 @@ class Model(ABC):
         loads: Sequence[Load] | None = None,
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
+        bar: bool = False,
+        contacts: Sequence[Contact] | None = None,
     ) -> Equilibrium:
         """Equilibrium under a load; the class documents the method and the measure ``residual``.
 
@@ -60,6 +71,11 @@ class Model(ABC):
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
             Prescribed positions and orientations of patches, for models that take constraints.
+        bar : bool
+            Whether to estimate the answer's error against DS on the same shell: two Newton steps and a stability margin
+            beyond the answer, for about a third of the time of DS; see :class:`~modalshell.ErrorBar`.
+        contacts : sequence of Contact, optional
+            Colliders that vertices stay out of, as they are at time 0, for models that take contacts.
 
         Returns
         -------
@@ -71,25 +87,33 @@ class Model(ABC):
         LoadError
             For loads or positions of the wrong shape or not finite.
         OptionError
-            For constraints of a model that takes none, or that contradict one another or the supports.
+            For constraints or contacts of a model that takes none, for constraints that contradict one another or the
+            supports, for a start inside a collider, or for a ``bar`` under constraints or contacts, or of a shell that
+            its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        if wanted := checked_constraints(constraints, self.shell):
+        wanted = checked_constraints(constraints, self.shell)
+        if checked_kind("bar", bar, bool):
+            check_bar(self.shell, constrained=bool(wanted) or bool(contacts))
+        if contacts:
+            found = self._solve_touching(loading, begin, contacts, wanted)
+        elif wanted:
             found = self._solve_constrained(loading, begin, wanted)
         else:
             found = self._solve_live(loading, begin) if loading.live else self._solve(loading.dead, begin)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
-        if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
+        if not (wanted or contacts) and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
-        return replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
+        found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
+        return replace(found, bar=bar_on_shell(self.shell, found.positions, loading)) if bar else found
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.shell!r})"
@@ -107,6 +131,20 @@ class Model(ABC):
     ) -> Equilibrium:
         """Equilibrium under constraints, of models that take these."""
         raise self.no_constraints()
+
+    def _solve_touching(
+        self,
+        loading: Loading,
+        start: Array | None,
+        contacts: Sequence[Contact],
+        constraints: Sequence[Constraint],
+    ) -> Equilibrium:
+        """Equilibrium with contacts, of models that take these."""
+        raise self.no_contacts()
+
+    def no_contacts(self) -> OptionError:
+        """The error of a model that takes no contacts."""
+        return OptionError(f"{self.name} takes no contacts: take DS, or LMA, MWTS or RSW")
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""
@@ -253,6 +291,13 @@ class Model(ABC):
 
     def remark(self, state: MotionState) -> str:
         """Message about the validity of a state, or about the method that found it; "" if there is none."""
+        return ""
+
+    level_names: tuple[str, ...] = ()
+    """Models among which it switches, by the number in a state's memory "level"."""
+
+    def account(self, state: MotionState) -> str:
+        """What a motion that has come to a state is to say of the model; "" if nothing."""
         return ""
 
     def is_saddle(self, state: MotionState) -> bool:

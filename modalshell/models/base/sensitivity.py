@@ -31,12 +31,12 @@ def checked_names(wrt: str | Sequence[str]) -> list[str]:
 
 
 def checked_state(state: Equilibrium) -> Equilibrium:
-    """A state that has converged, was found by ``equilibrium()`` and is under no constraints."""
+    """A state that has converged, was found by ``equilibrium()`` and is under neither constraints nor contacts."""
     checked_kind("state", state, Equilibrium)
     if state.outcome is not Outcome.CONVERGED:
         raise OptionError(f"state must be a converged equilibrium (got {state.status}): solve it first")
-    if state.loading is None or state.constraint_residuals.size:
-        raise OptionError("state must be what equilibrium() gave of this model, without constraints")
+    if state.loading is None or state.constraint_residuals.size or state.contact_forces.size:
+        raise OptionError("state must be what equilibrium() gave of this model, without constraints or contacts")
     return state
 
 

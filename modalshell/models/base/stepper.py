@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol, final
+from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 
@@ -31,6 +31,9 @@ class Moving(Protocol):
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""
+
+    def no_contacts(self) -> OptionError:
+        """The error of a model that takes no contacts."""
 
 
 class Stepper(ABC):
@@ -59,9 +62,14 @@ class Stepper(ABC):
         What is left to each constraint's target, [m] or [rad].
     """
 
+    takes_contacts: ClassVar[bool] = False
+    """Whether it takes steps with contacts."""
+
     def __init__(
         self, model: Moving, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
     ) -> None:
+        if setup.contacts and not self.takes_contacts:
+            raise model.no_contacts()
         self.shell, self.setup = model.shell, setup
         self.model: Any
         self.model, self.origin = model.centred()
@@ -107,6 +115,11 @@ class Stepper(ABC):
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
+
+    @property
+    def note(self) -> str:
+        """What a message says of how steps are taken; "" if there is nothing to say."""
+        return ""
 
     @abstractmethod
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:

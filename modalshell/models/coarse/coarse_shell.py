@@ -19,7 +19,7 @@ from modalshell.models.coarse.coarse_mesh import places_on, remeshed_to_supports
 from modalshell.models.coarse.prolongation import closest_points
 from modalshell.modes import Factoriser, lowest_modes
 from modalshell.modes.rigid import rigid_motions
-from modalshell.shell import GAUSS_NEWTON, Isotropic, Material, Shell
+from modalshell.shell import GAUSS_NEWTON, Material, Sheet, Shell
 
 _WIDEST = 2.5
 """Logarithm of the largest factor on the membrane that calibration tries."""
@@ -66,7 +66,7 @@ class CoarseMesh:
 
     mesh: TriangleMesh
     name: str
-    material: Material | Isotropic | None = None
+    material: Material | Sheet | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -76,7 +76,7 @@ def remeshed(shell: Shell, triangles: int) -> CoarseMesh:
     return CoarseMesh(mesh, f"{triangles} triangles", options={"triangles": triangles})
 
 
-def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Isotropic | None = None) -> Shell:
+def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sheet | None = None) -> Shell:
     """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequencies.
 
     A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Stiffnesses are
@@ -131,14 +131,16 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
     """
     checked_kind("shell", shell, Shell)
     shell.require_clamps("a coarse shell")
+    if shell.rest_shape is not None:
+        raise OptionError("a coarse shell knows no prestrain, rest_curvature or temperature: take ms.DiscreteShell")
     if not isinstance(mesh, TriangleMesh):
         if isinstance(mesh, bool) or not isinstance(mesh, int | np.integer):
             raise OptionError(f"mesh must be a TriangleMesh or a number of triangles (got {shown(mesh)})")
         mesh = remeshed_to_supports(shell, checked_count("mesh", mesh, at_least=4))
     given = shell.material if material is None else material
-    if not isinstance(given, Material | Isotropic):
-        raise OptionError(f"material must be a Material or an Isotropic (got {shown(given)})")
-    if material is None and any(isinstance(getattr(given, part.name), np.ndarray) for part in fields(given)):
+    if not isinstance(given, Material | Sheet):
+        raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(given)})")
+    if material is None and any(isinstance(value, np.ndarray) for value in _values(given)):
         raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
     clamped = places_on(shell, mesh)[2]
     if shell.clamped.any() and not clamped.any():
@@ -148,12 +150,18 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
             "a row of held vertices leaves the coarse shell free to turn where the fine one is clamped: give its "
             "mesh a second row of held vertices there, or hold a region of triangles of the fine shell"
         )
-    if isinstance(given, Isotropic):
+    if isinstance(given, Sheet):
         return Shell(mesh, given, clamped, energies=shell.energies)
     if material is None:
         ratio = float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         given = replace(given, shear=given.shear * ratio)
     return _Calibration(shell, mesh, given).best()
+
+
+def _values(material: Material | Sheet) -> list[Any]:
+    """Constants of a material, of pairs each."""
+    values = [getattr(material, part.name) for part in fields(material)]  # type: ignore[arg-type]
+    return [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
 
 
 @final

@@ -19,7 +19,7 @@ from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_newton import Body, Elements, Start, implicit_step, make_room
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Sheet, Shell
 from modalshell.shell.kernels.generated import flexure, shear, stretch
 
 KERNELS = (stretch, shear, flexure)
@@ -94,7 +94,7 @@ class ProfileStep:
 
 def profile_step(shell: Shell) -> ProfileStep | None:
     """The compiled step of a shell; None for energies, supports or sizes that it does not serve."""
-    if isinstance(shell.material, Isotropic) or tuple(e.kernel for e in shell.elements) != KERNELS:
+    if isinstance(shell.material, Sheet) or tuple(e.kernel for e in shell.elements) != KERNELS:
         return None
     if shell.unknowns.matrix is not None:  # supports of single components
         return None

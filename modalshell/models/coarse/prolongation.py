@@ -169,10 +169,11 @@ def _barycentric(corners: Array, points: Array) -> Array:
 
 
 def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, Index]:
-    """Pairs of triangles (e, 2) that share an edge, and which of the edges are sharp (e,)."""
-    pairs = mesh.edge_faces[(mesh.edge_faces >= 0).all(axis=1)]
+    """Pairs of triangles (e, 2) that share an edge, and which of the edges are sharp (e,), as all junctions are."""
+    inner = np.flatnonzero((mesh.edge_faces >= 0).all(axis=1))
+    pairs = mesh.edge_faces[inner]
     cosines = np.sum(mesh.face_normals[pairs[:, 0]] * mesh.face_normals[pairs[:, 1]], axis=1)
-    return pairs, cosines < _SHARP
+    return pairs, (cosines < _SHARP) | np.isin(inner, mesh.joints.edges)
 
 
 def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh) -> Index:

@@ -14,16 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array
+from modalshell.models.hybrid.hinge_measures import HingeMeasures
+from modalshell.models.hybrid.measures import Bending, Measures
+from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
 from modalshell.shell import Shell
-from modalshell.shell.smoothed_membrane import PAIR, edge_numbers, strain_of_lengths
-
-_FLAT = 1e-6
-"""Rest angle [rad] up to which a hinge is flat."""
-_RESISTED = 0.9
-"""Largest share of a membrane mode's energy that flat hinges take where stresses take the rest."""
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 
 class Quadratic(NamedTuple):
@@ -42,7 +39,7 @@ class Quadratic(NamedTuple):
 
 
 class ReducedStress(NamedTuple):
-    """Energy of coordinates z (m,): K stress modes, H hinges with an angle at rest on S vertices.
+    """Energy of coordinates z (m,), of K stress modes and bending.
 
     Attributes
     ----------
@@ -50,151 +47,61 @@ class ReducedStress(NamedTuple):
         ``d_k``.
     viscous : Quadratic
         The same of the stresses that resist the rates of the membrane's strains.
-    flat : ndarray, shape (m, m)
-        Stiffness of the flat hinges.
-    rest, modes : ndarray, shape (S, 3) and (S, 3, m)
-        The other hinges' vertices at rest [m], and their rows of the basis.
-    hinges : ndarray of int64, shape (H, 4)
-        Stencils of these hinges in their vertices.
-    angles, roots : ndarray, shape (H,)
-        Angles at rest [rad], and roots of twice stiffness over rest size.
+    bending : Bending
+        Flat hinges as a constant matrix, others as they are.
     """
 
     membrane: Quadratic
     viscous: Quadratic
-    flat: Array
-    rest: Array
-    modes: Array
-    hinges: Index
-    angles: Array
-    roots: Array
+    bending: Bending
 
 
-def reduce_energy(shell: Shell, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:
-    """Reduced energy of a discrete shell.
+def measures_of(shell: Shell) -> Measures:
+    """Measures of a shell without further energies."""
+    return SplitFoldMeasures(shell) if isinstance(shell.elastic_energy, SplitFoldEnergy) else HingeMeasures(shell)
+
+
+def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:
+    """Reduced energy of a coarse shell.
 
     Parameters
     ----------
-    shell : Shell
-        Its element sets are stretch, shear and flexure.
+    measures : Measures
+        Of the shell.
     basis : ndarray, shape (3n, m)
         V, of displacements.
-    stresses, viscous : ndarray, shape (T + E, K) and (T + E, L)
-        Modes of elastic and of viscous stresses of triangles and edges; see :func:`stress_modes`.
+    stresses, viscous : ndarray, shape (e, K) and (e, L)
+        Modes of elastic and of viscous stresses; see :func:`stress_modes`.
     """
-    flexure = shell.elements[2]
-    vertices, columns = shell.rest_positions, basis.reshape(-1, 3, basis.shape[1])
-    flat = _flat(shell)
-    used, hinges = np.unique(flexure.stencils[~flat], return_inverse=True)
+    columns = basis.reshape(-1, 3, basis.shape[1])
     return ReducedStress(
-        _strain_measures(shell, columns, elastic_stresses(shell, stresses)),
-        _strain_measures(shell, columns, _edge_stresses(shell, viscous)),
-        _flat_bending(vertices, columns, flexure.stencils[flat], flexure.weight[flat]),
-        np.ascontiguousarray(vertices[used]),
-        np.ascontiguousarray(columns[used]),
-        np.ascontiguousarray(hinges.reshape(-1, 4), dtype=np.int64),
-        flexure.rest[~flat].copy(),
-        np.sqrt(2.0 * flexure.weight[~flat]),
+        _strain_measures(measures, columns, measures.elastic_tensions(stresses)),
+        _strain_measures(measures, columns, measures.tensions(viscous)),
+        measures.bending(columns),
     )
 
 
-def _flat(shell: Shell) -> NDArray[np.bool_]:
-    return np.abs(shell.elements[2].rest) <= _FLAT
-
-
-def _edge_stresses(shell: Shell, stresses: Array) -> Array:
-    """Stresses (E, K) of the edges that do the work of those of triangles and edges (T + E, K)."""
-    stretch, shear, _ = shell.elements
-    sides = shell.mesh.face_edges
-    squares = shear.rest[sides] ** 2
-    # dA / dl_i = l_i (l_j^2 + l_k^2 - l_i^2) / (8 A) at rest
-    slopes = shear.rest[sides] * (squares.sum(axis=1)[:, None] - 2.0 * squares) / (8.0 * stretch.rest[:, None])
-    along = stresses[len(stretch.rest) :].copy()
-    for side in range(3):
-        np.add.at(along, sides[:, side], slopes[:, side, None] * stresses[: len(stretch.rest)])
-    return along
-
-
-def elastic_stresses(shell: Shell, stresses: Array, factors: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Array:
-    """Stresses (E, k) of edges; half the sum of squares of their work is the membrane's energy less the hinges' share.
-
-    The bending of flat hinges by ``j`` is meant for isometric motions. Strains of the two triangles enter ``j`` by the
-    jumps of E_nn and 2 E_tn across the edge: that energy is left to the hinges, and taken from the stresses. Modes of
-    whose energy the hinges take more than :data:`_RESISTED` are left to the hinges altogether.
-
-    Parameters
-    ----------
-    stresses : ndarray, shape (T + E, K)
-        Modes of elastic stresses.
-    factors : tuple of float
-        Of the stiffnesses of triangles, edges and hinges.
-    """
-    shear, mesh = shell.elements[1], shell.mesh
-    hinges = shell.elements[2].stencils[_flat(shell)]
-    weights = 2.0 * factors[2] * shell.elements[2].weight[_flat(shell)]
-    strains = _compliance(shell, factors[:2])[:, None] * stresses
-    edges = edge_numbers(mesh, hinges, PAIR)
-    rows = np.zeros((len(hinges), 2, len(PAIR)))
-    rows[:, :, [0, 1, 2]] = strain_of_lengths(mesh, hinges[:, [0, 1, 2]])[:, 1:]
-    rows[:, :, [0, 3, 4]] -= strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)[:, 1:]
-    jumps = np.einsum("hpe,hek->hpk", rows, (shear.rest[:, None] * strains[-len(shear.rest) :])[edges])
-    resisted = np.zeros((len(shear.rest), stresses.shape[1]))
-    np.add.at(resisted, edges, np.einsum("h,hpe,hpk->hek", weights, rows, jumps))
-    fractions, turned = scipy.linalg.eigh(np.einsum("h,hpk,hpl->kl", weights, jumps, jumps), stresses.T @ strains)
-    kept = fractions < _RESISTED
-    remaining = _edge_stresses(shell, stresses) - shear.rest[:, None] * resisted
-    return np.asarray(remaining @ (turned[:, kept] / np.sqrt(1.0 - fractions[kept])))
-
-
-def _compliance(shell: Shell, factors: tuple[float, ...] = (1.0, 1.0)) -> Array:
-    """Strain (T + E,) for each unit of stress of triangles and edges, 0 where there is no stiffness."""
-    weight = np.concatenate([f * elements.weight for f, elements in zip(factors, shell.elements[:2], strict=True)])
-    return np.divide(0.5, weight, out=np.zeros(weight.size), where=weight > 0.0)
-
-
-def _strain_measures(shell: Shell, columns: Array, along: Array) -> Quadratic:
-    """Work of every mode of edge stresses ``along`` (E, K) on the strains of the edges."""
-    vertices, edges = shell.rest_positions, shell.elements[1].stencils
+def _strain_measures(measures: Measures, columns: Array, tensions: Array) -> Quadratic:
+    """Work of every mode of edge tensions (E, K) on the half squared lengths of the edges."""
+    vertices, edges = measures.shell.rest_positions, measures.edges
     across = columns[edges[:, 1]] - columns[edges[:, 0]]
     arms = vertices[edges[:, 1]] - vertices[edges[:, 0]]
-    scaled = along / shell.elements[1].rest[:, None]
-    linear = np.einsum("exm,ek->mk", across * arms[:, :, None], scaled, optimize=True)
+    linear = np.einsum("exm,ek->mk", across * arms[:, :, None], tensions, optimize=True)
     rows = np.tril_indices(columns.shape[2])[0]
-    pairs = np.empty((len(rows), along.shape[1]))
+    pairs = np.empty((len(rows), tensions.shape[1]))
     for row in range(columns.shape[2]):  # products of all pairs at once would be large
         products = np.einsum("ex,exj->ej", across[:, :, row], across[:, :, : row + 1])
-        pairs[rows == row] = products.T @ scaled
+        pairs[rows == row] = products.T @ tensions
     return Quadratic(np.ascontiguousarray(linear), pairs)
 
 
-def _flat_bending(vertices: Array, columns: Array, hinges: Index, weights: Array) -> Array:
-    """Stiffness (m, m) of ``w |j|^2``, j the sum over both sides of the offset from the rest foot over the height."""
-    total = np.zeros((columns.shape[2],) * 2)
-    if len(hinges) == 0:
-        return total
-    first, second = vertices[hinges[:, 0]], vertices[hinges[:, 1]]
-    edge = second - first
-    length = np.sum(edge**2, axis=1)
-    offsets = np.zeros((len(hinges), 3, columns.shape[2]))
-    for opposite in (2, 3):
-        arm = vertices[hinges[:, opposite]] - first
-        along = np.sum(arm * edge, axis=1) / length
-        height = np.linalg.norm(arm - along[:, None] * edge, axis=1)[:, None, None]
-        along = along[:, None, None]
-        foot = (1.0 - along) * columns[hinges[:, 0]] + along * columns[hinges[:, 1]]
-        offsets += (columns[hinges[:, opposite]] - foot) / height
-    tall = offsets.reshape(-1, columns.shape[2])
-    return np.asarray(tall.T @ (np.repeat(2.0 * weights, 3)[:, None] * tall))
+def stress_modes(measures: Measures, leading: Array, snapshots: Array, count: int) -> Array:
+    """Stress modes (e, K), whose scaled form is orthonormal: of ``leading`` states, then by POD.
 
-
-def stress_modes(shell: Shell, leading: Array, snapshots: Array, count: int) -> Array:
-    """Stress modes (T + E, K), orthonormal in ``sum_e s_e s'_e / (2 w_e)``: of ``leading`` states, then by POD.
-
-    ``leading`` (T + E, l) and ``snapshots`` (T + E, s) are stresses of triangles and edges.
+    ``leading`` (e, l) and ``snapshots`` (e, s) are states of the membrane.
     """
-    root = np.sqrt(_compliance(shell))[:, None]
-    first = scipy.linalg.orth(root * leading, rcond=1e-8)[:, :count]
-    return np.asarray(_extended(first, root * snapshots, count) / np.where(root > 0.0, root, np.inf))
+    first = scipy.linalg.orth(measures.scaled(leading), rcond=1e-8)[:, :count]
+    return measures.unscaled(_extended(first, measures.scaled(snapshots), count))
 
 
 def _extended(first: Array, snapshots: Array, count: int) -> Array:

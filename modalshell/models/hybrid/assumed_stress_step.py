@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.shell.kernels.generated.flexure import first_derivatives
+from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -63,36 +63,6 @@ def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
 
 
 @njit(**_summing)
-def _hinges(reduced, z, strains, slopes):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and slopes, times the roots of their weights, behind those of the membrane."""
-    count, first = z.size, reduced.membrane.linear.shape[1]
-    x = reduced.rest.copy()
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            total = 0.0
-            for i in range(count):
-                total += reduced.modes[v, axis, i] * z[i]
-            x[v, axis] += total
-    local, row = np.empty(9), np.empty(count)
-    for h in range(reduced.hinges.shape[0]):
-        a, b, c, d = reduced.hinges[h]
-        angle = first_derivatives(
-            x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
-            x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
-            x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
-        )  # fmt: skip
-        root = reduced.roots[h]
-        strains[first + h] = root * ((angle - reduced.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
-        row[:] = 0.0
-        for axis in range(3):
-            p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-            for i in range(count):
-                row[i] += p * reduced.modes[b, axis, i] + q * reduced.modes[c, axis, i] + r * reduced.modes[d, axis, i]
-                row[i] -= (p + q + r) * reduced.modes[a, axis, i]
-        slopes[:, first + h] = row
-
-
-@njit(**_summing)
 def _add_squares(slopes, factor, matrix):  # type: ignore[no-untyped-def]
     """Add ``factor`` times the slopes' products to the lower triangle of ``matrix`` (m, m)."""
     for i in range(matrix.shape[0]):
@@ -107,20 +77,21 @@ def _add_squares(slopes, factor, matrix):  # type: ignore[no-untyped-def]
 def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
     """Energy [J] of z; writes strains (K + H,), their slopes (m, K + H), the gradient and the Hessian's lower triangle.
 
-    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy. The Hessian
-    takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and leaves out the second derivatives of the angles.
+    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
+    flat hinges' and what couples hinges. The Hessian takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and
+    leaves out the second derivatives of the angles and of the normals.
     """
-    count = z.size
-    hessian[:] = reduced.flat
+    count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
+    hessian[:] = bending.flat
     total = 0.0
     for i in range(count):
         bent = 0.0
         for j in range(count):
-            bent += reduced.flat[i, j] * z[j]
+            bent += bending.flat[i, j] * z[j]
         gradient[i] = bent
         total += 0.5 * z[i] * bent
     _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
-    _hinges(reduced, z, strains, slopes)
+    x = hinge_angles(bending, z, first, strains, slopes)
     _add_squares(slopes, 1.0, hessian)
     for k in range(strains.size):
         total += 0.5 * strains[k] * strains[k]
@@ -129,6 +100,10 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
         for k in range(strains.size):
             pull += slopes[i, k] * strains[k]
         gradient[i] += pull
+    if bending.across.shape[0] > 0:
+        others = np.empty((count, bending.across.shape[0]))
+        total += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
+        add_coupled(slopes, first, others, 1.0, hessian)
     return total
 
 
@@ -136,7 +111,7 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
 def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     """What :func:`energy_terms` finds: energy, strains, slopes, gradient and Hessian."""
     count, modes = reduced.membrane.linear.shape
-    strains = np.empty(modes + reduced.angles.size)
+    strains = np.empty(modes + reduced.bending.angles.size)
     slopes, gradient, hessian = np.empty((count, strains.size)), np.empty(count), np.empty((count, count))
     value = energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian)
     return value, strains, slopes, gradient, hessian
@@ -293,17 +268,22 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     z, rates, near, viscous_at = start
     count, modes = reduced.membrane.linear.shape
     further = reduced.viscous.linear.shape[1]
-    slopes = np.empty((count, max(modes, further) + reduced.angles.size))
+    slopes = np.empty((count, max(modes, further) + reduced.bending.angles.size))
     strains, unused, outer = np.empty(slopes.shape[1]), np.empty((count, count)), np.zeros((count, count))
     if viscosity > 0.0:
+        factor, bending = viscosity / dt, reduced.bending
         _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
-        _add_squares(slopes[:, :further], viscosity / dt, outer)
-        _hinges(reduced, viscous_at, strains, slopes)
-        _add_squares(slopes[:, modes : modes + reduced.angles.size], viscosity / dt, outer)
+        _add_squares(slopes[:, :further], factor, outer)
+        x = hinge_angles(bending, viscous_at, modes, strains, slopes)
+        _add_squares(slopes[:, modes : modes + bending.angles.size], factor, outer)
+        if bending.across.shape[0] > 0:
+            others, none = np.empty((count, bending.across.shape[0])), np.zeros(count)
+            add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
+            add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
             for j in range(i):
                 outer[j, i] = outer[i, j]
-        outer += reduced.flat * (viscosity / dt)
+        outer += bending.flat * factor
     for i in range(count):
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
     push = force + rates / dt
@@ -312,7 +292,10 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
     _predict(slopes, z + dt * rates - near, strains, stresses)
-    slopes, strains = np.empty((count, modes + reduced.angles.size)), np.empty(modes + reduced.angles.size)
+    slopes, strains = (
+        np.empty((count, modes + reduced.bending.angles.size)),
+        np.empty(modes + reduced.bending.angles.size),
+    )
     slots = np.empty((2, count))
     slots[START] = near
     step = Step(

@@ -8,10 +8,12 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.models.hybrid.assumed_stress import ReducedStress, elastic_stresses
+from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.assumed_stress_step import evaluate
-from modalshell.shell import Shell
+from modalshell.models.hybrid.measures import Measures
+from modalshell.shell import Isotropic
 from modalshell.shell.energies_of import material_constants
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _STEP = 1e-4
 _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
@@ -26,32 +28,45 @@ def differences(function: Callable[[Array], Array], z: Array) -> Array:
 
 
 def forces_by_constants(
-    shell: Shell, reduced: ReducedStress, stresses: Array, basis: Array, z: Array
+    measures: Measures, reduced: ReducedStress, stresses: Array, basis: Array, z: Array
 ) -> Callable[[str], Array]:
     """Derivatives (m,) of minus the energy's gradient at z by the constants of a coarse shell that are one number.
 
-    The span of the ``stresses`` (T + E, K) and the ``basis`` (3k, m) stay as trained.
+    The span of the ``stresses`` (e, K) and the ``basis`` (3k, m) stay as trained.
     """
+    shell = measures.shell
     known = material_constants(shell.material)
-    shear, columns = shell.elements[1], basis.reshape(-1, 3, z.size)
-    first, second = shear.stencils.T
-    x = shell.rest_positions + columns @ z
-    arms = x[second] - x[first]
-    strains = (np.sum(arms**2, axis=1) - shear.rest**2) / (2.0 * shear.rest)
-    slopes = np.einsum("ex,exm->em", arms / shear.rest[:, None], columns[second] - columns[first])
+    columns = basis.reshape(-1, 3, z.size)
+    first, second = measures.edges.T
+    rest = shell.rest_positions[second] - shell.rest_positions[first]
+    moved = columns[second] - columns[first]
+    arms = rest + moved @ z
+    strains = 0.5 * (np.sum(arms**2, axis=1) - np.sum(rest**2, axis=1))
+    slopes = np.einsum("ex,exm->em", arms, moved)
 
     def membrane_force(factors: Array) -> Array:
-        stretch, edges, hinges = factors.tolist()
-        along = elastic_stresses(shell, stresses, (stretch, edges, hinges))
-        return np.asarray(-(slopes.T @ along) @ (along.T @ strains))
+        tensions = measures.elastic_tensions(stresses, tuple(factors.tolist()))
+        return np.asarray(-(slopes.T @ tensions) @ (tensions.T @ strains))
 
-    found = dict(zip(("stretch", "shear", "flexure"), differences(membrane_force, np.ones(3)).T, strict=True))
-    stiffer = reduced._replace(flat=2.0 * reduced.flat, roots=np.sqrt(2.0) * reduced.roots)
-    found["flexure"] = found["flexure"] + _gradient(reduced, z) - _gradient(stiffer, z)
+    *parts, hinges = differences(membrane_force, np.ones(3)).T
+    bending = reduced.bending
+    root = np.sqrt(2.0)
+    doubled = bending._replace(flat=2.0 * bending.flat, roots=root * bending.roots, across=root * bending.across)
+    hinges = hinges + _gradient(reduced, z) - _gradient(reduced._replace(bending=doubled), z)
+    if isinstance(shell.material, Isotropic):
+        found = {"young": parts[0] + hinges, "thickness": parts[0] + 3.0 * hinges}
+    elif isinstance(shell.elastic_energy, SplitFoldEnergy):
+        found = {}
+    else:
+        found = {"stretch": parts[0], "shear": parts[1], "flexure": hinges}
 
     def by_constant(name: str) -> Array:
         if not known.get(name) or name not in found:
-            raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
+            names = ", ".join(found) or "no constant of this material"
+            raise OptionError(
+                f"the hybrid rung knows derivatives by {names}, where it is one number above 0 for the whole coarse "
+                f"shell (got {name!r}): take DS"
+            )
         return found[name] / known[name]
 
     return by_constant

@@ -10,8 +10,10 @@ from modalshell.core.checks import LARGEST, checked_kind
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
+from modalshell.models.hybrid.assumed_stress import measures_of
 from modalshell.models.hybrid.training import Trained
 from modalshell.shell import Shell
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _HYBRID = Archive(
     "a trained hybrid",
@@ -34,9 +36,19 @@ _HYBRID = Archive(
 def trainable(coarse: Shell) -> Shell:
     """``coarse`` itself; an error if no hybrid can be made of it."""
     checked_kind("coarse", coarse, Shell)
-    _ = coarse.elements
-    if len(coarse.elements) != 3 or coarse.energies:
-        raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
+    folded = isinstance(coarse.elastic_energy, SplitFoldEnergy)
+    if coarse.energies or not (folded or len(coarse.elements) == 3):
+        raise OptionError("the hybrid rung knows the energies of a material alone: leave the further energies out")
+    if coarse.rest_shape is not None:
+        raise OptionError(
+            "the hybrid rung knows no rest shape other than the mesh's: leave prestrain, rest curvature "
+            "and temperature out, or take ds"
+        )
+    if folded and any(support.mirror() is not None for support in coarse.supports):
+        raise SupportError(
+            "the hybrid rung takes no planes of symmetry of a shell of split folds (got one): take a mesh of the "
+            "whole surface"
+        )
     if coarse.has_dashpots:
         raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
     if not coarse.clamped.any():
@@ -55,9 +67,9 @@ def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
     with _HYBRID.read(path) as data:
         if not np.array_equal(data["rest"], coarse.rest_positions):
             raise ValueError("it was trained on another coarse shell")
-        elements = sum(e.rest.size for e in coarse.elements[:2])
-        if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != elements:
-            raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
+        size = measures_of(coarse).state_size
+        if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != size:
+            raise ValueError(f"its stresses are of {len(data['stresses'])} numbers, those of this shell of {size}")
         arrays = data["basis"], data["stresses"], data["viscous"]
         numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
         return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"])

@@ -16,8 +16,15 @@ from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.hybrid.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
+from modalshell.models.hybrid.assumed_stress import (
+    ReducedStress,
+    measures_of,
+    position_modes,
+    reduce_energy,
+    stress_modes,
+)
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.measures import Measures
 from modalshell.modes import lowest_modes
 from modalshell.shell import Shell
 
@@ -61,7 +68,7 @@ class Trained:
     ----------
     basis : ndarray, shape (3k, m)
         V, mass-orthonormal, of the coarse shell's displacements.
-    stresses, viscous : ndarray, shape (T + E, K) and (T + E, L)
+    stresses, viscous : ndarray, shape (e, K) and (e, L)
         Modes of elastic and of viscous stresses.
     held_out_error : float
         90th percentile of the motions' errors against the coarse shell on loads that were not in training.
@@ -84,13 +91,12 @@ class Trained:
     description: str
     coarse_errors: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def unseen(self, coarse: Shell, x: Array, energy: float, seen: float) -> float:
+    def unseen(self, measures: Measures, x: Array, energy: float, seen: float) -> float:
         """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
 
         ``seen`` [J] is that of the assumed stresses.
         """
-        membrane = sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in coarse.elements[:2])
-        return float(abs(membrane - seen) / (energy + _SMALL * self.energy))
+        return abs(measures.energy(x) - seen) / (energy + _SMALL * self.energy)
 
 
 @final
@@ -190,22 +196,22 @@ def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, R
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
     lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
-    leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
-    elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
-    rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T
-    displacements = _evened((frames - rest).reshape(len(frames), -1).T, np.repeat(coarse.mass, 3))
-    weight = np.concatenate([coarse.elements[0].weight, coarse.elements[1].weight])
-    softness = np.where(weight > 0.0, 0.5 / np.where(weight > 0.0, weight, 1.0), 0.0)
+    measures, none = measures_of(coarse), np.zeros_like(rest)
+    leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
+    elastic = np.array([measures.state(frame, none) for frame in frames]).T
+    rates = np.array([measures.state(x, step) - measures.state(x, none) for x, step in steps]).T
+    moves = (frames - rest).reshape(len(frames), -1).T
+    displacements = _evened(moves, np.sqrt(np.repeat(coarse.mass, 3))[:, None] * moves)
     basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
-    stresses = stress_modes(coarse, leading, _evened(elastic, softness), modes)
-    viscous = stress_modes(coarse, leading[:, :0], _evened(rates, softness), max(1, modes // 2))
+    stresses = stress_modes(measures, leading, _evened(elastic, measures.scaled(elastic)), modes)
+    viscous = stress_modes(measures, leading[:, :0], _evened(rates, measures.scaled(rates)), max(1, modes // 2))
     energy = max(coarse.raw_energy(frame) for frame in frames[::5])
-    return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(coarse, basis, stresses, viscous)
+    return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(measures, basis, stresses, viscous)
 
 
-def _evened(snapshots: Array, weight: Array) -> Array:
-    """Snapshots (N, s) over a power of their sizes in the norm of ``weight`` (N,)."""
-    sizes = np.sqrt(weight @ snapshots**2)
+def _evened(snapshots: Array, scaled: Array) -> Array:
+    """Snapshots (N, s) over a power of the sizes of their ``scaled`` form (r, s)."""
+    sizes = np.linalg.norm(scaled, axis=0)
     return np.asarray(snapshots / np.maximum(sizes, _LEAST * sizes.max()) ** _EVEN)
 
 
@@ -249,11 +255,6 @@ def motion_under(model: CoarseDiscreteShell, load: Array, damping: Damping) -> t
     return load, damping, np.array(frames)
 
 
-def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
-    """Stresses (T + E,) of triangles and edges after ``step`` (k, 3), by the measures linearised at ``x``."""
-    return np.concatenate(coarse.predicted_stresses(x, step)[:2])
-
-
 @final
 class _ReducedSteps(EulerSteps):
     """Steps of implicit Euler of the reduced shell, under a force ``push`` (m,) on its coordinates."""
@@ -283,14 +284,14 @@ def _held_out(
     """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
     push = load.ravel() @ found.basis
     steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros_like(push))
-    frames, unseen = [], 0.0
+    frames, unseen, measures = [], 0.0, measures_of(coarse)
     for frame in range(LOADED + RELEASED):
         steps.push = push if frame < LOADED else np.zeros_like(push)
         state, solved = RULE.march(steps, state, DT)
         if not solved:
             return 1.0, unseen
         frames.append(steps.positions(state.coordinates))
-        unseen = max(unseen, found.unseen(coarse, frames[-1], *steps.energies))
+        unseen = max(unseen, found.unseen(measures, frames[-1], *steps.energies))
     mass, exact = coarse.mass[:, None], truth[1:]
     off = np.sum(mass * (np.array(frames) - exact) ** 2)
     return float(np.sqrt(off / np.sum(mass * (exact - coarse.rest_positions) ** 2))), unseen

@@ -1,0 +1,43 @@
+"""The command on cards: sheets with measured constants."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.markup import escape
+from rich.table import Column, Table
+
+import modalshell as ms
+from modalshell.commands.terminal import CONSOLE, say
+from modalshell.shell.cards import CARDS
+
+
+def cards(
+    name: Annotated[str | None, Parameter(help="One card, with its constants and measurements.")] = None, /
+) -> None:
+    """List sheets with measured constants: mass per area, bending length, reference; or one with all that is known.
+
+    The bending length is (B / (rho g))^(1/3): a strip hangs to 41.5 degrees at an overhang of twice as much.
+
+    Example: modalshell cards 11oz-black-denim
+    """
+    if name is None:
+        table = Table(
+            Column("card", no_wrap=True), "what", "g/m^2", escape("length [mm]"), Column("source", no_wrap=True)
+        )
+        for key, card in CARDS.items():
+            numbers = f"{1e3 * card.weight:.4g}", f"{1e3 * card.bending_length:.3g}"
+            reference = card.source[card.source.index("[") + 1 : card.source.index("]")]
+            table.add_row(key, escape(card.what), *numbers, reference)
+        CONSOLE.print(table)
+        return
+    ms.card(name)  # which refuses another name
+    card = CARDS[name]
+    say(f"{name}: {card.what}", f"source: {card.source}", sep="\n")
+    for constant, value in card.material.constants.items():
+        say(f"  {constant} = {value:.6g}")
+    say("compared with:")
+    for one in card.measured:
+        fitted = ", to which a constant was fitted" if one.fitted else ""
+        say(f"  {one.what}: {one.value:.4g} {one.unit} within {100.0 * one.spread:.3g} %{fitted}")

@@ -1,0 +1,296 @@
+"""Exact contact: a primal-dual active set inside the mixed Newton [hintermueller2002].
+
+Of the rows that touch, the gaps are prescribed in each of Newton's steps, and what the step leaves out of balance
+along their normals are the forces; rows that pull are let go, and rows that entered are taken in. There is no gap left,
+and no stiffness to choose. Where the sets cycle, or leave a mechanism, the shell moves in a thick fluid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+from numpy.typing import NDArray
+
+from modalshell.contact.friction import Friction
+from modalshell.contact.rotated import Rotated
+from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array, Index
+from modalshell.modes import Factor
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.potential import Potential
+
+_PULL = 1e-9
+"""Pull, as a share of the scale of forces, that rounding explains: a row that lies on its collider without force."""
+DIRECT = 60
+"""Iterations at most from a start; sets change by a few rows an iteration."""
+_SUB_STEP = 15
+"""Iterations at most of a step in the thick fluid."""
+_EASY = 7
+_FALL, _RISE = 0.25, 6.0
+"""Iterations of such a step up to which the drag falls, and factors on it after a success and a failure."""
+_FAILURES = 12
+"""Failures of steps in the fluid, one after the other, after which it gives up."""
+_STIFF = 1e-4
+"""First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
+_SUB_STEPS = 150
+"""Steps in the fluid at most."""
+_REFINEMENTS = 10
+"""Refinements at most."""
+_REVISITS = 4
+"""Times that one set may come back before sets are taken to cycle."""
+
+Mask = NDArray[np.bool_]
+
+
+@final
+@dataclass(frozen=True)
+class Rest:
+    """Where a solve with contacts ended.
+
+    Attributes
+    ----------
+    point : ndarray, shape (n, 3)
+        Positions [m].
+    active : ndarray of bool, shape (r,)
+        Rows that touch.
+    pushes : ndarray, shape (r,)
+        Forces [N] along the normals.
+    residual : float
+        Out-of-balance force over the load and the contact forces.
+    iterations : int
+        Newton's.
+    converged : bool
+        Whether the residual met its goal, with sets that repeat.
+    stable : bool or None
+        Whether the exact Hessian is positive definite on the motions that keep the gaps.
+    limited : bool
+        Whether rounding keeps the residual up.
+    """
+
+    point: Array
+    active: Mask
+    pushes: Array
+    residual: float
+    iterations: int
+    converged: bool
+    stable: bool | None = None
+    limited: bool = False
+
+
+@final
+class ActiveSet:
+    """Solves for the minimum of a potential outside colliders.
+
+    Parameters
+    ----------
+    problem : Potential
+        The potential.
+    touching : Touching
+        The contacts.
+    scale : float
+        Size of the load [N]; contact forces count where they are larger.
+    friction : Friction, optional
+        That of a step in time.
+    """
+
+    def __init__(self, problem: Potential, touching: Touching, scale: float, friction: Friction | None = None) -> None:
+        self.problem, self.touching, self._load, self._friction = problem, touching, scale, friction
+        self._deep = EXACT_GAP * touching.size
+
+    def near(self, x: Array) -> Mask:
+        """Rows (r,) that touch at positions x (n, 3)."""
+        return self._movable(x, self.touching.distances(x) <= self._deep)
+
+    def _movable(self, x: Array, chosen: Mask) -> Mask:
+        """Those of the chosen rows whose vertices supports let move along their normals."""
+        rows = np.flatnonzero(chosen)
+        if rows.size:
+            chosen = chosen.copy()
+            chosen[rows] = self.touching.movable(rows, self.touching.gaps(x, rows)[1])
+        return chosen
+
+    def _linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
+        """Gradient (N,) and Hessian of the potential, that of friction with it."""
+        gradient, hessian = self.problem.linearise(x, geometric, stresses)
+        return (gradient if self._friction is None else self._friction.add(x, gradient, hessian)), hessian
+
+    def _potential(self, x: Array) -> tuple[float, Array]:
+        """Potential [J] and its gradient (N,), those of friction with them."""
+        value, gradient = self.problem.potential(x)
+        if self._friction is not None:
+            value += self._friction.value(x)
+            gradient = gradient + self.problem.shell.unknowns.restrict(self._friction.forces(x).ravel())
+        return value, gradient
+
+    def scale(self, pushes: Array) -> float:
+        """Size of the forces that residuals are relative to [N]."""
+        return max(self._load, float(np.linalg.norm(pushes))) or 1.0
+
+    def iterate(self, start: Array, active: Mask, rules: method.Rules, stresses: list[Array] | None = None) -> Rest:
+        """Full mixed Newton steps with active sets from ``start`` (n, 3) and the ``stresses`` predicted there."""
+        touching, x = self.touching, start.copy()
+        pushes = np.zeros(active.size)
+        best, stalled, allowed, repeated = np.inf, 0, 0.0, False
+        seen: dict[bytes, int] = {}
+        size, solved = np.inf, False
+        for iteration in range(rules.most + 1):
+            geometric = GAUSS_NEWTON if stresses is None else MIXED
+            gradient, hessian = self._linearise(x, geometric, stresses)
+            rows = np.flatnonzero(active)
+            gaps = touching.gaps(x, rows)
+            equations = Rotated(self.problem, touching, gradient, hessian, rows, pushes[rows], gaps)
+            size = float(np.linalg.norm(equations.unbalanced(gradient))) / self.scale(pushes)
+            if not np.isfinite(size):
+                break
+            if repeated:
+                stalled = 0 if size <= 0.5 * best else stalled + 1
+                best = min(best, size)
+                solved = size <= max(rules.accepted, allowed)
+                if (solved and (size <= rules.goal or stalled > 0)) or stalled == method.STALLED:
+                    break
+            else:
+                best, stalled, solved = np.inf, 0, False
+            if iteration == rules.most:
+                break
+            try:
+                direction, found = equations.solve()
+            except SolverError:
+                break
+            if not np.isfinite(direction).all():
+                break
+            share, allowed, stresses = self._moved(x, hessian, direction, equations.frames.rows)
+            x = self._point
+            pushes = np.zeros(active.size)
+            pushes[equations.frames.rows] = found
+            allowed /= self.scale(pushes)
+            last, active = active, self._next(x, pushes, equations.frames.rows, max(_PULL, allowed))
+            repeated = bool(share > 0.999 and np.array_equal(last, active))
+            if not repeated:
+                key = np.packbits(active).tobytes()
+                seen[key] = seen.get(key, 0) + 1
+                if seen[key] > _REVISITS:
+                    break
+        return Rest(x, active, np.where(active, pushes, 0.0), size, iteration, solved, limited=size > rules.accepted)
+
+    def _moved(self, x: Array, hessian: object, direction: Array, rows: Index) -> tuple[float, float, list[Array]]:
+        moved, stresses, share = self.problem.moved(x, direction)
+        if (part := self.touching.safe_part(x, moved)) < 1.0:
+            moved, stresses, within = self.problem.moved(x, part * direction)
+            share = min(share, part * within)
+        left = (1.0 - share) * self.touching.gaps(x, rows)[0]
+        self.touching.put_on(moved, rows, left)
+        length = float(np.abs(moved - x).max(initial=0.0))
+        self._point = moved
+        allowed = self.problem.rounding(moved, hessian, length)  # type: ignore[arg-type]
+        return share, allowed, stresses
+
+    def _next(self, x: Array, pushes: Array, kept: Index, pull: float) -> Mask:
+        """The next set: rows that do not ``pull``, as a share of the scale, stay, and rows that entered come in."""
+        stays = np.zeros(pushes.size, dtype=bool)
+        stays[kept] = pushes[kept] > -pull * self.scale(pushes)
+        was = np.zeros(pushes.size, dtype=bool)
+        was[kept] = True
+        entered = ~was & (self.touching.distances(x) < -self._deep)
+        return stays | self._movable(x, entered)
+
+    def _equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
+        """Newton's equations at an end, and the gradient there."""
+        gradient, hessian = self._linearise(rest.point, geometric)
+        rows = np.flatnonzero(rest.active)
+        gaps = self.touching.gaps(rest.point, rows)
+        return Rotated(self.problem, self.touching, gradient, hessian, rows, rest.pushes[rows], gaps), gradient
+
+    def settled(self, rest: Rest) -> Rest:
+        """The end with its verdict, and the forces that balance the shell exactly where it is.
+
+        It is stable where the exact Hessian is positive definite on the motions that keep the gaps. What rounding
+        leaves of the balance of a stiff membrane goes with displacements in extended precision.
+        """
+        if not rest.converged:
+            return rest
+        equations, gradient = self._equations(rest, EXACT)
+        factor = equations.definite_factor()
+        if factor is not None and rest.residual > method.ACCEPTED and self.problem.quadratic is None:
+            rest, gradient = self._refined(rest, equations, factor)
+        pushes = np.zeros(rest.pushes.size)
+        pushes[equations.frames.rows] = np.maximum(equations.frames.pushes(gradient), 0.0)
+        return replace(rest, pushes=pushes, stable=factor is not None)
+
+    def _refined(self, rest: Rest, equations: Rotated, factor: Factor) -> tuple[Rest, Array]:
+        """The end refined as :mod:`modalshell.statics.refine` does it, with what touches staying on its collider."""
+        shell, scale = self.problem.shell, self.scale(rest.pushes)
+        moved = rest.point.astype(np.longdouble) - shell.rest_positions
+        best, residual, kept = moved, np.inf, np.zeros(0)
+        for iteration in range(_REFINEMENTS + 1):
+            force = self.problem.force((shell.rest_positions + moved).astype(np.float64))
+            gradient = shell.unknowns.restrict((shell.extended_gradient(moved) - force).ravel())
+            out = (equations.unbalanced(gradient) / scale).astype(np.float64)
+            size = float(np.linalg.norm(out))
+            if not size < 0.5 * residual:
+                break
+            best, residual, kept = moved, size, gradient.astype(np.float64)
+            if size <= 0.01 * method.ACCEPTED or iteration == _REFINEMENTS:
+                break
+            step = equations.frames.turned(self.problem.step(factor, out), back=True) * np.longdouble(scale)
+            moved = moved + shell.unknowns.prolong(step).reshape(-1, 3)
+        point = (shell.rest_positions + best).astype(np.float64)
+        limited = residual > method.ACCEPTED
+        refined = replace(rest, point=point, residual=residual, limited=limited, iterations=rest.iterations + iteration)
+        return refined, kept
+
+    def descend(self, start: Array, rules: method.Rules) -> Rest:
+        """Go downhill from ``start`` (n, 3) as the shell would move in a thick fluid, by steps with active sets."""
+        problem, shell = self.problem, self.problem.shell
+        loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
+        x, active, iterations = start, self.near(start), 0
+        value, drag = self._first_drag(x)
+        present, failures = np.zeros_like(x), 0
+        rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
+        for _ in range(_SUB_STEPS):
+            fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
+            step = fluid.iterate(x, active, loose, shell.predicted_stresses(x, present))
+            iterations += step.iterations
+            reached = self._potential(step.point)[0] if step.converged else np.inf
+            if not reached <= value + method.HIGHER * abs(value):
+                drag, failures = drag * _RISE, failures + 1
+                if failures == _FAILURES:
+                    break
+                continue
+            x, active, value, failures = step.point, step.active, reached, 0
+            if step.iterations <= _EASY:
+                drag *= _FALL
+            rest = self._free_residual(step)
+            if rest.residual > method.NEAR:
+                continue
+            plain = rules._replace(most=_SUB_STEP)
+            last = self.iterate(x, active, plain, shell.predicted_stresses(x, present))
+            iterations += last.iterations
+            reached = self._potential(last.point)[0] if last.converged else np.inf
+            if reached <= value + method.HIGHER * abs(value):
+                last = self.settled(last)
+                if last.stable:
+                    return replace(last, iterations=iterations)
+        return replace(rest, iterations=iterations, converged=False)
+
+    def _first_drag(self, x: Array) -> tuple[float, float]:
+        """Potential at x (n, 3), infinite where vertices lie inside, and a drag to begin with."""
+        shell = self.problem.shell
+        value, gradient = self._potential(x)
+        drag = float(np.linalg.norm(gradient))
+        drag /= float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size
+        if self.touching.distances(x).min(initial=0.0) < -self._deep:
+            value = np.inf
+            diagonal = self._linearise(x, EXACT)[1].diagonal()
+            drag = max(drag, _STIFF * float(np.abs(diagonal).mean() / shell.mass.mean()))
+        return value, drag
+
+    def _free_residual(self, step: Rest) -> Rest:
+        """A step's end, with the residual without the drag."""
+        equations, gradient = self._equations(step, GAUSS_NEWTON)
+        size = float(np.linalg.norm(equations.unbalanced(gradient)))
+        return replace(step, residual=size / self.scale(step.pushes), converged=False)

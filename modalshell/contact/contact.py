@@ -1,0 +1,124 @@
+"""Contact: a collider, the vertices that may touch it, and what happens where they do."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.contact.base import Collider, Gap
+from modalshell.core.checks import checked_kind, checked_number
+from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh
+from modalshell.mesh.selection import Selection, checked_selection, selected
+from modalshell.supports import SupportPath
+
+_LEAD = 1e-6
+"""Time [s] over which the velocity of a collider on a path is a difference."""
+
+
+@final
+class Contact(ReadOnlyArrays):
+    """Keeps vertices of a shell out of a collider: ``0 <= force _|_ gap >= 0`` at each of them.
+
+    Vertices touch, edges and triangles between them do not: on a convex collider of radius r a triangle of edge l
+    dips in by ``l^2 / (8 r)``. Vertices that supports hold wholly take no part.
+
+    Parameters
+    ----------
+    collider : Collider
+        What is not entered.
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices that may touch it; ``"all"`` are all of them.
+    friction : float
+        Coulomb's coefficient.
+    restitution : float
+        Share of the normal speed that a vertex keeps when it strikes, 0 to 1.
+    motion : SupportPath, optional
+        Moves the collider as a rigid body. Statics take it as it is at time 0.
+    push_out : float
+        Speed [m/s] up to which vertices that begin inside are pushed out; 0 refuses such a start. Statics take any
+        speed for leave to lead them out.
+
+    Raises
+    ------
+    OptionError
+        For what is no collider or path, an invalid selection, a negative friction or speed, or a restitution beyond
+        [0, 1].
+    """
+
+    def __init__(
+        self,
+        collider: Collider,
+        sel: Selection = "all",
+        friction: float = 0.0,
+        restitution: float = 0.0,
+        motion: SupportPath | None = None,
+        *,
+        push_out: float = 0.0,
+    ) -> None:
+        self.collider = checked_kind("collider", collider, Collider)  # type: ignore[type-abstract]
+        self.sel = sel if isinstance(sel, str) and sel == "all" else checked_selection("sel", sel)
+        self.friction = checked_number("friction", friction, at_least=0.0)
+        self.restitution = checked_number("restitution", restitution, at_least=0.0, at_most=1.0)
+        self.motion = None if motion is None else checked_kind("motion", motion, SupportPath)
+        self.push_out = checked_number("push_out", push_out, at_least=0.0, unit="m/s")
+
+    def __repr__(self) -> str:
+        return f"Contact({type(self.collider).__name__}, sel={self.sel!r})"
+
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+        """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
+        if isinstance(self.sel, str) and self.sel == "all":
+            return np.ones(len(mesh.vertices), dtype=bool)
+        return selected("sel", self.sel, mesh)
+
+    def gap(self, x: Array, t: float = 0.0) -> Gap:
+        """Gap of points (n, 3) [m] from the collider where its motion has brought it; see :meth:`Collider.gap`."""
+        if self.motion is None:
+            return self.collider.gap(x, t)
+        pose = self.motion.at(t)
+        gap, normal, curvature = self.collider.gap(pose.to_shell(x), t)
+        turn = pose.rotation
+        return gap, normal @ turn.T, turn @ curvature @ turn.T
+
+    def distance(self, x: Array, t: float = 0.0) -> Array:
+        """Gap (n,) [m] of points (n, 3) [m] alone."""
+        return self.collider.distance(x if self.motion is None else self.motion.at(t).to_shell(x), t)
+
+    def velocity(self, x: Array, t: float = 0.0) -> Array:
+        """Velocity (n, 3) [m/s] of the collider at points (n, 3) [m]."""
+        if self.motion is None:
+            return self.collider.velocity(x, t)
+        pose, lead = self.motion.at(t), min(_LEAD, 0.5 * float(self.motion.times[-1] - self.motion.times[0]))
+        own = pose.to_shell(x)
+        before, after = (self.motion.at(t + side * lead).to_world(own) for side in (-1.0, 1.0))
+        return np.asarray((after - before) / (2.0 * lead) + self.collider.velocity(own, t) @ pose.rotation.T)
+
+    def largest_move(self, x: Array, t: float, dt: float) -> float:
+        """Longest way [m] of the collider's material at points (n, 3) [m] in a step from ``t`` to ``t + dt`` [s]."""
+        if self.motion is None:
+            return float(np.linalg.norm(self.collider.velocity(x, t), axis=1).max(initial=0.0)) * dt
+        own = self.motion.at(t).to_shell(x)
+        way = self.motion.at(t + dt).to_world(own) - x + dt * self.collider.velocity(own, t)
+        return float(np.linalg.norm(way, axis=1).max(initial=0.0))
+
+    def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
+        """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).
+
+        Those ``inset`` [m] below the surface do not hide what lies on it.
+        """
+        vertices, triangles = self.collider.surface(corners)
+        if inset:
+            vertices = vertices - inset * self.collider.gap(vertices)[1]
+        if self.motion is None:
+            return vertices[None], triangles
+        return np.stack([self.motion.at(float(time)).to_world(vertices) for time in times]), triangles
+
+    def plain(self) -> dict[str, Any]:
+        """Its parameters and those of its collider, as texts and lists."""
+        sel = self.sel.tolist() if isinstance(self.sel, np.ndarray) else self.sel
+        numbers = {"friction": self.friction, "restitution": self.restitution, "push_out": self.push_out}
+        return {"kind": self.collider.key, **self.collider.plain(), "sel": sel, **numbers}

@@ -1,0 +1,82 @@
+r"""Coulomb's friction in steps of implicit Euler, smoothed, with the contact forces of the step before.
+
+The work of friction in a step is taken as the potential :math:`D = \sum_v \mu \lambda_v f(|s_v|)` of the slips s, with
+:math:`f' = 2 y - y^2` at :math:`y = |s| / s_0 < 1` and one beyond [li2020]. It is convex and never negative, so that a
+step still lowers the energy. Below the threshold a body creeps, at ``s_0 / h (1 - sqrt(1 - tan(slope) / mu))``.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+
+from modalshell.contact import kernels
+from modalshell.contact.touching import Touching
+from modalshell.core.typing import Array
+
+SLIP = 2e-4
+"""Slip in a step, as a share of the shell's size, up to which friction has not reached its full size."""
+
+
+@final
+class Friction:
+    """Friction of one step.
+
+    Parameters
+    ----------
+    touching : Touching
+        The contacts as they are at the step's beginning.
+    pushes : ndarray, shape (r,)
+        Contact forces [N] of the step before.
+    x : ndarray, shape (n, 3)
+        Positions [m] at its beginning.
+    dt : float
+        The step [s].
+    """
+
+    def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float) -> None:
+        coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
+        self._rows = np.flatnonzero(coefficients * pushes > 0.0)
+        self._strength = (coefficients * pushes)[self._rows]
+        self._touching, self._vertices = touching, touching.vertices[self._rows]
+        self._limit = SLIP * touching.size
+        normals = touching.gaps(x, self._rows)[1]
+        self._across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+        self._begin = x[self._vertices] + dt * touching.velocities(x, self._rows)
+        self._starts, self._sizes = touching.starts(self._rows)
+
+    def _slips(self, x: Array) -> tuple[Array, Array, Array]:
+        """Slips (k, 3) [m], their lengths over the limit (k,), and f' (k,)."""
+        slip = np.einsum("kij,kj->ki", self._across, x[self._vertices] - self._begin)
+        share = np.linalg.norm(slip, axis=1) / self._limit
+        return slip, share, np.where(share < 1.0, 2.0 * share - share**2, 1.0)
+
+    def value(self, x: Array) -> float:
+        """D [J] at x (n, 3)."""
+        _, share, _ = self._slips(x)
+        inner = share**2 - share**3 / 3.0
+        return float(self._strength @ np.where(share < 1.0, inner, share - 1.0 / 3.0)) * self._limit
+
+    def forces(self, x: Array) -> Array:
+        """Gradient (n, 3) [N] of D at x."""
+        slip, share, slope = self._slips(x)
+        gradient = np.zeros_like(x)
+        per_slip = self._strength * np.where(share > 0.0, slope / np.maximum(share, 1e-300), 2.0) / self._limit
+        np.add.at(gradient, self._vertices, per_slip[:, None] * slip)
+        return gradient
+
+    def add(self, x: Array, gradient: Array, hessian: sps.csc_array) -> Array:
+        """The gradient (N,) with that of D at x (n, 3); its second derivatives are added to the Hessian, in place."""
+        shell = self._touching.shell
+        slip, share, slope = self._slips(x)
+        length = np.maximum(share, 1e-300) * self._limit
+        across = self._strength * np.where(share > 0.0, slope / length, 2.0 / self._limit)
+        along = self._strength * np.where(share < 1.0, 2.0 - 2.0 * share, 0.0) / self._limit
+        unit = slip / length[:, None]
+        blocks = across[:, None, None] * self._across
+        blocks += (along - across)[:, None, None] * unit[:, :, None] * unit[:, None, :] * (share > 0.0)[:, None, None]
+        own = self._touching.across(self._rows, blocks)
+        kernels.add_blocks(hessian.indptr, hessian.indices, hessian.data, self._starts, self._sizes, own)
+        return np.asarray(gradient + shell.unknowns.restrict(self.forces(x).ravel()))

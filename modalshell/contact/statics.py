@@ -1,0 +1,65 @@
+"""Equilibria with contacts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
+from modalshell.contact.touching import Touching
+from modalshell.core.typing import Array
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.continuation import Steps
+from modalshell.statics.newton import rules_of
+from modalshell.statics.potential import Potential
+
+_SHALLOW = 1e-3
+"""Depth, as a share of the shell's size, from which a start is led out in steps."""
+_FIRST_STEP = 0.125
+"""First share of the way out."""
+
+
+def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Rest:
+    """Minimum of a potential outside the contacts' colliders, from ``start`` (n, 3) [m].
+
+    The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum the shell
+    moves from the start in a thick fluid. A start inside colliders that push out is led out in steps: the surfaces come
+    from where they touch its deepest vertices.
+
+    Raises
+    ------
+    OptionError
+        For a start inside a collider that does not push out; names the vertex and its depth.
+    """
+    touching.refuse_inside(start)
+    depth = touching.deepest_by_contact(start)
+    if depth.min(initial=0.0) >= -_SHALLOW * touching.size:
+        rest = _directly(problem, touching, start)
+        return rest if rest.stable else _slowly(problem, touching, start, rest.iterations)
+    x, iterations, steps = start, 0, Steps(_FIRST_STEP)
+    while steps.fraction < 1.0:
+        led = touching.with_bounds(depth * (1.0 - steps.target)) if steps.target < 1.0 else touching
+        rest = _directly(problem, led, x)
+        iterations += rest.iterations
+        if not rest.stable:
+            if steps.refuse():
+                continue
+            rest = _slowly(problem, led, x, 0)
+            iterations += rest.iterations
+            if not rest.converged:
+                break
+        x = rest.point
+        steps.accept()
+    return replace(rest, iterations=iterations)
+
+
+def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
+    """Where Newton's steps with active sets lead from a start."""
+    solver = ActiveSet(problem, touching, problem.measure(problem.push))
+    return solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
+
+
+def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
+    """Where the shell comes to in a thick fluid, after some ``iterations`` in vain."""
+    solver = ActiveSet(problem, touching, problem.measure(problem.push))
+    rest = solver.descend(start, rules_of(problem, method.GOAL, DIRECT))
+    return replace(rest, iterations=iterations + rest.iterations)

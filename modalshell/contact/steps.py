@@ -1,0 +1,178 @@
+"""Steps in time with contacts: implicit Euler while something touches, the rule itself while nothing does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from modalshell.contact.active_set import ActiveSet
+from modalshell.contact.contact import Contact
+from modalshell.contact.friction import SLIP, Friction
+from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.shell import Shell
+from modalshell.statics.newton import rules_of
+from modalshell.statics.potential import Potential
+
+_MOST = 40
+"""Iterations at most of a step, before the thick fluid."""
+_SAMPLES = 20_000
+"""Steps of a path whose lengths are looked at, at most."""
+_BOUNCE = 3.0
+"""Speed, over what the load gives a vertex in a step, below which nothing bounces."""
+
+
+@final
+class TouchingSteps:
+    """Contacts of one motion.
+
+    Parameters
+    ----------
+    contacts : sequence of Contact
+        The contacts.
+    shell : Shell
+        The shell about its origin.
+    origin : ndarray, shape (3,)
+        Where that is in the world [m].
+    dt : float
+        Step [s].
+
+    Attributes
+    ----------
+    now : Touching
+        The contacts at the end of the last step.
+    pushes : ndarray, shape (r,)
+        Forces [N] along the normals there.
+    rubs : bool
+        Whether a contact has friction.
+
+    Raises
+    ------
+    OptionError
+        For a collider that moves by more than its smallest radius in a step.
+    """
+
+    def __init__(self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float) -> None:
+        self.now = Touching(contacts, shell, origin)
+        self.pushes = np.zeros(self.now.vertices.size)
+        self.rubs = any(contact.friction for contact in self.now.contacts)
+        self._deep = EXACT_GAP * self.now.size
+        corners = np.stack([shell.rest_positions.min(axis=0), shell.rest_positions.max(axis=0)]) + origin
+        for index, contact in enumerate(self.now.contacts):
+            _refuse_fast(index, contact, corners, dt)
+
+    def begin(self, x: Array) -> None:
+        """Refuse a motion that begins at x (n, 3) inside a collider."""
+        self.now.refuse_inside(x)
+
+    def told(self, dt: float) -> str:
+        """What is said of friction; "" without it."""
+        if not self.rubs:
+            return ""
+        creep = SLIP * self.now.size / dt
+        return (
+            f"friction is smoothed: what sticks creeps at {creep:.2g} m/s (1 - sqrt(1 - r)), r being the share of "
+            "Coulomb's limit that it needs"
+        )
+
+    def touches(self, x: Array, time: float) -> bool:
+        """Whether a vertex at x (n, 3) touches a collider at ``time`` [s]."""
+        return bool((self.now.at(time).distances(x) <= self._deep).any())
+
+    def enters(self, x: Array, time: float) -> bool:
+        """Whether a vertex at x (n, 3) lies inside a collider at ``time`` [s]."""
+        return bool((self.now.at(time).distances(x) < -self._deep).any())
+
+    def passed(self, x: Array, y: Array, time: float) -> bool:
+        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s]."""
+        least = min(contact.collider.smallest_radius for contact in self.now.contacts)
+        parts = float(np.sqrt(np.sum((y - x) ** 2, axis=1).max())) / least
+        if not parts > 1.0:
+            return False
+        return any(self.enters(x + share * (y - x), time) for share in np.linspace(0.0, 1.0, min(int(parts) + 2, 32)))
+
+    def let_in(self, x: Array, time: float, dt: float) -> None:
+        """Let vertices that are inside at x (n, 3) at ``time`` [s] come out at no more than their speeds."""
+        touching = self.now.at(time).with_bounds(None)
+        gap = touching.distances(x)
+        bounds = np.zeros(gap.size)
+        for index, contact in enumerate(self.now.contacts):
+            own = touching.of_contact(index)
+            deep = gap[own] < -self._deep
+            bounds[own] = np.where(deep, np.minimum(0.0, gap[own] + contact.push_out * dt), 0.0)
+        self.now = touching.with_bounds(bounds if bounds.any() else None)
+
+    def solve(
+        self, problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], time: float
+    ) -> tuple[Array, bool]:
+        """Minimum (n, 3) of a step's potential outside the colliders at ``time`` [s], and whether it was found."""
+        before, lagged = self.now, self.pushes
+        self.now = before.at(time, problem.shell)
+        rules, chosen = rules_of(problem, goal, _MOST), None
+        while True:
+            friction = Friction(before, lagged, problem.origin, time - before.time) if self.rubs else None
+            solver = ActiveSet(problem, self.now, scale, friction)
+            rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
+            if not rest.converged:
+                rest = solver.descend(problem.origin, rules)
+            self.pushes = np.where(rest.active, rest.pushes, 0.0)
+            new = (self.pushes > 0.0) & (lagged <= 0.0)
+            if chosen is not None or not (self.rubs and rest.converged and new.any()):
+                return rest.point, rest.converged
+            # What touches for the first time has no force of the step before: it takes that of this one.
+            lagged, chosen = np.where(new, self.pushes, lagged), rest.active
+
+    def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
+        """Rates (n, 3) [m/s] after restitution, and without those of vertices that were pushed out.
+
+        Parameters
+        ----------
+        x, rates : ndarray, shape (n, 3)
+            At the end of a step.
+        before : tuple
+            Positions and rates at its beginning, and when that was [s].
+        reach : ndarray, shape (n,)
+            Speed [m/s] that the load gives each vertex in the step.
+        """
+        touching, (old, old_rates, time) = self.now, before
+        rows = np.flatnonzero(self.pushes)
+        bounded = touching.bounds
+        if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
+            return rates
+        restitution = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of]
+        rates = rates.copy()
+        normals = touching.gaps(x, rows)[1]
+        earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
+        drift = touching.velocities(x, rows)
+        for row, normal, was_open, carried in zip(rows, normals, earlier, drift, strict=True):
+            vertex = touching.vertices[row]
+            struck = float(normal @ (old_rates[vertex] - carried))
+            leaves = float(normal @ (rates[vertex] - carried))
+            wanted = leaves
+            if was_open and restitution[row] and -struck > _BOUNCE * reach[vertex]:
+                wanted = -restitution[row] * struck
+            elif bounded is not None and bounded[row] < 0.0:
+                wanted = min(leaves, 0.0)
+            rates[vertex] += (wanted - leaves) * normal
+        return rates
+
+
+def _refuse_fast(index: int, contact: Contact, corners: Array, dt: float) -> None:
+    """Raise OptionError for a contact whose collider moves by more than its smallest radius in a step."""
+    radius = contact.collider.smallest_radius
+    if contact.motion is None or not np.isfinite(radius):
+        return
+    grid = np.stack(np.meshgrid(*corners.T), axis=-1).reshape(-1, 3)
+    times = contact.motion.times
+    count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
+    for time in np.linspace(times[0] - dt, times[-1], count + 1):
+        if (way := contact.largest_move(grid, float(time), dt)) > radius:
+            name = type(contact.collider).__name__
+            raise OptionError(
+                f"contact {index} ({name}) moves {way:.3g} m in the step from {max(time, 0.0):.4g} s, more than its "
+                f"smallest radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
+                f"{dt * radius / way:.2g} s"
+            )

@@ -1,0 +1,258 @@
+"""Contacts on one shell: which vertices may touch which collider, their gaps, and the unknowns that move them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.contact.contact import Contact
+from modalshell.core.checks import checked_kind, shown
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
+from modalshell.shell import Shell
+from modalshell.supports import VertexUnknowns
+
+INSIDE = 1e-6
+"""Depth, as a share of the shell's size, up to which a start counts as touching."""
+EXACT_GAP = 1e-10
+"""Depth, as a share of the shell's size, that is none."""
+_FREE = 1e-6
+"""Square of the part of a unit normal in a vertex's free unknowns below which supports alone decide its gap."""
+_PASSABLE = 0.5
+"""Way into a collider, in its smallest radius, that an iteration may take a vertex."""
+_SWEEPS = 20
+"""Moves onto curved or several surfaces at most."""
+_ON = 1e-14
+"""Gap, as a share of the shell's size, at which a vertex is on its surface."""
+
+
+def checked_contacts(contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
+    """The contacts as a tuple; OptionError if one is not a contact."""
+    if contacts is None:
+        return ()
+    if isinstance(contacts, Contact):
+        raise OptionError("contacts must be a list of contacts (got one Contact: write contacts=[contact])")
+    try:
+        given = tuple(contacts)
+    except TypeError as error:
+        raise OptionError(f"contacts must be a list of contacts (got {shown(contacts)})") from error
+    return tuple(checked_kind("each of contacts", contact, Contact) for contact in given)
+
+
+@final
+class Touching:
+    """Contacts on a shell, as rows: one for each pair of a contact and a vertex that may touch its collider.
+
+    Parameters
+    ----------
+    contacts : sequence of Contact
+        The contacts.
+    shell : Shell
+        The shell, about ``origin``.
+    origin : ndarray, shape (3,)
+        Where the shell's origin lies in the world [m].
+    time : float
+        When the colliders are looked at [s].
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (r,)
+        Vertex of each row.
+    contact_of : ndarray, shape (r,)
+        Contact of each row.
+    size : float
+        The shell's size [m].
+    bounds : ndarray or None, shape (r,)
+        Gaps [m], at most 0, that count as none: of vertices that are being pushed out.
+    """
+
+    def __init__(
+        self, contacts: Sequence[Contact], shell: Shell, origin: Array | None = None, time: float = 0.0
+    ) -> None:
+        self.contacts, self.shell, self.time = tuple(contacts), shell, time
+        self._origin = origin if origin is not None and origin.any() else None
+        self.size = shell.size
+        self.bounds: Array | None = None
+        self._first, self._count, self._basis = _unknowns_of(shell)
+        chosen = [np.flatnonzero(contact.vertices(shell.mesh) & (self._count > 0)) for contact in self.contacts]
+        self.vertices: Index = np.concatenate([np.empty(0, np.int64), *chosen]).astype(np.int64)
+        self._ends = np.cumsum([0, *(part.size for part in chosen)])
+        self.contact_of: Index = np.repeat(np.arange(len(chosen)), np.diff(self._ends))
+        tied = np.flatnonzero(self._count[self.vertices] < 0)
+        if tied.size:
+            raise OptionError(
+                f"contacts do not act on vertices that are tied to others (got vertex {self.vertices[tied[0]]}): leave "
+                "them out of sel"
+            )
+
+    def at(self, time: float, shell: Shell | None = None) -> Touching:
+        """The same contacts at another time, on the shell as its supports then are."""
+        other = object.__new__(Touching)
+        other.__dict__.update(self.__dict__)
+        other.time = time
+        if shell is not None:
+            other.shell = shell
+        return other
+
+    def with_bounds(self, bounds: Array | None) -> Touching:
+        """The same contacts, with other gaps that count as none."""
+        other = self.at(self.time)
+        other.bounds = bounds
+        return other
+
+    def gaps(self, x: Array, rows: Index | None = None) -> tuple[Array, Array, Array]:
+        """Gaps (r,) [m], normals (r, 3) and curvatures (r, 3, 3) of rows, all by default, at positions x (n, 3)."""
+        chosen = np.arange(self.vertices.size) if rows is None else rows
+        gap, normal = np.empty(chosen.size), np.empty((chosen.size, 3))
+        curvature = np.empty((chosen.size, 3, 3))
+        for contact, here in self._parts(chosen):
+            points = x[self.vertices[chosen[here]]]
+            found = contact.gap(points if self._origin is None else points + self._origin, self.time)
+            gap[here], normal[here], curvature[here] = found
+        if self.bounds is not None:
+            gap -= self.bounds[chosen]
+        return gap, normal, curvature
+
+    def velocities(self, x: Array, rows: Index) -> Array:
+        """Velocities (k, 3) [m/s] of the colliders at the rows' vertices."""
+        velocity = np.empty((rows.size, 3))
+        for contact, here in self._parts(rows):
+            points = x[self.vertices[rows[here]]]
+            velocity[here] = contact.velocity(points if self._origin is None else points + self._origin, self.time)
+        return velocity
+
+    def distances(self, x: Array) -> Array:
+        """Gaps (r,) [m] of all rows alone."""
+        gap = np.empty(self.vertices.size)
+        for contact, begin, end in zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True):
+            points = x[self.vertices[begin:end]]
+            gap[begin:end] = contact.distance(points if self._origin is None else points + self._origin, self.time)
+        return gap if self.bounds is None else gap - self.bounds
+
+    def deepest_by_contact(self, x: Array) -> Array:
+        """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
+        gap, deepest = self.distances(x), np.zeros(self.vertices.size)
+        for index in range(len(self.contacts)):
+            own = self.of_contact(index)
+            deepest[own] = min(0.0, float(gap[own].min(initial=0.0)))
+        return deepest
+
+    def of_contact(self, index: int) -> slice:
+        """Rows of one contact."""
+        return slice(int(self._ends[index]), int(self._ends[index + 1]))
+
+    def _parts(self, rows: Index) -> list[tuple[Contact, Any]]:
+        parts = []
+        for contact, begin, end in zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True):
+            here = np.flatnonzero((rows >= begin) & (rows < end))
+            if here.size:
+                parts.append((contact, here))
+        return parts
+
+    def starts(self, rows: Index) -> tuple[Index, Index]:
+        """First unknown of each row's vertex, and how many it has."""
+        vertices = self.vertices[rows]
+        return self._first[vertices], self._count[vertices]
+
+    def along(self, rows: Index, normals: Array) -> Array:
+        """Normals (k, 3) by the free unknowns of the rows' vertices, zero where a vertex has fewer than three."""
+        return np.einsum("kij,ki->kj", self._basis[self.vertices[rows]], normals)
+
+    def across(self, rows: Index, curvatures: Array) -> Array:
+        """Curvatures (k, 3, 3) by the free unknowns of the rows' vertices."""
+        basis = self._basis[self.vertices[rows]]
+        return np.einsum("kia,kij,kjb->kab", basis, curvatures, basis)
+
+    def safe_part(self, x: Array, moved: Array) -> float:
+        """Part of a move from x (n, 3) on which no vertex can pass through a collider to its other side."""
+        part = 1.0
+        for index, contact in enumerate(self.contacts):
+            own = self.of_contact(index)
+            radius = contact.collider.smallest_radius
+            vertices = self.vertices[own]
+            if np.isfinite(radius) and vertices.size:
+                way = np.linalg.norm(moved[vertices] - x[vertices], axis=1)
+                if way.max() > _PASSABLE * radius:
+                    points = x[vertices] if self._origin is None else x[vertices] + self._origin
+                    allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
+                    part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
+        return part
+
+    def movable(self, rows: Index, normals: Array) -> Array:
+        """Whether supports leave the rows' vertices a motion along the normals."""
+        return np.asarray(np.sum(self.along(rows, normals) ** 2, axis=1) > _FREE)
+
+    def put_on(self, x: Array, rows: Index, left: Array) -> None:
+        """Move the vertices of rows along their normals, in place, until their gaps are what is ``left`` (k,) [m]."""
+        for _ in range(_SWEEPS):
+            gap, normal, _ = self.gaps(x, rows)
+            off = gap - left
+            if not (np.abs(off) > _ON * self.size).any():
+                break
+            along = self.along(rows, normal)
+            step = along * (off / np.maximum(np.sum(along**2, axis=1), _FREE))[:, None]
+            vertices = self.vertices[rows]
+            np.subtract.at(x, vertices, np.einsum("kij,kj->ki", self._basis[vertices], step))
+
+    def forces(self, x: Array, pushes: Array) -> Array:
+        """Forces (n, 3) [N] on the vertices, of ``pushes`` (r,) [N] along the normals."""
+        rows = np.flatnonzero(pushes)
+        forces = np.zeros_like(x)
+        np.add.at(forces, self.vertices[rows], pushes[rows, None] * self.gaps(x, rows)[1])
+        return forces
+
+    def dip(self, x: Array, active: NDArray[np.bool_]) -> float:
+        """Depth [m] to which edges between touching vertices dip into convex colliders, ``l^2 / (8 r)``."""
+        rows = np.flatnonzero(active)
+        if not rows.size:
+            return 0.0
+        mesh = self.shell.mesh
+        longest = np.zeros(len(x))
+        ends = mesh.edges
+        length = np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)
+        for side in range(2):
+            np.maximum.at(longest, ends[:, side], length)
+        curvature = np.linalg.eigvalsh(self.gaps(x, rows)[2])[:, -1]
+        return float((curvature * longest[self.vertices[rows]] ** 2).max()) / 8.0
+
+    def refuse_inside(self, x: Array) -> None:
+        """Raise OptionError where a vertex of a contact that does not push out lies inside at positions x (n, 3)."""
+        gap = self.with_bounds(None).distances(x)
+        for index, contact in enumerate(self.contacts):
+            rows = self.of_contact(index)
+            own = gap[rows]
+            if own.size and not own.min() >= -INSIDE * self.size and not contact.push_out:
+                worst = int(np.argmin(own))
+                kind = type(contact.collider).__name__
+                raise OptionError(
+                    f"vertex {self.vertices[rows][worst]} begins {-own[worst]:.3g} m inside contact {index} ({kind}): "
+                    "move the shell or the collider, or let it be pushed out (push_out= of ms.Contact, in m/s)"
+                )
+
+
+def _unknowns_of(shell: Shell) -> tuple[Index, Index, Array]:
+    """First unknown (n,) of each vertex, their number (n,), -1 where others share them, and what they do (n, 3, 3)."""
+    count = len(shell.rest_positions)
+    first, number, basis = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros((count, 3, 3))
+    unknowns = shell.unknowns
+    if isinstance(unknowns, VertexUnknowns):
+        free = ~unknowns.held
+        first[free], number[free], basis[free] = 3 * np.arange(int(free.sum())), 3, np.eye(3)
+        return first, number, basis
+    matrix = unknowns.matrix
+    assert matrix is not None
+    entries = matrix.tocoo()
+    vertex, column = entries.coords[0] // 3, entries.coords[1].astype(np.int64)
+    pairs = np.unique(np.stack([vertex, column]), axis=1)
+    number = np.bincount(pairs[0], minlength=count).astype(np.int64)
+    first[:] = matrix.shape[1]
+    np.minimum.at(first, pairs[0], pairs[1])
+    shared = np.bincount(pairs[1], minlength=matrix.shape[1]) > 1
+    tied = np.unique(pairs[0][shared[pairs[1]]])
+    own = ~np.isin(vertex, tied)
+    basis[vertex[own], entries.coords[0][own] % 3, column[own] - first[vertex[own]]] = entries.data[own]
+    number[tied] = -1
+    return first, number, basis

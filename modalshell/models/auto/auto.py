@@ -1,0 +1,209 @@
+"""The model that switches itself: a modal rung as long as its error bar allows, and full rungs elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from modalshell.core.checks import checked_count, checked_kind, checked_number
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.loads import Loading
+from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
+from modalshell.models.auto.stepper import AutoStepper, told
+from modalshell.models.base.bars import bar_on_shell, check_bar
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
+from modalshell.models.base.stepper import Stepper
+from modalshell.models.coarse.coarse_shell import coarse_shell
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.rotation_strain import RotationStrain
+from modalshell.models.warping import consistent_warping
+from modalshell.modes import model_basis
+from modalshell.shell import Shell
+
+
+@final
+class Auto(Model):
+    """A model that switches itself by error bars, so as to stay within a given error of DS.
+
+    Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
+    the first. Every ``check_every`` steps of a modal level its error bar under d'Alembert's load is found on the fine
+    shell (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes
+    over at the modal positions and velocities; where the stability margin has failed the next full one, as modal rungs
+    err alike there. Coarse DS is left for DS, for good, where its own bar exceeds half of ``error``. Full levels try to
+    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
+    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
+    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
+
+    Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
+    DS: from the corrected answer where the bar holds, from rest elsewhere.
+
+    Parameters
+    ----------
+    shell : Shell
+        A shell that its supports hold.
+    count : int
+        Number of modes.
+    error : float
+        Share of the displacement by which positions may be off DS.
+    check_every : int
+        Steps from one check of a modal rung to the next.
+    coarse : Shell, optional
+        The same surface with fewer vertices, for a level between; see :func:`modalshell.coarse_shell`.
+    triangles : int, optional
+        Number of triangles of such a shell to make (extra ``remesh``), in place of ``coarse``.
+
+    Attributes
+    ----------
+    levels : list of Level
+        Cheapest first.
+
+    Raises
+    ------
+    OptionError
+        For numbers out of range, or a shell that its supports do not hold.
+    """
+
+    name = "auto"
+    follows_snaps = True
+
+    def __init__(
+        self,
+        shell: Shell,
+        count: int = 8,
+        *,
+        error: float = 0.05,
+        check_every: int = 5,
+        coarse: Shell | None = None,
+        triangles: int | None = None,
+    ) -> None:
+        self.shell = checked_kind("shell", shell, Shell)
+        check_bar(shell)
+        count = checked_count("count", count)
+        self.error = checked_number("error", error, at_least=1e-4, at_most=0.3)
+        self.check_every = checked_count("check_every", check_every)
+        if coarse is None and triangles is not None:
+            coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
+        basis = model_basis(shell, min(count, shell.unknowns.count))
+        self.levels: list[Level] = [ModalLevel(consistent_warping(basis)), ModalLevel(RotationStrain(basis))]
+        if coarse is not None:
+            self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
+        self.levels.append(FullLevel(DiscreteShell(shell)))
+        self.level_names = tuple(level.model.name for level in self.levels)
+
+    # ---- statics
+
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
+        return self._solve_live(Loading(self.shell.rest_positions, load), start)
+
+    def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
+        """The modal answer, corrected, where its bar is small; that of DS elsewhere."""
+        modal, full = self.levels[0].model, self.levels[-1].model
+        found = _static(modal, loading, start)
+        bar = bar_on_shell(self.shell, found.positions, loading)
+        good = bar.valid and found.outcome in (Outcome.CONVERGED, Outcome.DISTORTED)
+        if good and bar.displacement <= 0.5 * self.error:
+            message = f"{modal.name}, corrected: it was {bar}"
+            return replace(
+                found,
+                positions=bar.corrected,
+                outcome=Outcome.CONVERGED,
+                message=message,
+                stable=True,
+                coordinates=None,
+            )
+        exact = _static(full, loading, bar.corrected if bar.valid else start)
+        reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
+        return replace(exact, message="; ".join(part for part in (exact.message, reason) if part))
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """That of DS at the answer."""
+        return self.levels[-1].model.tangent_eigenvalue(answer, load)
+
+    # ---- motion
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; OptionError for constraints, or supports that move."""
+        return AutoStepper(self, self.levels, setup)
+
+    @cached_property
+    def _templates(self) -> list[MotionState]:
+        return [level.model.start_motion() for level in self.levels]
+
+    @cached_property
+    def _centred(self) -> list[Model]:
+        """The levels' models about the origin, where their steppers' states are."""
+        return [level.model.centred()[0] for level in self.levels]
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest, on the first level."""
+        modal = self.levels[0].model
+        inner = modal.start_motion(positions)
+        return self.on_level(0, inner, modal.positions(inner))
+
+    def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
+        """State at rest of a level's own one, at x (n, 3) [m] in the world."""
+        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates])
+        memory["level"][0] = level
+        numbers = self.levels[level].packed(inner)
+        memory["inner"][: numbers.size] = numbers
+        return MotionState(x, np.zeros_like(x), memory)
+
+    def inner(self, state: MotionState) -> tuple[int, MotionState]:
+        """The level of a state, and that level's own state."""
+        level = int(state.memory["level"][0])
+        return level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """One step under a load that stays."""
+        setup = MotionSetup(dt, damping, Loading(self.shell.rest_positions, load))
+        return self.stepper(setup).advance(0.0, dt, state, load)
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m]: the coordinates themselves, copied."""
+        return state.coordinates.copy()
+
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s]: the rates themselves."""
+        return state.rates
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of the level's own state."""
+        level, inner = self.inner(state)
+        return self._centred[level].elastic_energy(inner)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of the level's own state."""
+        level, inner = self.inner(state)
+        return self._centred[level].kinetic_energy(inner)
+
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
+        """That of the level."""
+        level, inner = self.inner(state)
+        return self._centred[level].fault(inner, positions)
+
+    def account(self, state: MotionState) -> str:
+        """How many steps each level took, and why it was left."""
+        return told(state, self.level_names)
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse what any level refuses."""
+        for level in self.levels:
+            level.model.check_step(dt, damping)
+
+
+def template_size(template: MotionState) -> int:
+    """Numbers of a state."""
+    return sum(part.size for part in template.arrays().values())
+
+
+def _static(model: Model, loading: Loading, start: Array | None) -> Equilibrium:
+    return model._solve_live(loading, start) if loading.live else model._solve(loading.dead, start)

@@ -1,0 +1,216 @@
+"""Steps of the model that switches itself, and when it switches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.models.auto.levels import Level
+from modalshell.models.base.stepper import Stepper
+from modalshell.models.motion_check import MotionCheck
+from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
+
+_SWITCH = 0.5
+"""Bar over the error allowed from which a rung is left."""
+_BACK = 0.4
+"""Misses over the error allowed within which it may come back."""
+_BACK_MARGIN = 0.39
+"""Stability margin above which it may."""
+_TRY_EVERY = 6
+"""Steps of a full rung from one attempt to hand back to the next."""
+_RARER = 1.2
+"""Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
+_IN_A_ROW = 2
+"""Attempts that must succeed one after the other: in violent motion one moment may look calm."""
+_SOON, _PATIENCE = 4, 4.0
+"""Checks within which a modal rung that has come back must not fail, and the factor on the steps to the next attempt
+where it does."""
+_MOST_TOLD = 24
+"""Switches that are remembered with their reasons; all are counted."""
+_LARGE = 1e9
+
+
+class _Seen(NamedTuple):
+    """What a check found: the bar over the largest displacement, the margin, and the load (n, 3) [N] in balance."""
+
+    bar: float
+    margin: float
+    load: Array
+
+    @property
+    def alarm(self) -> bool:
+        return not self.margin > LEAST_MARGIN
+
+
+@final
+class AutoStepper(Stepper):
+    """Takes each step by the present level, and switches levels after it.
+
+    A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
+    ("level"), the steps taken on it ("since"), the level's own state ("inner"), the two frames before ("before",
+    "earlier") and how many of them are known, the largest displacement so far, levels that are barred, the steps before
+    the modal rung may come back ("wait"), how often in a row it could have ("ready"), steps by level, and what was
+    switched when and why ("log").
+    """
+
+    def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
+        if setup.constraints:
+            raise model.no_constraints()
+        if setup.supports is not None:
+            raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
+        super().__init__(model, setup)
+        self._levels = levels
+        self._steppers = [level.model.stepper(setup) for level in levels]
+        self._check = MotionCheck(model.shell, setup.loading, setup.damping)
+        self._mass = model.shell.mass[:, None]
+
+    @staticmethod
+    def memory(x: Array, sizes: Sequence[int]) -> dict[str, Array]:
+        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes."""
+        return {
+            "level": np.zeros(1),
+            "since": np.zeros(1),
+            "inner": np.zeros(max(sizes)),
+            "before": x.copy(),
+            "earlier": x.copy(),
+            "frames": np.zeros(1),
+            "largest": np.zeros(1),
+            "barred": np.zeros(len(sizes)),
+            "wait": np.full(1, float(_TRY_EVERY)),
+            "again": np.full(1, float(_TRY_EVERY)),
+            "ready": np.zeros(1),
+            "steps": np.zeros(len(sizes)),
+            "log": np.zeros((_MOST_TOLD, 4)),
+            "switches": np.zeros(1),
+            "time": np.zeros(1),
+        }
+
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
+        top = len(self._levels) - 1
+        inner = self._steppers[top].state_at(positions, time)
+        state: MotionState = self.model.on_level(top, inner, self._steppers[top].positions(inner, time))
+        return state
+
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the level's own, and a switch where a check asks for one."""
+        level, inner = self.model.inner(state)
+        stepper, time = self._steppers[level], begin + dt
+        after, solved = stepper.advance(begin, dt, inner, load)
+        x, v = self._levels[level].left(stepper, after, time, dt)
+        memory = {name: part.copy() for name, part in state.memory.items()}
+        memory["time"][0] = time
+        memory["since"] += 1.0
+        memory["steps"][level] += 1.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            memory["largest"][0] = max(memory["largest"][0], self._length(x - self.shell.rest_positions))
+        if np.isfinite(memory["largest"][0]) and memory["frames"][0] >= 1.0:
+            frames = np.stack([memory["before"], state.coordinates, x])
+            level, after = self._switched(level, after, (frames, v), memory, (time, dt, load))
+        numbers = self._levels[level].packed(after)
+        memory["inner"][: numbers.size] = numbers
+        memory["earlier"], memory["before"] = memory["before"], state.coordinates.copy()
+        memory["frames"] += 1.0
+        return MotionState(x, v, memory), solved
+
+    def _switched(
+        self,
+        level: int,
+        after: MotionState,
+        motion: tuple[Array, Array],
+        memory: dict[str, Array],
+        now: tuple[float, float, Array],
+    ) -> tuple[int, MotionState]:
+        """The level and its state to take."""
+        (frames, v), time, since = motion, now[0], int(memory["since"][0])
+        seen: _Seen | None = None
+        wanted = level
+        if self._levels[level].quadratic:
+            if since % self.model.check_every == 0:
+                seen = self._seen(frames, memory, now)
+                if seen.alarm or seen.bar > _SWITCH * self.model.error:
+                    wanted = self._above(level, seen, memory)
+        elif since % _TRY_EVERY == 0:
+            if level + 1 < len(self._levels):
+                seen = self._seen(frames, memory, now)
+                if not seen.alarm and seen.bar > _SWITCH * self.model.error:
+                    memory["barred"][level] = 1.0
+                    wanted = level + 1
+            if wanted == level and since >= memory["wait"][0]:
+                seen = self._returning(frames, v, seen, memory, now)
+                memory["ready"][0] = 0.0 if seen is None else memory["ready"][0] + 1.0
+                if seen is None:
+                    memory["wait"][0] = max(memory["wait"][0], _RARER * since)
+                elif memory["ready"][0] >= _IN_A_ROW:
+                    wanted = 0
+        if wanted == level or seen is None:
+            return level, after
+        place = int(memory["switches"][0])
+        if place < _MOST_TOLD:
+            memory["log"][place] = time, wanted, min(seen.bar, _LARGE), max(seen.margin, -_LARGE)
+        memory["switches"] += 1.0
+        memory["level"][0], memory["since"][0], memory["ready"][0] = wanted, 0.0, 0.0
+        return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
+
+    def _above(self, level: int, seen: _Seen, memory: dict[str, Array]) -> int:
+        """The level that takes over: on an alarm of the margin none that is quadratic about rest, as all err alike."""
+        fitting = (
+            k
+            for k in range(level + 1, len(self._levels))
+            if not memory["barred"][k] and not (seen.alarm and self._levels[k].quadratic)
+        )
+        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
+        memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
+        memory["again"][0] = memory["wait"][0]
+        return next(fitting)
+
+    def _seen(self, frames: Array, memory: dict[str, Array], now: tuple[float, float, Array]) -> _Seen:
+        """The check of the middle one of three frames, the last of them at the present time."""
+        time, dt, dead = now
+        bar, load = self._check.bar_under(np.array([time - 2.0 * dt, time - dt, time]), frames, dead)
+        largest = memory["largest"][0]
+        off = self._check.off(bar, frames[1])
+        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load)
+
+    def _returning(
+        self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
+    ) -> _Seen | None:
+        """The check by which the lowest level can take over, or None.
+
+        It comes near, the margin holds, and the level would rest near under d'Alembert's load: the cheapest first.
+        """
+        lowest, allowed = self._levels[0], _BACK * self.model.error * memory["largest"][0]
+        fitted = self._steppers[0].positions(lowest.entered(self._steppers[0], frames[2], v, now[0]), now[0])
+        if not self._length(fitted - frames[2]) <= allowed:
+            return None
+        seen = seen or self._seen(frames, memory, now)
+        if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
+            return None
+        answer = lowest.model.equilibrium(force=seen.load, start=frames[1])
+        near = answer.converged and self._length(answer.positions - frames[1]) <= allowed
+        return seen if near else None
+
+    def _length(self, displacement: Array) -> float:
+        return float(np.sqrt(np.sum(self._mass * displacement**2)))
+
+
+def told(state: MotionState, names: Sequence[str]) -> str:
+    """Steps of each level, and switches with their reasons."""
+    memory = state.memory
+    steps = memory["steps"]
+    total = max(float(steps.sum()), 1.0)
+    taken = [(name, count) for name, count in zip(names, steps, strict=True) if count]
+    shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in taken)
+    lines = []
+    for time, level, bar, margin in memory["log"][: int(memory["switches"][0])]:
+        if int(level) == 0 or margin <= LEAST_MARGIN:
+            reason = f"stability margin {margin:.2f}"
+        else:
+            reason = f"{share_as_text(bar)} from DS"
+        lines.append(f"to {names[int(level)]} at {time:.4g} s ({reason})")
+    return f"steps by {shares}" + (f"; {', '.join(lines)}" if lines else "")

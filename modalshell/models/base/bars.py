@@ -1,0 +1,25 @@
+"""Error bars of static answers on the shell that they are of."""
+
+from __future__ import annotations
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.loads import Loading
+from modalshell.modes.rigid import left_free
+from modalshell.shell import Shell
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.statics.live_loads import LiveLoads
+
+
+def check_bar(shell: Shell, *, constrained: bool = False) -> None:
+    """OptionError where answers on a shell have no error bar."""
+    if constrained:
+        raise OptionError("error bars under position or orientation constraints, or contacts, are not known: drop one")
+    if loose := left_free(shell):
+        raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
+
+
+def bar_on_shell(shell: Shell, positions: Array, loading: Loading) -> ErrorBar:
+    """The bar of an answer at ``positions`` (n, 3) [m], loads of time being those at time 0."""
+    live = LiveLoads(loading) if loading.live else None
+    return ErrorEstimator(shell).bar(positions, loading.dead, live)

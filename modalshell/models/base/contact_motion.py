@@ -1,0 +1,93 @@
+"""Motion of full models with contacts."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+
+from modalshell.contact.steps import TouchingSteps
+from modalshell.contact.touching import checked_contacts
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
+from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.shell import Shell
+from modalshell.statics.potential import Potential
+
+PUSHES = "pushes"
+"""Name in a state's memory of the contact forces (r,) [N] of its step."""
+
+
+@final
+class ContactMotion:
+    """Takes the steps of a full model with contacts.
+
+    While nothing touches, the model's rule steps. While something does, or would have entered, implicit Euler stands in
+    for it, whose steps are minima of a potential, outside the colliders: they find the contact forces exactly, and
+    never gain energy from a collider at rest. A rule of order two is of order one there.
+
+    Parameters
+    ----------
+    rule : FullIntegrator
+        The model's rule.
+    setup : MotionSetup
+        What decides the motion.
+    shell : Shell
+        The shell about ``origin``.
+    origin : ndarray, shape (3,)
+        Where that is in the world [m].
+
+    Raises
+    ------
+    OptionError
+        For explicit rules, and colliders that move too fast.
+    """
+
+    def __init__(self, rule: FullIntegrator, setup: MotionSetup, shell: Shell, origin: Array) -> None:
+        if not isinstance(rule, ImplicitRule):
+            raise OptionError(f"{rule.name} takes no contacts yet: take an implicit integrator, such as 'sdirk2'")
+        contacts = checked_contacts(setup.contacts)
+        self._rule, self._setup = rule, setup
+        self.steps = TouchingSteps(contacts, shell, origin, setup.dt)
+
+    def advance(self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s]; and whether it was solved."""
+        steps, rule, damping = self.steps, self._rule, self._setup.damping
+        x, end = state.coordinates, begin + dt
+        if PUSHES in state.memory:
+            steps.pushes = state.memory[PUSHES].copy()
+        steps.let_in(x, begin, dt)
+        if not (steps.touches(x, begin) or steps.enters(x, end)):
+            after, solved = rule.march(steps_of(ShellSteps(model, at, damping), model.free_parts, damping), state, dt)
+            if not steps.enters(after.coordinates, end):
+                steps.pushes[:] = 0.0
+                return self._kept(after), solved and not steps.passed(x, after.coordinates, end)
+        loads = np.zeros_like(x)
+
+        def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
+            body, load, held = at(start)
+            loads[:] = load if body.live is None else load + body.live.force(x)
+            return body, load, held
+
+        def minimum(
+            problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], share: float
+        ) -> tuple[Array, bool]:
+            return steps.solve(problem, first, scale, goal, stresses, begin + share * dt)
+
+        after, solved = rule.standing_in(ShellSteps(model, felt, damping, minimum), state, dt)
+        reach = dt * np.linalg.norm(loads, axis=1) / model.shell.mass
+        rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
+        return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
+
+    def _kept(self, state: MotionState) -> MotionState:
+        """A state with the contact forces that the friction of the next step needs."""
+        if not self.steps.rubs:
+            return state
+        return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
+
+    def begin(self, state: MotionState) -> MotionState:
+        """A start, refused inside a collider."""
+        self.steps.begin(state.coordinates)
+        return self._kept(state)

@@ -1,0 +1,90 @@
+"""What takes the steps of full models: brings them loads, supports, patches and contacts as each step needs them."""
+
+from __future__ import annotations
+
+from functools import cached_property, partial
+from typing import Any, final
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.integrators.full import ImplicitRule
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
+from modalshell.integrators.state import MotionState
+from modalshell.models.base.stepper import LEAD, Stepper
+from modalshell.statics.live_loads import LiveLoads
+
+
+@final
+class FullStepper(Stepper):
+    """Steps that take loads as they change within them, and edges clamped to supports along with these.
+
+    In the frame of supports that move, loads are those expected at the end of a step: they act in the world.
+    """
+
+    model: Any
+    takes_contacts = True
+
+    @cached_property
+    def contacts(self) -> Any:
+        """What takes the steps with contacts; None without."""
+        if not self.setup.contacts:
+            return None
+        from modalshell.models.base.contact_motion import ContactMotion  # not without contacts
+
+        if self._frame is not None:
+            raise OptionError("contacts do not go with supports that move and hold single components only")
+        return ContactMotion(self.model.integrator, self.setup, self.model.shell, self.origin)
+
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest, moved with the supports to where these are at time 0."""
+        state = super().start(positions)
+        state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
+        return state if self.contacts is None else self.contacts.begin(state)
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts' friction."""
+        return "" if self.contacts is None else self.contacts.steps.told(self.setup.dt)
+
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
+        state = super().state_at(positions, time)
+        if self._frame is None:
+            state.coordinates = positions - self.origin
+        return state
+
+    def model_at(self, time: float) -> Any:
+        """The model with its supports where they are at ``time`` [s]."""
+        return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)
+
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model's rule."""
+        damping, rule = self.setup.damping, self.model.integrator
+        if self.contacts is not None:
+            at = partial(self._at, begin, dt, load=load)
+            return self.contacts.advance(self.model, at, begin, dt, state)
+        if isinstance(rule, ImplicitRule):
+            steps = ShellSteps(self.model, lambda start: self._at(begin, dt, start, load), damping)
+            return rule.march(steps_of(steps, self.model.free_parts, damping), state, dt)
+        x, rates = state.coordinates, state.rates
+        whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
+        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)
+        return rule.step(body, state, dt, load, damping, held)
+
+    def _at(
+        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False
+    ) -> tuple[Any, Array, Array | None]:
+        """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
+        model, loading = self.model, self.setup.loading
+        time, path = begin + start.end * dt, self._path or self._frame
+        if self._path is not None:
+            model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)
+            load = load + self.drag_along(self._path, time, start.guess.coordinates)
+        held = self._held_positions(time, None if path is None else path.at(time))
+        if self._frame is not None:
+            load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)
+        elif loading.live and begins:
+            load = load + loading.live_force(start.origin + self.origin, start.rates, time)
+        elif loading.live:
+            model = model.under(LiveLoads(loading, time, self.origin), start.origin, start.dt)
+        return model, load, held

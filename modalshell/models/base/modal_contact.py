@@ -1,0 +1,187 @@
+"""Contacts of modal models: statics, and what follows each step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+import scipy.linalg
+
+from modalshell.constraints.constraints import Constraint
+from modalshell.contact.contact import Contact
+from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.touching import checked_contacts
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.loads import Loading
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.modal_motion import EULER, ModalMotion
+from modalshell.statics.continuation import Steps
+
+_MOST = 40
+"""Quadratic problems in a row at most."""
+_SETTLED = 1e-8
+"""Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
+_LONGEST = 0.5
+"""Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
+LOCAL = "local"
+"""Name in a state's memory of the displacement (n, 3) [m] beyond the modes."""
+
+
+def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
+    """The contacts of a modal model; OptionError where it cannot take them."""
+    given = checked_contacts(contacts)
+    if model.frames is not None or model.basis.rigid_modes:
+        raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
+    for index, contact in enumerate(given):
+        if contact.friction or contact.push_out:
+            raise OptionError(f"contact {index} has friction or push_out, which {model.name} does not take: take DS")
+
+    def positions(q: Array) -> Array:
+        return np.asarray(model.shell.rest_positions + model.raw_displacement(q))
+
+    return ModalContacts(given, model.basis, positions, model.contact_rows, turns=not model.straight)
+
+
+def equilibrium_on_modal_contacts(
+    model: ModalMotion,
+    loading: Loading,
+    start: Array | None,
+    contacts: Sequence[Contact],
+    constraints: Sequence[Constraint],
+) -> tuple[Equilibrium, Array]:
+    """Equilibrium with contacts, by quadratic problems one after the other; and its coordinates (m,).
+
+    At q each takes the energy's exact slope and curvature, contact forces as loads with them, and the gaps to first
+    order. Where they do not settle the load comes in steps.
+    """
+    if constraints:
+        raise OptionError("contacts and constraints do not go together yet")
+    pressing = modal_contacts(model, contacts)
+    rest = model.shell.rest_positions
+    pressing.touching.refuse_inside(rest if start is None else start)
+    q = np.zeros(model.basis.count) if start is None else model.coordinates_of(start)
+    pushes, steps, iterations = np.zeros(pressing.touching.vertices.size), Steps(), 0
+    found: Pressed | None = None
+    change = np.inf
+    while steps.fraction < 1.0:
+        pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
+        iterations += taken
+        if pressed is None:
+            if steps.refuse():
+                continue
+            break
+        found, q, pushes = pressed, pressed.q, pressed.pushes
+        steps.accept()
+    converged = found is not None and steps.fraction >= 1.0
+    local = np.zeros_like(rest) if found is None else found.local
+    x = rest + model.raw_displacement(q) + local
+    gaps = pressing.touching.distances(x)
+    touches = np.zeros(len(x), dtype=bool)
+    touches[pressing.touching.vertices[pushes > 0.0]] = True
+    answer = Equilibrium(
+        x,
+        Outcome.CONVERGED if converged else Outcome.NOT_CONVERGED,
+        "" if converged else f"the contact set did not settle at {steps.target:.3g} of the load",
+        iterations,
+        change,
+        None,
+        coordinates=q,
+        contact_forces=pressing.touching.forces(x, pushes),
+        in_contact=touches,
+        deepest=max(0.0, -float(gaps.min(initial=0.0))),
+    )
+    return answer, q
+
+
+def _settle(
+    model: ModalMotion, pressing: ModalContacts, loading: Loading, share: float, begin: tuple[Array, Array]
+) -> tuple[Pressed | None, float, int]:
+    """Quadratic problems under a share of the load; None where they do not settle, the last change, their number."""
+    eigenvalues, rest = model.basis.eigenvalues, model.shell.rest_positions
+    (q, pushes), change, turns = begin, np.inf, np.abs(model.basis.rotations).max(axis=0)
+    for count in range(1, _MOST + 1):
+        x = rest + model.raw_displacement(q)
+        load = share * loading.force(x)
+        # Contact forces act by their work, whatever the model's rule for loads.
+        bent = model.work_curvature(q, pressing.touching.forces(x, pushes))
+        hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
+        try:
+            compliance = np.asarray(scipy.linalg.inv(hessian))
+        except scipy.linalg.LinAlgError:
+            return None, change, count
+        free = q + compliance @ (model.modal_force(q, load) - eigenvalues * q)
+        pressed = pressing.press_once(free, compliance, q, pushes)
+        move = pressed.q - q
+        turn = float(np.abs(move) @ turns)
+        part = min(1.0, _LONGEST / turn) if turn > 0.0 else 1.0
+        scale = float(np.sqrt(eigenvalues @ pressed.q**2)) or 1.0
+        change = float(np.sqrt(eigenvalues @ move**2)) / scale
+        if not np.isfinite(change):
+            return None, change, count
+        q, pushes = q + part * move, pressed.pushes
+        if change <= _SETTLED and pressed.solved:
+            return pressed, change, count
+    return None, change, count
+
+
+@final
+class ModalContactMotion:
+    """What follows each step of a modal model with contacts.
+
+    Where a vertex touches, or would, a step of implicit Euler is taken in the step's place, and its end is the nearest
+    one, in the norm of inertia and stiffness, outside the colliders.
+
+    Parameters
+    ----------
+    model : ModalMotion
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+    """
+
+    def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
+        if setup.supports is not None:
+            raise OptionError(
+                f"{model.name} does not take contacts with moving supports: move the colliders, or take DS"
+            )
+        if setup.constraints:
+            raise OptionError("contacts and constraints do not go together yet")
+        for index, contact in enumerate(checked_contacts(setup.contacts)):
+            if contact.restitution:
+                raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
+        self._model, self._damping = model, setup.damping
+        self._damp = setup.damping.of_modes(model.basis.eigenvalues)
+        self._pressing = modal_contacts(model, setup.contacts)
+
+    def begin(self, state: MotionState) -> MotionState:
+        """A start, refused inside a collider."""
+        x = self._model.positions(state)
+        self._pressing.touching.refuse_inside(x)
+        return MotionState(state.coordinates, state.rates, state.memory | {LOCAL: np.zeros_like(x)})
+
+    def local(self, state: MotionState) -> Array:
+        """Displacement (n, 3) [m] of a state beyond the modes."""
+        found = state.memory.get(LOCAL)
+        return np.zeros_like(self._model.shell.rest_positions) if found is None else found
+
+    def follow(
+        self, before: MotionState, free: MotionState, force: Array, time: float, dt: float
+    ) -> tuple[MotionState, bool]:
+        """The end, at ``time`` [s], of a step of ``dt`` [s] to ``free`` without contacts; and whether it was solved."""
+        model, pressing = self._model, self._pressing
+        pressing.at(time)
+        none = np.zeros_like(before.memory[LOCAL])
+        if not (before.memory[LOCAL].any() or pressing.touches(free.coordinates)):
+            return MotionState(free.coordinates, free.rates, free.memory | {LOCAL: none}), True
+        eigenvalues, q = model.basis.eigenvalues, before.coordinates
+        if "force" in before.memory:
+            ahead = model.euler_step(before, dt, force, self._damping)
+        else:
+            ahead = MotionState(*EULER.step(q, before.rates, lambda _: force, eigenvalues, self._damp, dt), free.memory)
+        compliance = EULER.impulse(eigenvalues, self._damp, dt)[0]
+        pressed = pressing.press(ahead.coordinates, compliance, ahead.coordinates)
+        return MotionState(pressed.q, (pressed.q - q) / dt, ahead.memory | {LOCAL: pressed.local}), pressed.solved

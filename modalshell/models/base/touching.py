@@ -1,0 +1,72 @@
+"""Equilibria of full models with contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from modalshell.constraints.constraints import Constraint
+from modalshell.contact.contact import Contact
+from modalshell.contact.statics import rest_on_contacts
+from modalshell.contact.touching import Touching, checked_contacts
+from modalshell.core.errors import OptionError
+from modalshell.core.timings import Timings
+from modalshell.core.typing import Array
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.statics.potential import Potential
+from modalshell.statics.verdict import verdict
+
+_DIP = 1e-3
+"""Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
+
+
+def equilibrium_on_contacts(
+    problem: Potential,
+    origin: Array,
+    start: Array | None,
+    contacts: Sequence[Contact],
+    constraints: Sequence[Constraint],
+    costs: Timings,
+) -> Equilibrium:
+    """Equilibrium of a shell about its ``origin`` (3,) with contacts, from ``start`` (n, 3) in the world, or rest.
+
+    Raises
+    ------
+    OptionError
+        For what is no contact, for constraints with them, or a start inside a collider.
+    """
+    given = checked_contacts(contacts)
+    if constraints:
+        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
+    for index, contact in enumerate(given):
+        if contact.friction:
+            raise OptionError(
+                f"contact {index} has friction (got {contact.friction:g}): statics of DS take contacts without it, as "
+                "the answer would depend on the way there; simulate the motion"
+            )
+    before, shell = dict(costs), problem.shell
+    touching = Touching(given, shell, origin)
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+        rest = rest_on_contacts(problem, touching, shell.rest_positions if start is None else start - origin)
+    gaps = touching.distances(rest.point)
+    notes = [] if rest.converged else ["the contact set did not settle"]
+    if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
+        notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
+    outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
+    if not rest.converged:
+        outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
+    touches = np.zeros(len(rest.point), dtype=bool)
+    touches[touching.vertices[rest.active]] = True
+    return Equilibrium(
+        rest.point + origin if origin.any() else rest.point,
+        outcome,
+        message,
+        rest.iterations,
+        rest.residual,
+        rest.stable,
+        costs=costs.since(before),
+        contact_forces=touching.forces(rest.point, rest.pushes),
+        in_contact=touches,
+        deepest=max(0.0, -float(gaps.min(initial=0.0))),
+    )

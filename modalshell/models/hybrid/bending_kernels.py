@@ -1,0 +1,134 @@
+"""Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.kernels.compiler import njit
+from modalshell.shell.kernels.generated.flexure import first_derivatives
+
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}, "nogil": True}
+
+
+@njit(**_options)
+def hinge_angles(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
+    """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
+    count = z.size
+    x = bending.rest.copy()
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            total = 0.0
+            for i in range(count):
+                total += bending.modes[v, axis, i] * z[i]
+            x[v, axis] += total
+    local, row = np.empty(9), np.empty(count)
+    for h in range(bending.hinges.shape[0]):
+        a, b, c, d = bending.hinges[h]
+        angle = first_derivatives(
+            x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
+            x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
+            x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
+        )  # fmt: skip
+        root = bending.roots[h]
+        strains[first + h] = root * ((angle - bending.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
+        row[:] = 0.0
+        for axis in range(3):
+            p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
+            for i in range(count):
+                row[i] += p * bending.modes[b, axis, i] + q * bending.modes[c, axis, i] + r * bending.modes[d, axis, i]
+                row[i] -= (p + q + r) * bending.modes[a, axis, i]
+        slopes[:, first + h] = row
+    return x
+
+
+@njit(**_options)
+def _mean_normal(bending, x, h, way, normal):  # type: ignore[no-untyped-def]
+    """Write the ``way`` from one side of a hinge to the other, across its edge, and the unit mean normal; its length.
+
+    The way is by feet and heights at rest; with the edge's it spans the plane that halves the fold.
+    """
+    a, b, c, d = bending.hinges[h]
+    for axis in range(3):
+        edge = x[b, axis] - x[a, axis]
+        here = (x[c, axis] - x[a, axis] - bending.feet[h, 0] * edge) * bending.feet[h, 1]
+        there = (x[d, axis] - x[a, axis] - bending.feet[h, 2] * edge) * bending.feet[h, 3]
+        way[axis] = there - here
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        normal[axis] = (x[b, j] - x[a, j]) * way[k] - (x[b, k] - x[a, k]) * way[j]
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    for axis in range(3):
+        normal[axis] /= length
+    return length
+
+
+@njit(**_options)
+def _pull_normal(bending, x, h, pull, way, normal, length, forces):  # type: ignore[no-untyped-def]
+    """Add the gradient of ``pull . normal`` to the ``forces`` on a hinge's vertices."""
+    a, b, c, d = bending.hinges[h]
+    along = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2]
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        left = (pull[j] - along * normal[j]) / length
+        right = (pull[k] - along * normal[k]) / length
+        on_edge = way[j] * right - way[k] * left
+        on_way = left * (x[b, k] - x[a, k]) - right * (x[b, j] - x[a, j])
+        here, there = -on_way * bending.feet[h, 1], on_way * bending.feet[h, 3]
+        forces[c, axis] += here
+        forces[d, axis] += there
+        on_edge -= bending.feet[h, 0] * here + bending.feet[h, 2] * there
+        forces[b, axis] += on_edge
+        forces[a, axis] -= on_edge + here + there
+
+
+@njit(**_options)
+def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
+    """Add what couples bent hinges to the gradient, and write the ``others`` (m, H) that their slopes are coupled to.
+
+    Returns the energy. The normals' turning is in the gradient alone.
+    """
+    count, value = z.size, 0.0
+    forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
+    for h in range(bending.hinges.shape[0]):
+        bent = strains[first + h]
+        length = _mean_normal(bending, x, h, way, normal)
+        for axis in range(3):
+            pull[axis] = 0.0
+            for i in range(count):
+                pull[axis] += bending.across[h, axis, i] * z[i]
+        flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
+        for axis in range(3):
+            pull[axis] *= bent
+        _pull_normal(bending, x, h, pull, way, normal, length, forces)
+        for i in range(count):
+            others[i, h] = 0.0
+        for place in range(bending.starts[h], bending.starts[h + 1]):
+            other, factor = first + bending.others[place], bending.values[place]
+            coupled += factor * strains[other]
+            for i in range(count):
+                others[i, h] += 0.5 * factor * slopes[i, other]
+        value += bent * (0.5 * coupled + flat)
+        for i in range(count):
+            turned = 0.0
+            for axis in range(3):
+                turned += bending.across[h, axis, i] * normal[axis]
+            others[i, h] += turned
+            gradient[i] += slopes[i, first + h] * (coupled + flat) + bent * turned
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            for i in range(count):
+                gradient[i] += bending.modes[v, axis, i] * forces[v, axis]
+    return value
+
+
+@njit(**_options)
+def add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
+    """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
+    for i in range(matrix.shape[0]):
+        for j in range(i + 1):
+            total = 0.0
+            for h in range(others.shape[1]):
+                total += slopes[i, first + h] * others[j, h] + others[i, h] * slopes[j, first + h]
+            matrix[i, j] += factor * total

@@ -1,0 +1,150 @@
+"""What the hybrid rung asks of a coarse shell's energy: stresses of its membrane, and bending on a basis.
+
+Flat hinges bend by a constant matrix: there the fold angle is the length of ``j``, the sum over both sides of the
+opposite vertex's offset from its foot on the edge, over its height at rest. Hinges with an angle at rest are evaluated
+as they are.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from modalshell.core.typing import Array, Index
+from modalshell.shell import Shell
+
+FLAT = 1e-6
+"""Rest angle [rad] up to which a hinge is flat."""
+RESISTED = 0.9
+"""Largest share of a membrane mode's energy that flat hinges take where stresses take the rest."""
+
+
+class Bending(NamedTuple):
+    """Bending energy of coordinates z (m,): H hinges that are bent at rest, on S vertices, and all flat ones together.
+
+    With the changes ``s`` of the bent hinges' angles times ``roots``, it is ``z . flat z / 2 + s . s / 2``, and where
+    hinges are coupled, with ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
+
+    Attributes
+    ----------
+    flat : ndarray, shape (m, m)
+        Stiffness of the flat hinges.
+    rest, modes : ndarray, shape (S, 3) and (S, 3, m)
+        The bent hinges' vertices at rest [m], and their rows of the basis.
+    hinges : ndarray of int64, shape (H, 4)
+        Stencils of these hinges in their vertices.
+    angles, roots : ndarray, shape (H,)
+        Angles at rest [rad], and roots of the stiffness by the angle.
+    starts, others, values : ndarray, shape (H + 1,), (c,) and (c,)
+        C by rows, without a diagonal: the other hinges, and what couples them.
+    across : ndarray, shape (H, 3, m)
+        P_h; of no hinge where none is coupled.
+    feet : ndarray, shape (H, 4)
+        Place of each side's foot along the edge, over its length, and one over the height at rest [1/m].
+    """
+
+    flat: Array
+    rest: Array
+    modes: Array
+    hinges: Index
+    angles: Array
+    roots: Array
+    starts: Index
+    others: Index
+    values: Array
+    across: Array
+    feet: Array
+
+
+class Measures(ABC):
+    """Strains and stresses of a coarse shell's membrane, and its bending on a basis.
+
+    States of the membrane are vectors (e,), linear in its strains; so are modes of its stresses. Their energy is half
+    the square of their scaled form.
+    """
+
+    def __init__(self, shell: Shell) -> None:
+        self.shell = shell
+
+    @property
+    @abstractmethod
+    def edges(self) -> Index:
+        """Edges (E, 2) whose half squared lengths are the strains."""
+
+    @property
+    @abstractmethod
+    def state_size(self) -> int:
+        """Size e of a state."""
+
+    @property
+    @abstractmethod
+    def evaluated(self) -> int:
+        """Elements that the membrane's energy evaluates."""
+
+    @abstractmethod
+    def state(self, x: Array, step: Array) -> Array:
+        """State (e,) after ``step`` (n, 3) from ``x`` (n, 3), by the strains linearised there."""
+
+    @abstractmethod
+    def scaled(self, states: Array) -> Array:
+        """States (e, k) in the form whose square is twice the energy."""
+
+    @abstractmethod
+    def unscaled(self, modes: Array) -> Array:
+        """States (e, k) of that form."""
+
+    @abstractmethod
+    def energy(self, x: Array) -> float:
+        """Energy of the membrane [J]."""
+
+    @abstractmethod
+    def tensions(self, modes: Array) -> Array:
+        """Stresses (E, k) of modes (e, k), by the half squared lengths of the edges."""
+
+    @abstractmethod
+    def elastic_tensions(self, modes: Array, factors: tuple[float, ...] = (1.0, 1.0, 1.0)) -> Array:
+        """The same less what flat hinges resist, turned so that half the sum of squares of the work is the energy.
+
+        The bending of flat hinges by ``j`` is meant for isometric motions. Strains of the two triangles enter ``j`` by
+        the jumps of E_nn and 2 E_tn across the edge: that energy is left to the hinges, and taken from the stresses.
+        Modes of whose energy the hinges take more than :data:`RESISTED` are left to the hinges altogether.
+        ``factors`` are those of the energy's parts, the last of the bending.
+        """
+
+    @abstractmethod
+    def bending(self, columns: Array) -> Bending:
+        """Bending on displacements ``columns`` (n, 3, m)."""
+
+
+def remaining(tensions: Array, resisted: Array, hinges: Array, energies: Array) -> Array:
+    """Tensions (E, k) less the ``resisted`` ones, of modes whose energies (k, k) the ``hinges`` (k, k) take partly."""
+    fractions, turned = scipy.linalg.eigh(hinges, energies)
+    kept = fractions < RESISTED
+    return np.asarray((tensions - resisted) @ (turned[:, kept] / np.sqrt(1.0 - fractions[kept])))
+
+
+def feet_of(vertices: Array, hinges: Index) -> Array:
+    """Place of each side's foot along the edge, over its length, and one over its height (H, 4)."""
+    first = vertices[hinges[:, 0]]
+    edge = vertices[hinges[:, 1]] - first
+    length = np.sum(edge**2, axis=1)
+    found = np.empty((len(hinges), 4))
+    for side in (0, 1):
+        arm = vertices[hinges[:, 2 + side]] - first
+        along = np.sum(arm * edge, axis=1) / length
+        found[:, 2 * side] = along
+        found[:, 2 * side + 1] = 1.0 / np.linalg.norm(arm - along[:, None] * edge, axis=1)
+    return found
+
+
+def offsets(feet: Array, columns: Array, hinges: Index) -> Array:
+    """``j`` (H, 3, m) of displacements (n, 3, m)."""
+    total = np.zeros((len(hinges), *columns.shape[1:]))
+    for side in (0, 1):
+        along, height = feet[:, 2 * side, None, None], feet[:, 2 * side + 1, None, None]
+        foot = (1.0 - along) * columns[hinges[:, 0]] + along * columns[hinges[:, 1]]
+        total += (columns[hinges[:, 2 + side]] - foot) * height
+    return total

@@ -1,0 +1,127 @@
+"""Checks of motions: static error bars under d'Alembert's inertial loads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.state import Damping
+from modalshell.loads import Loading
+from modalshell.models.base.bars import check_bar
+from modalshell.shell import Shell
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.supports import SupportPath
+
+
+class Instant(NamedTuple):
+    """A frame of a motion with its derivatives, in the frame of the supports.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : ndarray, shape (n, 3)
+        [m], [m/s], [m/s^2].
+    time : float
+        [s].
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    time: float
+
+
+def instant_of(times: Array, frames: Array) -> Instant:
+    """The middle one of three ``frames`` (3, n, 3) [m] at ``times`` (3,) [s], by their differences."""
+    first, second = np.diff(times)
+    before, after = (frames[1] - frames[0]) / first, (frames[2] - frames[1]) / second
+    velocity = (second * before + first * after) / (first + second)
+    return Instant(frames[1], velocity, 2.0 * (after - before) / (first + second), float(times[1]))
+
+
+def balancing_load(
+    now: Instant,
+    shell: Shell,
+    loading: Loading,
+    damping: Damping,
+    supports: SupportPath | None = None,
+    dead: Array | None = None,
+) -> Array:
+    """Load (n, 3) [N] in the frame of the supports under which a moving shell is in balance as if it rested.
+
+    All loads as they act on it (``dead`` ones (n, 3) [N] in place of the loading's own, if given), less its inertia and
+    the damping by the mass: ``f - M (a + xi v)``. Damping by the stiffness is left out: the velocities of cheap models
+    stretch the membrane, which would drown all else.
+    """
+    x, v, mass = now.positions, now.velocities, shell.mass[:, None]
+    load = loading.dead if dead is None else dead
+    pose = None if supports is None else supports.at(now.time)
+    if loading.live:
+        if pose is None:
+            load = load + loading.live_force(x, v, now.time)
+        else:
+            turned = (v + np.cross(pose.turn_rate, x - pose.pivot)) @ pose.rotation.T
+            load = load + loading.live_force(pose.to_world(x), turned + _speed(supports, now.time), now.time)
+    if pose is not None:
+        load = pose.shell_load(load, shell.mass, x, v)
+    return np.asarray(load - mass * (now.accelerations + damping.mass_factor * v))
+
+
+def _speed(supports: SupportPath | None, time: float, lead: float = 1e-5) -> Array:
+    """Velocity (3,) [m/s] of the supports' pivot."""
+    assert supports is not None
+    return np.asarray((supports.at(time + lead).translation - supports.at(time - lead).translation) / (2.0 * lead))
+
+
+@final
+class MotionCheck:
+    """Finds the bars of a motion, one checked frame after the other.
+
+    Parameters
+    ----------
+    shell : Shell
+        What moves.
+    loading : Loading
+        Its loads.
+    damping : Damping
+        Its damping.
+    supports : SupportPath, optional
+        How its supports move.
+
+    Raises
+    ------
+    OptionError
+        For a shell that its supports do not hold.
+    """
+
+    def __init__(self, shell: Shell, loading: Loading, damping: Damping, supports: SupportPath | None = None) -> None:
+        check_bar(shell)
+        self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
+        self._estimator = ErrorEstimator(shell)
+
+    def own(self, time: float, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the world in the frame of the supports."""
+        x = np.asarray(positions, dtype=np.float64)
+        return x if self._supports is None else self._supports.at(time).to_shell(x)
+
+    def bar(self, times: Array, frames: Array) -> ErrorBar:
+        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s]."""
+        return self.bar_under(times, frames)[0]
+
+    def bar_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[ErrorBar, Array]:
+        """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
+        own = np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
+        now = instant_of(times, own)
+        load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
+        return self._estimator.bar(now.positions, load), load
+
+    def moved(self, positions: Array) -> float:
+        """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
+        return float(np.sqrt(np.sum(self._shell.mass[:, None] * (positions - self._shell.rest_positions) ** 2)))
+
+    def off(self, bar: ErrorBar, positions: Array) -> float:
+        """Distance of positions in the frame of the supports from those that a bar corrects them to."""
+        if bar.message:
+            return np.inf
+        return float(np.sqrt(np.sum(self._shell.mass[:, None] * (bar.corrected - positions) ** 2)))

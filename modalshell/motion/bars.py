@@ -1,0 +1,79 @@
+"""Error bars along a motion, at the frames that were checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.short_repr import short_repr
+from modalshell.core.typing import Array
+from modalshell.statics.error_bar import LARGEST_BAR, ErrorBar, bar_as_text, share_as_text
+
+_MOST = 1e9
+"""Size of a bar or margin above which all are alike; files hold finite numbers."""
+
+
+@final
+@short_repr
+@dataclass(frozen=True)
+class Bars:
+    """Error bars of a motion: at each checked frame that of the balance with d'Alembert's inertial loads.
+
+    Attributes
+    ----------
+    times : ndarray, shape (B,)
+        Times of the checked frames [s]; that of an equilibrium is 0.
+    displacement : ndarray, shape (B,)
+        Estimated distance from DS, over the largest displacement of the motion up to then, in the norm of the mass.
+    margin : ndarray, shape (B,)
+        Stability margin; see :class:`modalshell.ErrorBar`.
+    valid : ndarray of bool, shape (B,)
+        Whether the bar holds. Of models that do not know which branch DS has taken, none holds once one was void: bars
+        tell of branches, not of histories.
+    """
+
+    times: Array
+    displacement: Array
+    margin: Array
+    valid: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, times: Array, displacement: Array, margin: Array, valid: NDArray[np.bool_]) -> Bars:
+        """Bars of finite numbers, the largest ones cut to 1e9."""
+        return cls(times, np.clip(displacement, 0.0, _MOST), np.clip(margin, -_MOST, _MOST), valid)
+
+    @classmethod
+    def still(cls, bar: ErrorBar) -> Bars:
+        """That of an equilibrium."""
+        numbers = (np.zeros(1), np.array([bar.displacement]), np.array([bar.margin]))
+        return cls.of(*numbers, np.array([bar.valid]))
+
+    @property
+    def largest(self) -> float:
+        """The largest valid bar; 0 if there is none."""
+        return float(self.displacement[self.valid].max(initial=0.0))
+
+    @property
+    def void_from(self) -> float | None:
+        """Time [s] of the first bar that is void; None if all hold."""
+        void = np.flatnonzero(~self.valid)
+        return float(self.times[void[0]]) if void.size else None
+
+    def __str__(self) -> str:
+        if not self.times.size:
+            return "no frame was checked"
+        if self.times[0] == 0.0:  # an equilibrium: motions are not checked at their start
+            unknown = self.margin[0] <= -_MOST
+            return "no error bar" if unknown else bar_as_text(float(self.displacement[0]), float(self.margin[0]))
+        parts = []
+        if self.valid.any():
+            large = self.largest > LARGEST_BAR
+            error = f"beyond {100.0 * LARGEST_BAR:.0f} %" if large else f"up to {share_as_text(self.largest)}"
+            parts.append(f"{error} from DS")
+        if self.void_from is not None:
+            first = int(np.flatnonzero(~self.valid)[0])
+            parts.append(f"void from {self.void_from:.4g} s on (stability margin {self.margin[first]:.2f} there)")
+        return ", ".join(parts)

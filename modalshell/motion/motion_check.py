@@ -1,0 +1,86 @@
+"""Error bars at some frames of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from modalshell.integrators.state import Damping
+from modalshell.loads import Loading
+from modalshell.models import Model
+from modalshell.models.motion_check import MotionCheck
+from modalshell.motion.bars import Bars
+from modalshell.motion.trajectory import Trajectory
+from modalshell.shell import Shell
+from modalshell.statics.error_bar import ErrorBar
+from modalshell.supports import SupportPath
+
+
+def checked_frames(count: int, every: int) -> Iterator[int]:
+    """Every ``every``-th of ``count`` frames that has one on either side."""
+    return iter(range(every, count - 1, every))
+
+
+def with_bars(
+    run: Trajectory,
+    model: Model,
+    loading: Loading,
+    *,
+    every: int,
+    damping: Damping | None = None,
+    supports: SupportPath | None = None,
+) -> Trajectory:
+    """The motion with the error bars of some frames.
+
+    Positions alone enter, so that a motion that was stopped and resumed has the same bars.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A motion of the model.
+    model : Model
+        The model.
+    loading : Loading
+        Its loads.
+    every : int
+        Frames from one check to the next.
+    damping : Damping, optional
+        Its damping.
+    supports : SupportPath, optional
+        How its supports moved.
+
+    Raises
+    ------
+    OptionError
+        For a shell that its supports do not hold.
+    """
+    check = MotionCheck(model.shell, loading, damping or Damping(), supports)
+    chosen = list(checked_frames(len(run.times), every))
+    rows, largest, seen, held = [], 0.0, 0, True
+    for k in chosen:
+        for frame in range(seen, k + 1):
+            largest = max(largest, check.moved(check.own(float(run.times[frame]), run.positions[frame])))
+        seen = k + 1
+        bar = check.bar(run.times[k - 1 : k + 2], np.asarray(run.positions[k - 1 : k + 2], dtype=np.float64))
+        off = check.off(bar, check.own(float(run.times[k]), run.positions[k]))
+        holds = bar.valid and (held or model.follows_snaps)
+        held = held and bar.valid
+        rows.append((off / largest if largest > 0.0 else float(off > 0.0), bar.margin, holds))
+    numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    return replace(run, bars=Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0))
+
+
+def bar_at_largest(run: Trajectory, shell: Shell, loading: Loading, damping: Damping) -> tuple[float, ErrorBar] | None:
+    """Time [s] and bar of the frame of largest displacement, supports at rest; None of motions of under three frames.
+
+    OptionError for a shell that its supports do not hold.
+    """
+    if len(run.times) < 3:
+        return None
+    check = MotionCheck(shell, loading, damping)
+    moved = [check.moved(check.own(0.0, frame)) for frame in run.positions[1:-1]]
+    k = 1 + int(np.argmax(moved))
+    around = slice(k - 1, k + 2)
+    return float(run.times[k]), check.bar(run.times[around], np.asarray(run.positions[around], dtype=np.float64))

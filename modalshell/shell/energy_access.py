@@ -1,0 +1,91 @@
+"""A shell's energy as solvers take it: on arrays that they own, without checks."""
+
+from __future__ import annotations
+
+from abc import ABC
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.elastic_energy import ElasticEnergy
+from modalshell.shell.energies_of import gradient_by_constant
+from modalshell.shell.extended import Extended
+from modalshell.shell.material import Material
+from modalshell.shell.pattern import SparsePattern
+from modalshell.shell.sheet import Sheet
+from modalshell.shell.slopes import HeldSlopes
+
+
+class EnergyAccess(ReadOnlyArrays, ABC):
+    """Energy, gradient, Hessian and damping of a shell, whose attributes a subclass sets."""
+
+    mesh: TriangleMesh
+    material: Material | Sheet
+    rest_positions: Array
+    clamped: NDArray[np.bool_]
+    pattern: SparsePattern
+    _energy: ElasticEnergy
+    _slots: list[Index]
+    _slopes: HeldSlopes
+
+    @property
+    def elastic_energy(self) -> ElasticEnergy:
+        """The elastic energy itself."""
+        return self._energy
+
+    def raw_energy(self, x: Array) -> float:
+        """Energy [J] without input checks; not finite at collapsed elements."""
+        return self._energy.energy(x)
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N] in one pass."""
+        return self._energy.energy_gradient(x)
+
+    def extended_gradient(self, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision, at displacements (n, 3) [m] from the rest shape."""
+        return self._energy.extended_gradient(self.rest_positions, displacement)
+
+    def energy_gradient_hessian(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient (n, 3) and Hessian values for :attr:`pattern`, in one pass.
+
+        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
+        """
+        return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
+
+    def rates_by_constant(self, name: str, x: Array, step: Array | None = None) -> Array:
+        """Derivative (n, 3) of the gradient at ``x``, or of the first part of the Hessian times ``step``."""
+        of = self._energy, self.mesh, self.material, self._slopes, self.clamped
+        return gradient_by_constant(*of, name, x, step)
+
+    def held_slopes(self) -> Index:
+        """Vertices (k, 2) of the edges about which the surface cannot turn; none of a discrete shell."""
+        return self._energy.held_slopes()
+
+    def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
+        return self._energy.linear_stresses(x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Half of ``step . K_1(x) step`` [J], K_1 the positive semi-definite first term of the Hessian."""
+        return self._energy.linear_energy(x, step)
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
+        return self._energy.has_dashpots
+
+    def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
+        """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
+
+        K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
+        """
+        return self._energy.damping_force(x, velocity, factor)
+
+    def damping_matrix(self, x: Array, factor: float) -> Array:
+        """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
+        return self._energy.damping_matrix(self._slots, self.pattern, x, factor)

@@ -1,0 +1,225 @@
+"""Laminates of orthotropic plies, by classical lamination theory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self, final
+
+import numpy as np
+
+from modalshell.core.checks import checked_number, shown
+from modalshell.core.errors import MaterialError
+from modalshell.core.short_repr import short_repr
+from modalshell.core.typing import Array
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.elasticity import Elasticity, directions_on, plane_elasticity, strain_turn, turned
+from modalshell.shell.fields import ShellFields, triangle_axes
+from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.orthotropic import Orthotropic
+from modalshell.shell.sheet import IMAGINARY, SHEETS, Direction, Sheet, checked_direction, evaluated
+
+_COUPLED = 1e-9
+"""Least size of the coupling B, over membrane stiffness times thickness, that counts."""
+
+
+@final
+@dataclass(frozen=True)
+class Ply:
+    """One ply of a :class:`Laminate`.
+
+    Parameters
+    ----------
+    material : Orthotropic or Isotropic
+        Its moduli and density, single numbers; the thickness and direction are those of the ply.
+    angle : float
+        Axis 1 of the ply [deg], counter-clockwise from that of the laminate, as seen from where the normal points.
+    thickness : float
+        Its thickness [m].
+
+    Raises
+    ------
+    MaterialError
+        For another material, one with fields or a direction of its own, or numbers out of range.
+    """
+
+    material: Orthotropic | Isotropic
+    angle: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.material, Orthotropic | Isotropic):
+            raise MaterialError(
+                f"material must be an Orthotropic or an Isotropic of its own (got {shown(self.material)})"
+            )
+        object.__setattr__(self, "angle", checked_number("angle", self.angle, MaterialError, unit="deg"))
+        thickness = checked_number("thickness", self.thickness, MaterialError, above=0.0, unit="m")
+        object.__setattr__(self, "thickness", thickness)
+        constants = self.material.constants
+        wanted = {"young", "poisson", "density"} if isinstance(self.material, Isotropic) else set(_NUMBERS)
+        if missing := sorted(wanted - set(constants)):
+            raise MaterialError(f"material of a ply must be of single numbers (got a field of {', '.join(missing)})")
+        if constants.get("direction", 0.0) != 0.0 or isinstance(getattr(self.material, "direction", 0.0), tuple):
+            raise MaterialError(
+                f"material of a ply must have direction 0.0: its angle takes that place (got {shown(self.material)})"
+            )
+
+    @property
+    def own_plane(self) -> Array:
+        """Q (3, 3) [Pa] in axes of the ply."""
+        own = self.material.constants
+        if isinstance(self.material, Isotropic):
+            young, poisson = own["young"], own["poisson"]
+            values = young, young, poisson, young / (2.0 * (1.0 + poisson))
+        else:
+            values = own["young_1"], own["young_2"], own["poisson"], own["shear"]
+        first, second, ratio, shear = map(np.atleast_1d, values)
+        return np.asarray(plane_elasticity(first, second, ratio, shear)[0])
+
+    @property
+    def plane(self) -> Array:
+        """Q (3, 3) [Pa] in axes of the laminate."""
+        return turned(self.own_plane, self.angle)
+
+
+_NUMBERS = ("young_1", "young_2", "shear", "poisson", "density")
+
+
+@final
+@short_repr
+@dataclass(frozen=True)
+class Laminate(Sheet, kind="laminate"):
+    r"""Sheet of the split-fold energy made of plies, by classical lamination theory.
+
+    With :math:`\bar Q_p` of ply p in axes of the laminate, from the height :math:`z_p` above the middle to
+    :math:`z_{p+1}`,
+
+    .. math:: C_m = \sum_p (z_{p+1} - z_p) \bar Q_p , \quad B = \sum_p \frac{z_{p+1}^2 - z_p^2}{2} \bar Q_p , \quad
+              C_b = \sum_p \frac{z_{p+1}^3 - z_p^3}{3} \bar Q_p .
+
+    The coupling B of stretch and bending must be zero, as it is of every stack that is symmetric about its middle.
+
+    Parameters
+    ----------
+    plies : sequence of Ply
+        From the bottom to the top, to which the normals point.
+    direction : float, array_like of shape (3,), (T,) or (T, 3), or callable
+        Axis 1 of the laminate in every triangle: as of :class:`Orthotropic`.
+
+    Raises
+    ------
+    MaterialError
+        For no plies, a stack whose B is not zero, or a direction that is none.
+    """
+
+    plies: Sequence[Ply]
+    direction: Direction = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.plies, list | tuple) or not self.plies:
+            raise MaterialError(f"plies must be a list of ms.Ply, from the bottom to the top (got {shown(self.plies)})")
+        for k, ply in enumerate(self.plies):
+            if not isinstance(ply, Ply):
+                raise MaterialError(f"plies[{k}] must be an ms.Ply (got {shown(ply)})")
+        object.__setattr__(self, "plies", tuple(self.plies))
+        if not callable(self.direction):
+            object.__setattr__(self, "direction", checked_direction(self.direction))
+        membrane, coupling, _ = self.matrices
+        share = float(np.abs(coupling).max() / (np.abs(membrane).max() * self.thickness))
+        if share > _COUPLED:
+            raise MaterialError(
+                f"plies must have no coupling of stretch and bending (got B of {share:.2g} of the membrane's stiffness "
+                "times the thickness): a laminate must be symmetric about its middle, such as [0, 90, 90, 0]"
+            )
+
+    @property
+    def thickness(self) -> float:
+        """Thickness of all plies together [m]."""
+        return sum(ply.thickness for ply in self.plies)
+
+    @property
+    def heights(self) -> Array:
+        """Heights (plies + 1,) of their faces above the middle [m]."""
+        return np.concatenate([[0.0], np.cumsum([ply.thickness for ply in self.plies])]) - 0.5 * self.thickness
+
+    @property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """Membrane [N/m], coupling [N] and bending stiffness [N m] (3, 3), on (11, 22, 2 12) in its own axes."""
+        low, high = self.heights[:-1], self.heights[1:]
+        planes = np.stack([ply.plane for ply in self.plies])
+        first, second, third = (np.tensordot((high**power - low**power) / power, planes, axes=1) for power in (1, 2, 3))
+        return first, second, third
+
+    def on(self, mesh: TriangleMesh) -> Laminate:
+        """The same sheet, its direction evaluated on the triangles of ``mesh``."""
+        return Laminate(self.plies, evaluated("direction", self.direction, mesh))
+
+    def area_density(self, mesh: TriangleMesh) -> Array:
+        """Mass per area of every triangle (T,) [kg/m^2]."""
+        return np.full(len(mesh.faces), sum(ply.thickness * ply.material.constants["density"] for ply in self.plies))
+
+    def thicknesses(self, mesh: TriangleMesh) -> Array:
+        """Thickness of every triangle (T,) [m]."""
+        return np.full(len(mesh.faces), self.thickness)
+
+    def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
+        """Means over directions of membrane stiffness, bending stiffness and Poisson's ratio of every triangle (T,)."""
+        membrane, bending = self.directed(mesh)
+        return membrane.mean()[0], *bending.mean()
+
+    def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
+        """Elasticity of membrane and bending, or their ``slope`` by the direction."""
+        along: Any = directions_on(mesh, np.asarray(self.on(mesh).direction))
+        if slope == "direction":
+            along = along + 1j * np.radians(IMAGINARY) * np.cross(mesh.face_normals, along)
+        membrane, _, bending = (np.broadcast_to(c, (len(mesh.faces), 3, 3)) for c in self.matrices)
+        return Elasticity(membrane, along), Elasticity(bending, along)
+
+    def face_stresses(self, mesh: TriangleMesh, force: Array, moment: Array) -> tuple[Array, Array]:
+        """Stress tensors (T, 3) [Pa] at the faces of the top and the bottom ply, in the triangles' axes."""
+        strain, curvature = (
+            np.linalg.solve(c.in_triangles(mesh), loads[:, :, None])
+            for c, loads in zip(self.directed(mesh), (force, moment), strict=True)
+        )
+        along = directions_on(mesh, np.asarray(self.on(mesh).direction))
+        found = []
+        for ply, height in ((self.plies[-1], self.heights[-1]), (self.plies[0], self.heights[0])):
+            plane = Elasticity(np.broadcast_to(ply.plane, (len(mesh.faces), 3, 3)), along).in_triangles(mesh)
+            found.append(np.asarray((plane @ (strain + height * curvature))[:, :, 0]))
+        return found[0], found[1]
+
+    def ply_stresses(self, mesh: TriangleMesh, fields: ShellFields) -> Array:
+        """Stresses (T, plies, 2, 3) [Pa] at the lower and the upper face of every ply: 11, 22 and 12 in its own axes.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+            Mesh of the shell.
+        fields : ShellFields
+            Its fields, from :meth:`Shell.fields`.
+        """
+        along = directions_on(mesh, np.asarray(self.on(mesh).direction))
+        first, second = triangle_axes(mesh, mesh.vertices).swapaxes(0, 1)
+        angles = np.degrees(np.arctan2(np.sum(second * along, axis=1), np.sum(first * along, axis=1)))
+        found = np.empty((len(mesh.faces), len(self.plies), 2, 3))
+        for k, ply in enumerate(self.plies):
+            turns = np.stack([strain_turn(angle) for angle in angles + ply.angle])
+            for side in (0, 1):
+                strain = fields.membrane_strain + self.heights[k + side] * fields.curvature
+                turned_strain = np.einsum("tij,tj->ti", turns, strain * np.array([1.0, 1.0, 2.0]))
+                found[:, k, side] = turned_strain @ ply.own_plane
+        return found
+
+    def plain(self, mesh: TriangleMesh) -> dict[str, Any]:
+        """The plies and the direction on a mesh as numbers and lists."""
+        plies = [[ply.material.kind, ply.material.plain(mesh), ply.angle, ply.thickness] for ply in self.plies]
+        direction = self.on(mesh).direction
+        return {"plies": plies, "direction": np.asarray(direction).tolist()}
+
+    @classmethod
+    def of_plain(cls, values: Mapping[str, Any]) -> Self:
+        """The laminate of what :meth:`plain` gives."""
+        plies = []
+        for kind, constants, angle, thickness in values["plies"]:
+            plies.append(Ply(SHEETS[kind].of_plain(constants), angle, thickness))  # type: ignore[arg-type]
+        return cls(plies, values["direction"])

@@ -1,0 +1,111 @@
+r"""Wings of joints in the split-fold energy: one fold share for an edge with any number of triangles.
+
+The share f of a joint is the turn of the joint about its edge. With :math:`\delta_w` the angle from the first wing to
+wing w about the edge, less that at rest, each wing folds by
+
+.. math:: \gamma_w = s_w (\delta_w - f), \qquad \delta_1 = 0,
+
+:math:`s_w = 1` if the triangle runs along the edge as the hinge does and -1 if against it. That the energy is least for
+f is the moment balance of a rigid joint that is free to turn, :math:`\sum_w s_w m_w = 0`. Two triangles are the case
+k = 2; a seam of a one-sided strip is one with both signs alike (theory 4, eq. 12).
+
+A hinge of the mesh runs along its edge as its second wing requires, so that :math:`s_w \delta_w` is its fold angle as
+it is. Where a wing is held the joint cannot turn: every other wing folds against that one.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.slopes import HeldSlopes
+
+
+@final
+class Wings(NamedTuple):
+    """Hinges of a shell at every edge, and what the joints' wings are.
+
+    Attributes
+    ----------
+    hinges : ndarray of int64, shape (H + x, 4)
+        Hinges of the mesh, and further ones between a held wing and the others.
+    rest : ndarray of int64, shape (x, 2)
+        Hinges of the mesh whose angles less each other are those of the further ones; -1 for none.
+    rest_signs : ndarray, shape (x, 2)
+        Their signs.
+    of_corners : ndarray of int64, shape (T, 3)
+        Hinge that belongs to the edge from each corner to the next; -1 at the boundary and of the first wing of a
+        joint.
+    joined : ndarray of bool, shape (T, 3)
+        Whether that edge is a joint.
+    held : ndarray of bool, shape (T, 3)
+        Whether a wing of that joint is held.
+    forward : ndarray of bool, shape (T, 3)
+        Whether the triangle runs along that joint from its smaller to its larger vertex.
+    flat : ndarray of bool, shape (T, 3)
+        Whether the triangle lies in the plane of symmetry of that joint.
+    """
+
+    hinges: Index
+    rest: Index
+    rest_signs: Array
+    of_corners: Index
+    joined: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+    forward: NDArray[np.bool_]
+    flat: NDArray[np.bool_]
+
+
+def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) -> Wings:
+    """Wings of a mesh with ``held`` triangles (T,)."""
+    number = np.full(len(mesh.edges), -1)
+    number[mesh.hinge_edges] = np.arange(len(mesh.hinges))
+    of_corners = number[mesh.face_edges]
+    none = np.zeros(of_corners.shape, dtype=bool)
+    edges, starts, wings = mesh.joints
+    if not edges.size:
+        nothing = np.empty((0, 2))
+        return Wings(mesh.hinges, nothing.astype(np.int64), nothing, of_corners, none, none, none, none)
+    of_corners, joined, stuck, forward, flat = (
+        array.ravel() for array in (of_corners, *(none.copy() for _ in range(4)))
+    )
+    first, other = mesh.joints.hinge_wings
+    of_corners[first] = -1
+    of_corners[other] = np.flatnonzero(np.isin(mesh.hinge_edges, edges))
+    corners = mesh.faces.ravel()
+    start, end, apex = (corners[3 * (wings // 3) + (wings + steps) % 3] for steps in range(3))
+    joined[wings] = True
+    forward[wings] = start < end
+    flat[wings] = _in_plane(mesh, slopes, np.repeat(edges, np.diff(starts)), start, apex)
+    further, rest, signs = [], [], []
+    for a, b in pairwise(starts.tolist()):
+        own = wings[a:b]
+        fixed = np.flatnonzero(held[own // 3])
+        if not fixed.size:
+            continue
+        stuck[own] = True
+        if fixed[0] == 0:
+            continue
+        h = a + fixed[0]
+        for w in np.flatnonzero(~held[own // 3]) + a:
+            further.append([end[w], start[w], apex[h], apex[w]])
+            rest.append([of_corners[wings[w]], of_corners[wings[h]]])
+            signs.append([1.0, -1.0 if forward[wings[w]] == forward[wings[h]] else 1.0])
+            of_corners[wings[w]] = len(mesh.hinges) + len(further) - 1
+    hinges = np.vstack([mesh.hinges, np.array(further, dtype=np.int64).reshape(-1, 4)])
+    shaped = (array.reshape(-1, 3) for array in (of_corners, joined, stuck, forward, flat))
+    return Wings(hinges, np.array(rest, dtype=np.int64).reshape(-1, 2), np.array(signs).reshape(-1, 2), *shaped)
+
+
+def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes, edges: Index, start: Index, apex: Index) -> NDArray[np.bool_]:
+    """Which wings (W,), from ``start`` and with ``apex``, lie in the plane of symmetry that holds their ``edges``."""
+    normals = np.zeros((len(mesh.edges), 3))
+    normals[slopes.mirrored] = slopes.normals
+    own = normals[edges]
+    away = np.abs(np.sum((mesh.vertices[apex] - mesh.vertices[start]) * own, axis=1))
+    return np.asarray(own.any(axis=1) & (away <= 1e-6 * mesh.edge_lengths[edges]))

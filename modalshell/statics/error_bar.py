@@ -1,0 +1,256 @@
+"""Error of a static answer against discrete shells, without solving these: two mixed Newton steps and a margin.
+
+From the answer x two steps of mixed Newton are taken, as DS takes them,
+
+    K_1(x) d_0 = -g(x),        x_1 = W(x, d_0),      s_1 = s(x) + ds(x)[d_0],
+    K_M(x_1, s_1) d_1 = -g(x_1),   x_2 = W(x_1, d_1),    s_2 in the same way,
+
+with the gradient g of the potential, the first part K_1 of its Hessian, the mixed Hessian K_M with predicted stresses,
+and warped steps W (theory 8, eq. 1 to 3). The estimated error is ``|x_2 - x| / |x_2 - rest|`` in the norm of the mass.
+The stability margin is the least ``v . K_M(x_2, s_2) v / v . K_1(x_2) v``, with the predicted stresses: those of x_2
+itself hold what is left of the membrane's residual, and say nothing.
+
+Steps alone are blind to branches: past a snap they find the branch that DS has left, and call the answer right. The
+margin alone is blind to modes that an answer lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+
+from modalshell.core.errors import SolverError
+from modalshell.core.timings import Stopwatch, Timings
+from modalshell.core.typing import Array
+from modalshell.modes import Factor, Factoriser, TangentStiffness
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
+from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.margin import Margin, lowest_ratio
+from modalshell.statics.potential import Potential
+
+LEAST_MARGIN = 0.3
+"""Margin above which a bar holds."""
+LARGEST_BAR = 0.3
+"""Bar above which two steps tell that the error is large, but not how large."""
+_STEPS = 2
+_NOTHING = 1e-14
+"""Displacement, in sizes of the shell, that is none."""
+_FEEBLE = 0.1
+"""What the stresses take of the stiffness up to which no critical load is foretold."""
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class ErrorBar:
+    """How far an answer is from that of discrete shells on the same mesh, by their own equations.
+
+    It holds where ``valid``: where the stability margin is above 0.3. There it was within 0.95 and 1.1 of the true
+    error in all cases measured, as long as it is at most 0.3; a larger one only says so. Elsewhere the answer stands
+    near the end of its branch or past it, and the bar is void: :class:`modalshell.DiscreteShell` may be elsewhere
+    altogether.
+
+    Attributes
+    ----------
+    displacement : float
+        Estimated error, as of :func:`modalshell.measure.displacement_error`: a share of the displacement.
+    margin : float
+        Stability margin: the least ratio of the stiffness under stress to that without; 1 without stress, 0 where the
+        branch ends, minus infinity where there is a ``message``.
+    critical_load : float
+        Factor on the load at which the branch is expected to end, ``1 / (1 - margin)``: infinite where stresses do not
+        soften the shell, 0 where there is a ``message``. It is meant for ends that are near: where no branch ends, it
+        grows with the load.
+    valid : bool
+        Whether the bar holds.
+    corrected : ndarray, shape (n, 3)
+        The answer after two steps [m], on the shell that the bar was found on.
+    seconds : float
+        Wall time.
+    message : str
+        Why the bar could not be found at all; empty otherwise.
+    on : str
+        "shell", or "coarse" where it was found on a coarse shell, whose own error is a floor to it.
+    """
+
+    displacement: float
+    margin: float
+    critical_load: float
+    valid: bool
+    corrected: Array
+    seconds: float
+    message: str = ""
+    on: str = "shell"
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the error is larger than the bar can measure: beyond 30 %."""
+        return not self.displacement <= LARGEST_BAR
+
+    def __repr__(self) -> str:
+        return f"ErrorBar({self})"
+
+    def __str__(self) -> str:
+        if self.message:
+            return f"no error bar: {self.message}"
+        return bar_as_text(self.displacement, self.margin)
+
+
+def bar_as_text(displacement: float, margin: float) -> str:
+    """What a bar says, or that it is void."""
+    if not margin > LEAST_MARGIN:
+        where = "past the end of its branch" if margin <= 0.0 else "near the end of its branch"
+        return f"void: the answer is {where} (stability margin {margin:.2f}, must exceed {LEAST_MARGIN:g})"
+    error = share_as_text(displacement) if displacement <= LARGEST_BAR else f"beyond {100.0 * LARGEST_BAR:.0f} %"
+    taken = 1.0 - margin
+    return f"{error} from DS" + (f"; {100.0 * taken:.0f} % of the way to a snap" if taken > _FEEBLE else "")
+
+
+def share_as_text(error: float) -> str:
+    """A share in percent, to two digits."""
+    percent = 100.0 * error
+    return "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
+
+
+@final
+class ErrorEstimator:
+    """Finds error bars of answers of one shell, one after the other; the order of elimination is found once.
+
+    Parameters
+    ----------
+    shell : Shell
+        A shell that its supports hold.
+    backend : str, optional
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+
+    Attributes
+    ----------
+    costs : Timings
+        Seconds of assembly, factorisation and solution so far.
+    last : LastStep or None
+        What the last bar has left for bars of quantities.
+    """
+
+    def __init__(self, shell: Shell, backend: str | None = None) -> None:
+        self.shell, self.origin = shell.centred()
+        self.costs = Timings()
+        self.last: LastStep | None = None
+        self._factoriser = Factoriser(backend)
+
+    def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
+        """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""
+        watch, shell = Stopwatch(), self.shell
+        if live is not None:
+            live = replace(live, origin=self.origin)
+        problem = Potential(load, shell.rest_positions, shell, self._factoriser, self.costs, live)
+        x = _allowed(shell, positions - self.origin)
+        self.last = None
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                corrected, stresses = self._steps(problem, x)
+                margin = self._margin(problem, corrected, stresses)
+        except SolverError as error:
+            return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
+        moved = self._norm(corrected - shell.rest_positions)
+        off = self._norm(corrected - x)
+        tiny = _NOTHING * shell.size
+        displacement = 0.0 if off <= tiny else off / max(moved, tiny)
+        softer = 1.0 - margin.value
+        critical = 1.0 / softer if softer > 0.0 else np.inf
+        valid = margin.value > LEAST_MARGIN
+        return ErrorBar(displacement, margin.value, critical, valid, corrected + self.origin, watch(), on=on)
+
+    def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
+        """Positions (n, 3) [m] and predicted stresses after two steps; SolverError where they leave all numbers."""
+        stresses: list[Array] | None = None
+        for _ in range(_STEPS):
+            geometric = GAUSS_NEWTON if stresses is None else MIXED
+            gradient, hessian = problem.linearise(x, geometric, stresses)
+            x, stresses, _ = problem.moved(x, problem.step(problem.factor(hessian), gradient))
+            if not np.isfinite(x).all():
+                raise SolverError("two Newton steps from this answer leave the finite numbers")
+        assert stresses is not None
+        return x, stresses
+
+    def _margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+        """The stability margin at x (n, 3) with predicted stresses."""
+        shell = self.shell
+        unknowns, pattern = shell.unknowns, shell.pattern
+        stiffness = shell.energy_gradient_hessian(x, GAUSS_NEWTON)[2]
+        stressed = shell.energy_gradient_hessian(x, MIXED, stresses)[2]
+        difference = stressed - stiffness
+        if problem.live is not None:
+            problem.live.add_stiffness(pattern, x, difference)
+        geometric = pattern.matrix(difference)
+        symmetric = problem.live is None or problem.live.conservative
+        elastic = replace(problem, live=None)
+        factor = elastic.definite_factor(pattern.free_matrix(stiffness))
+        if factor is None:
+            raise SolverError("two Newton steps lead to a shape without stiffness: the answer is far from any of DS")
+
+        def softening(values: Array) -> Array:
+            moved = unknowns.prolong(values)
+            product = geometric @ moved
+            if not symmetric:  # a shell whose symmetric half is stiff neither diverges nor flutters
+                product = 0.5 * (product + geometric.T @ moved)
+            return np.asarray(unknowns.restrict(product))
+
+        start = np.random.default_rng(0).standard_normal(unknowns.count)
+        found = lowest_ratio(factor.solve, softening, start)
+        self.last = LastStep(problem, x, stressed, found.direction, factor)
+        return found
+
+    def refined(self) -> Array:
+        """Positions (n, 3) [m] after a third step from the last bar's, by the factor that its margin has left."""
+        last = self._last()
+        with np.errstate(over="ignore", invalid="ignore"):
+            direction = -last.factor.solve(last.problem.residual(last.x))
+            return np.asarray(last.problem.moved(last.x, direction)[0] + self.origin)
+
+    def lowest_eigenvalue(self) -> float:
+        """Lowest squared angular frequency [1/s^2] of small motion of DS about the positions of :meth:`refined`."""
+        problem = self._last().problem
+        hessian = problem.linearise(self.refined() - self.origin, EXACT)[1]
+        return TangentStiffness(self.shell, hessian, self._factoriser).lowest_mode()[0]
+
+    def _last(self) -> LastStep:
+        if self.last is None:
+            raise SolverError("no bar has been found yet")
+        return self.last
+
+    def _norm(self, displacement: Array) -> float:
+        return float(np.sqrt(np.sum(self.shell.mass[:, None] * displacement**2)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LastStep:
+    """Where the two steps of a bar ended.
+
+    Attributes
+    ----------
+    problem : Potential
+        The shell's potential under the load, about the origin.
+    x : ndarray, shape (n, 3)
+        Corrected positions [m].
+    stressed : ndarray
+        Entries of the mixed Hessian there, without that of live loads.
+    direction : ndarray, shape (N,)
+        The shape in which the shell has the least margin.
+    factor : Factor
+        Of the first part of the Hessian there.
+    """
+
+    problem: Potential = field(repr=False)
+    x: Array
+    stressed: Array
+    direction: Array
+    factor: Factor = field(repr=False)
+
+
+def _allowed(shell: Shell, positions: Array) -> Array:
+    """Positions (n, 3) nearest to given ones that the supports allow."""
+    moved = positions - shell.rest_positions
+    moved[shell.clamped] = 0.0
+    return np.asarray(shell.rest_positions + shell.unknowns.project(moved))

@@ -1,0 +1,84 @@
+"""Stability margin: how much of a shell's stiffness its stresses leave, by Lanczos iterations on a factor at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from modalshell.core.typing import Array
+
+_TOLERANCE = 0.05
+"""Residual of the lowest ratio, over what the stresses take, at which it is found: its own error is of second order."""
+_FAINT = 0.1
+"""What the stresses take from which on that tolerance is relative: less is far from any critical load."""
+_FEWEST, _MOST = 6, 40
+"""Lanczos iterations."""
+_ENDED = 1e-10
+"""Length of a Lanczos vector, over that of what was multiplied, below which the iterations have found all there is."""
+
+
+class Margin(NamedTuple):
+    """The lowest ratio of two stiffnesses.
+
+    Attributes
+    ----------
+    value : float
+        The least ``v . K v / v . K_1 v``: 1 without stress, 0 at a critical point, negative past it.
+    direction : ndarray, shape (N,)
+        Where it is least.
+    products : int
+        Products with the difference of the stiffnesses, and solves with the factor, that it took.
+    """
+
+    value: float
+    direction: Array
+    products: int
+
+
+def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], Array], start: Array) -> Margin:
+    """The least ``v . (K_1 + G) v / v . K_1 v``, by Lanczos iterations on ``K_1^-1 G`` in the inner product of K_1.
+
+    Numerator and denominator are of one state, so that the ratio depends on neither rotations nor units.
+
+    Parameters
+    ----------
+    solve : callable
+        ``K_1^-1 b`` for b (N,), K_1 positive definite.
+    softening : callable
+        ``G v`` for v (N,), G symmetric.
+    start : ndarray, shape (N,)
+        Right side from which the iterations start.
+
+    Returns
+    -------
+    Margin
+        The ratio, from above, to about a twentieth of what it lacks to 1.
+    """
+    vector = solve(start)
+    length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0
+    vectors, images = [vector / length], [start / length]  # images are K_1 times vectors
+    most = min(_MOST, start.size)
+    diagonal, beside = np.zeros(most), np.zeros(most)
+    for step in range(most):
+        product = softening(vectors[step])
+        diagonal[step] = vectors[step] @ product
+        following = solve(product)
+        image = product
+        # Twice, as rounding would let found directions come back.
+        for _ in range(2):
+            shares = np.array([one @ following for one in images])
+            following = following - np.column_stack(vectors) @ shares
+            image = image - np.column_stack(images) @ shares
+        beside[step] = np.sqrt(max(float(following @ image), 0.0))
+        count = step + 1
+        tridiagonal = np.diag(diagonal[:count]) + np.diag(beside[:step], 1) + np.diag(beside[:step], -1)
+        values, shapes = np.linalg.eigh(tridiagonal)
+        lowest, residual = float(values[0]), float(beside[step] * abs(shapes[-1, 0]))
+        ended = beside[step] <= _ENDED * max(float(np.abs(values).max()), 1e-300)
+        if ended or count == most or (count >= _FEWEST and residual <= _TOLERANCE * max(abs(lowest), _FAINT)):
+            break
+        vectors.append(following / beside[step])
+        images.append(image / beside[step])
+    return Margin(1.0 + lowest, np.column_stack(vectors) @ shapes[:, 0], count)

@@ -1,0 +1,133 @@
+"""Colliders: signed distances against their own differences, and refusals."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.contact import COLLIDERS
+
+GRID = np.linspace(0.0, 1.0, 6)
+HILL = 0.1 * np.sin(3.0 * GRID)[:, None] * np.cos(2.0 * GRID)
+EXAMPLES = {
+    "plane": ms.Plane((1.0, 2.0, 2.0), 0.1),
+    "sphere": ms.Sphere((0.1, 0.2, 0.3), 0.5),
+    "cylinder": ms.Cylinder((0.0, 0.0, -0.3), (0.1, 0.2, 0.3), 0.4),
+    "capsule": ms.Capsule((0.0, 0.0, -0.3), (0.1, 0.2, 0.3), 0.2),
+    "box": ms.Box((0.1, 0.0, 0.0), (0.5, 0.3, 0.2), rotation=(0.3, 0.1, -0.4), rounding=0.1),
+    "height-field": ms.HeightField(HILL, 0.2, (-0.5, -0.5, 0.0)),
+}
+
+
+def points(seed=0):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (200, 3))
+
+
+def slopes(collider, x, step=1e-5):
+    """Central differences of the gap (n, 3) and of the normal (n, 3, 3)."""
+    first, second = np.empty_like(x), np.empty((len(x), 3, 3))
+    for axis in range(3):
+        move = step * np.eye(3)[axis]
+        ahead, behind = collider.gap(x + move), collider.gap(x - move)
+        first[:, axis] = (ahead[0] - behind[0]) / (2 * step)
+        second[:, :, axis] = (ahead[1] - behind[1]) / (2 * step)
+    return first, second
+
+
+def test_every_collider_has_an_example():
+    assert set(EXAMPLES) == set(COLLIDERS)
+
+
+@pytest.mark.parametrize("key", [key for key in EXAMPLES if key != "height-field"])
+def test_normals_and_curvatures_are_derivatives_of_the_distance(key):
+    collider, x = EXAMPLES[key], points()
+    gap, normal, curvature = collider.gap(x)
+    np.testing.assert_allclose(collider.distance(x), gap, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, rtol=1e-12)
+    first, second = slopes(collider, x)
+    # Differences across the border of two features are not derivatives of either.
+    smooth = np.abs(first - normal).max(axis=1) < 1e-4
+    assert smooth.mean() > 0.97
+    kinked = np.abs(second - curvature).max(axis=(1, 2)) > 1e-4 * (1.0 + np.abs(curvature).max(axis=(1, 2)))
+    assert (kinked & smooth).mean() < 0.03
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", curvature, normal), 0.0, atol=1e-9)
+
+
+def test_the_height_field_is_exact_on_its_surface():
+    collider, x = EXAMPLES["height-field"], points() * 0.4
+    for _ in range(60):
+        gap, normal, _ = collider.gap(x)
+        x = x - gap[:, None] * normal
+    gap, normal, curvature = collider.gap(x)
+    assert np.abs(gap).max() < 1e-14
+    first, second = slopes(collider, x)
+    np.testing.assert_allclose(first, normal, atol=1e-8)
+    across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    np.testing.assert_allclose(across @ second @ across, curvature, atol=1e-6)
+    beyond = collider.gap(np.array([[9.0, 9.0, 1.0]]))
+    assert beyond[0] == pytest.approx(1.0 - HILL[-1, -1])
+
+
+@pytest.mark.parametrize("key", ["sphere", "cylinder", "capsule"])
+def test_a_point_on_the_feature_is_led_out(key):
+    collider = EXAMPLES[key]
+    at = collider.center if key == "sphere" else 0.5 * (collider.a + collider.b)
+    gap, normal, curvature = collider.gap(at[None])
+    assert gap[0] == pytest.approx(-collider.radius) or key == "cylinder"
+    assert np.linalg.norm(normal[0]) == pytest.approx(1.0)
+    assert np.isfinite(curvature).all()
+
+
+def test_a_moving_contact_carries_its_collider():
+    path = ms.SupportPath([0.0, 1.0], [(0.0, 0.0, 0.0), (0.0, 0.0, 2.0)], [(0.0, 0.0, 0.0), (0.3, 0.2, 0.1)])
+    still, moving = ms.Contact(EXAMPLES["box"]), ms.Contact(EXAMPLES["box"], motion=path)
+    x, pose = points(), path.at(0.4)
+    for here, there in zip(still.gap(pose.to_shell(x)), moving.gap(x, 0.4), strict=True):
+        assert here.shape == there.shape
+    np.testing.assert_allclose(moving.gap(x, 0.4)[0], still.gap(pose.to_shell(x))[0])
+    first, second = slopes(type("At", (), {"gap": lambda _, y: moving.gap(y, 0.4)})(), x[:50])
+    assert (np.abs(first - moving.gap(x[:50], 0.4)[1]).max(axis=1) < 1e-4).mean() > 0.9
+    assert (np.abs(second - moving.gap(x[:50], 0.4)[2]).max(axis=(1, 2)) < 1e-3).mean() > 0.9
+    own = pose.to_shell(x)
+    speed = (path.at(0.4 + 1e-4).to_world(own) - path.at(0.4 - 1e-4).to_world(own)) / 2e-4
+    np.testing.assert_allclose(moving.velocity(x, 0.4), speed, atol=1e-6)
+    assert moving.largest_move(x, 0.0, 1.0) > 1.9
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ms.Plane((0, 0, 0)), "normal must not be zero"),
+        (lambda: ms.Plane((0, 0, 1), np.nan), "offset must be a finite number"),
+        (lambda: ms.Sphere((0, 0, 0), 0.0), "radius must be a finite number above 0"),
+        (lambda: ms.Sphere((0, np.inf, 0), 1.0), "center must be finite"),
+        (lambda: ms.Cylinder((0, 0, 0), (0, 0, 0), 1.0), "a and b must be two points"),
+        (lambda: ms.Capsule((0, 0, 0), (0, 0, 1), -1.0), "radius must be"),
+        (lambda: ms.Box((0, 0, 0), (1, 1, 0)), "half must be three positive lengths"),
+        (lambda: ms.Box((0, 0, 0), (1, 1, 1), rounding=2.0), "rounding must be"),
+        (lambda: ms.HeightField(np.zeros((3, 9)), 1.0), "at least 4 x 4"),
+        (lambda: ms.HeightField(np.full((4, 4), np.nan), 1.0), "z must be finite"),
+        (lambda: ms.Contact("floor"), "collider must be a Collider"),
+        (lambda: ms.Contact(ms.Plane(), friction=-0.1), "friction must be"),
+        (lambda: ms.Contact(ms.Plane(), restitution=1.5), "restitution must be"),
+        (lambda: ms.Contact(ms.Plane(), sel="x <"), "sel cannot read"),
+        (lambda: ms.Contact(ms.Plane(), push_out=-1.0), "push_out must be"),
+    ],
+)
+def test_bad_colliders_are_refused_by_name(make, said):
+    with pytest.raises(ms.OptionError, match=said):
+        make()
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_drawn_surfaces_lie_on_their_colliders(kind):
+    collider, corners = EXAMPLES[kind], np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    vertices, triangles = collider.surface(corners)
+    if kind != "height-field":
+        on = collider.gap(vertices)[0]
+        assert np.abs(on[1:-1]).max() < 1e-9 or kind == "cylinder"
+    assert triangles.max() < len(vertices)
+    turn = np.cross(*(vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2)))
+    middle = vertices[triangles].mean(axis=1)
+    outward = np.sum(turn * collider.gap(middle)[1], axis=1)
+    big = np.linalg.norm(turn, axis=1) > 1e-4
+    assert (outward[big] > 0.0).all() or (outward[big] < 0.0).all()

@@ -1,0 +1,144 @@
+"""Motion of discrete shells with contacts: energy, depth, restitution, moving colliders, resume."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.motion.stepping import Motion
+
+GRAVITY = (0.0, 0.0, -9.81)
+FLOOR = ms.Contact(ms.Plane())
+
+
+def strip(thickness=1e-2, cells=16, **sheet):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(cells, 2))
+    material = ms.Isotropic(**{"young": 1e8, "poisson": 0.3, "thickness": thickness, "density": 500.0} | sheet)
+    return mesh, material
+
+
+def tilted(mesh, angle, height):
+    """Positions of a strip turned about y, its lowest vertex at ``height``."""
+    x = mesh.vertices[:, 0] - 0.5
+    z = x * np.sin(angle)
+    return np.stack([x * np.cos(angle), mesh.vertices[:, 1], z - z.min() + height], axis=1)
+
+
+def rise(run):
+    """Largest rise of the whole energy from frame to frame, over the work of the load."""
+    return np.diff(run.energies.sum(axis=1)).max() / np.ptp(run.energies[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("integrator", "thickness"),
+    [
+        ("implicit", 1e-2),
+        ("bdf2", 1e-3),
+        pytest.param("sdirk2", 1e-3, marks=pytest.mark.slow),
+        pytest.param("sdirk2", 1e-2, marks=pytest.mark.slow),
+        pytest.param("bdf2", 1e-2, marks=pytest.mark.slow),
+        pytest.param("implicit", 1e-3, marks=pytest.mark.slow),
+    ],
+)
+def test_a_falling_strip_neither_enters_the_floor_nor_gains_energy(integrator, thickness):
+    mesh, material = strip(thickness)
+    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator=integrator)
+    run = ms.simulate(model, duration=0.6, dt=1 / 60, gravity=GRAVITY, start=tilted(mesh, 0.3, 0.05), contacts=[FLOOR])
+    assert run.unconverged_steps == 0
+    assert run.positions[..., 2].min() >= -1e-9
+    assert run.positions[-1, :, 2].min() <= 1e-9
+    assert rise(run) <= 1e-10
+
+
+def test_a_strip_on_a_ball_and_through_a_motion_of_it():
+    mesh, material = strip()
+    shell = ms.Shell(mesh, material, clamped="x < 1e-9")
+    path = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.2)])
+    ball = ms.Contact(ms.Sphere((0.8, 0.0, -0.21), 0.2), motion=path)
+    run = ms.simulate(ms.DiscreteShell(shell, integrator="bdf2"), duration=0.6, dt=1 / 60, contacts=[ball])
+    assert run.unconverged_steps == 0
+    gaps = [ball.distance(x, t).min() for x, t in zip(run.positions, run.times, strict=True)]
+    assert min(gaps) >= -1e-9
+    assert run.positions[-1, mesh.vertices[:, 0].argmax(), 2] > 0.1
+
+
+def test_a_plate_bounces_as_often_halved():
+    mesh, material = strip(young=1e10)
+    contact = ms.Contact(ms.Plane(), restitution=0.5)
+    model = ms.DiscreteShell(ms.Shell(mesh, material))
+    start = mesh.vertices + np.array([0.0, 0.0, 0.01])
+    run = ms.simulate(model, duration=0.13, dt=1e-3, gravity=GRAVITY, start=start, contacts=[contact])
+    height = run.positions[..., 2].mean(axis=1)
+    hit = int(np.argmax(height < 5e-4))
+    peak = height[hit:].max()
+    assert peak == pytest.approx(0.01 * 0.25, rel=0.1)  # first order in the step
+    assert rise(run) <= 1e-9
+
+
+def test_a_rod_turns_as_the_impulse_says():
+    mesh, material = strip(young=1e13)
+    angle, height = 0.6, 0.02
+    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="bdf2")
+    start = tilted(mesh, angle, height)
+    run = ms.simulate(model, duration=0.08, dt=1e-3, gravity=GRAVITY, start=start, contacts=[FLOOR])
+    low = run.positions[..., 2].min(axis=1)
+    hit = int(np.argmax(low < 1e-9))
+    along = run.positions[:, mesh.vertices[:, 0].argmax()] - run.positions[:, mesh.vertices[:, 0].argmin()]
+    turn = np.arctan2(along[:, 2], along[:, 0])
+    after = slice(hit + 1, hit + 13)
+    # Gravity turns it further: what the impulse gave is the spin as it began.
+    spin = -np.polyfit(run.times[after] - run.times[hit - 1], turn[after], 2)[1]
+    expected = 6.0 * np.cos(angle) * np.sqrt(2.0 * 9.81 * height) / (1.0 + 3.0 * np.cos(angle) ** 2)
+    assert spin == pytest.approx(expected, rel=0.03)
+
+
+def test_a_resumed_motion_has_the_same_bits():
+    mesh, material = strip(1e-3)
+    given = {"gravity": GRAVITY, "contacts": [FLOOR], "start": tilted(mesh, 0.2, 0.01)}
+
+    def motion():
+        model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="bdf2")
+        shell = model.shell
+        loading = shell.loading(given["gravity"], None, None)
+        return Motion(model, loading, dt=1 / 60, start=given["start"], contacts=given["contacts"])
+
+    whole, first, second = motion(), motion(), motion()
+    for _ in range(12):
+        whole.advance()
+    for _ in range(7):
+        first.advance()
+    second.restore(first.snapshot())
+    for _ in range(5):
+        second.advance()
+    assert whole.positions()[:, 2].min() <= 1e-9
+    assert whole.positions().tobytes() == second.positions().tobytes()
+
+
+def test_a_start_inside_is_pushed_out_without_gaining_energy():
+    mesh, material = strip()
+    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="implicit")
+    start = mesh.vertices - np.array([0.0, 0.0, 0.1])
+    with pytest.raises(ms.OptionError, match=r"vertex \d+ begins 0\.1 m inside contact 0 \(Plane\)"):
+        ms.simulate(model, duration=0.1, dt=1 / 60, start=start, contacts=[FLOOR])
+    slow = ms.Contact(ms.Plane(), push_out=1.0)
+    run = ms.simulate(model, duration=0.2, dt=1 / 60, start=start, contacts=[slow])
+    assert run.unconverged_steps == 0
+    assert np.diff(run.positions[..., 2].min(axis=1)).max() <= 1.0 / 60.0 + 1e-9
+    assert run.positions[-1, :, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert run.energies[-1, :2].sum() < 1e-9
+
+
+def test_motions_that_cannot_be_are_refused_by_name():
+    mesh, material = strip()
+    shell = ms.Shell(mesh, material)
+    model, given = ms.DiscreteShell(shell), {"duration": 0.1, "dt": 1 / 60, "gravity": GRAVITY}
+    fast = ms.SupportPath([0.0, 0.1], [(0.0, 0.0, -2.0), (0.0, 0.0, 0.0)])
+    ball = ms.Contact(ms.Sphere((0.0, 0.0, -0.3), 0.05), motion=fast)
+    with pytest.raises(ms.OptionError, match=r"contact 0 \(Sphere\) moves .* more than its smallest radius of 0\.05 m"):
+        ms.simulate(model, contacts=[ball], **given)
+    explicit = ms.DiscreteShell(shell, integrator="verlet", allow_unstable_step=True)
+    with pytest.raises(ms.OptionError, match="takes no contacts yet: take an implicit integrator"):
+        ms.simulate(explicit, contacts=[FLOOR], **given)
+    with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
+        ms.simulate(ms.RigidShell(shell), contacts=[FLOOR], **given)
+    with pytest.raises(ms.OptionError, match="each of contacts must be a Contact"):
+        ms.simulate(model, contacts=[ms.Plane()], **given)

@@ -1,0 +1,89 @@
+"""Contacts that scenes declare: read, refused, run, resumed, drawn."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.contact import COLLIDERS
+from modalshell.contact.contact import Contact
+from modalshell.run.results import Look, write_result
+
+FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
+BALL = '[[contacts]]\nkind = "sphere"\ncenter = [0.8, 0, -0.3]\nradius = 0.2\nsel = "x > 0.5"\n'
+KINDS = {
+    "plane": "normal = [0, 0, 1]\noffset = -1",
+    "sphere": "center = [0, 0, -2]\nradius = 0.5",
+    "capsule": "a = [0, 0, -2]\nb = [1, 0, -2]\nradius = 0.5",
+    "cylinder": "a = [0, 0, -2]\nb = [1, 0, -2]\nradius = 0.5",
+    "box": "center = [0, 0, -2]\nhalf = [1, 1, 0.5]\nrounding = 0.1\nrotation = [0, 0, 0.3]",
+    "height-field": "z = [[0, 0, 0, 0], [0, 0.1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]\nspacing = 1\norigin = [0, 0, -2]",
+}
+
+
+def test_every_kind_is_read(scene_file):
+    assert set(KINDS) == set(COLLIDERS)
+    more = "".join(f'[[contacts]]\nkind = "{kind}"\n{keys}\n' for kind, keys in KINDS.items())
+    scene = ms.load_scene(scene_file(more=more))
+    contacts = scene.build_contacts()
+    assert [contact.collider.key for contact in contacts] == list(KINDS)
+    assert pickle.loads(pickle.dumps(scene)).build_contacts()[1].collider.radius == 0.5
+
+
+def test_a_scene_rests_on_what_the_same_calls_rest_on(scene_file):
+    scene = ms.load_scene(scene_file(('"mwts"', '"ds"'), ("[motion]\nduration = 1", ""), more=FLOOR + BALL))
+    built = scene.build()
+    state = built.equilibrium()
+    same = ms.DiscreteShell(built.shell).equilibrium(
+        gravity=built.gravity,
+        contacts=[
+            Contact(ms.Plane((0, 0, 1), -0.1)),
+            Contact(ms.Sphere((0.8, 0, -0.3), 0.2), sel="x > 0.5"),
+        ],
+    )
+    assert state.converged
+    assert state.in_contact.any()
+    np.testing.assert_array_equal(state.positions, same.positions)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ('[[contacts]]\nkind = "torus"\n', "contacts[0].kind: must be one of"),
+        ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, 0]\n', "contacts[0].radius"),
+        ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, -9]\nradius = -1\n', "contacts[0].radius: must be"),
+        (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
+        (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
+        (FLOOR + "path = { times = [0, 1] }\n", "contacts[0].path"),
+        ("[contacts]\nkind = 'plane'\n", "contacts: must be a list of tables"),
+    ],
+)
+def test_bad_tables_are_refused_by_their_keys(scene_file, table, said):
+    with pytest.raises(ms.SceneError) as caught:
+        ms.load_scene(scene_file(more=table)).build()
+    assert said in str(caught.value)
+
+
+def test_a_run_with_contacts_is_drawn(scene_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = scene_file(("duration = 1", "duration = 0.5\ndt = 0.05"), more=FLOOR)
+    scene = ms.load_scene(file)
+    whole = ms.run_scene(scene).trajectory
+    assert whole.positions[..., 2].min() >= -0.1 - 1e-8
+    assert whole.positions[..., 2].min() <= -0.1 + 1e-8
+    contacts = scene.build_contacts()
+    bare = write_result(whole, tmp_path / "bare.png", Look()).read_bytes()
+    assert write_result(whole, tmp_path / "with.png", Look(), contacts=contacts).read_bytes() != bare
+
+
+def test_scenes_without_contacts_import_none(scene_file):
+    code = (
+        "import sys, modalshell as ms\n"
+        f"ms.load_scene({str(scene_file())!r}).build().start_motion().advance()\n"
+        "print([name for name in sys.modules if name.startswith('modalshell.contact')])\n"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"

@@ -1,0 +1,217 @@
+"""Statics with contacts against the tables of theory: lifted sheet, drape over a cylinder, ring and bend by plates."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+YOUNG, THICKNESS, GRAVITY = 1e9, 1e-3, 9.81
+FLEXURE = YOUNG * THICKNESS**3 / 12.0
+
+
+def heavy(unit=1.0):
+    """Material without Poisson effect whose weight bends it over a length (D / w)^(1/3) of ``unit`` [m]."""
+    density = FLEXURE / unit**3 / (GRAVITY * THICKNESS)
+    return ms.Isotropic(young=YOUNG, poisson=0.0, thickness=THICKNESS, density=density)
+
+
+def corner(mesh):
+    """Selection of one vertex at x = 0, which holds the strip along y."""
+    return f"x < 1e-9 and y < {mesh.vertices[:, 1].min() + 1e-9:.12f}"
+
+
+def lifted(height, cells=40, length=4.0, width=0.4):
+    """A sheet on a table, one end ``height`` above it; its force per width, and how far that end is drawn in."""
+    mesh = ms.flat_beam(length=length, width=width, cells=(cells, cells // 10))
+    x = mesh.vertices[:, 0]
+    supports = [ms.Fix(f"x > {length - 1e-9}", "z"), ms.Fix("x < 1e-9", "x"), ms.Fix(corner(mesh), "y")]
+    shell = ms.Shell(mesh, heavy(), supports=supports)
+    start = mesh.vertices.copy()
+    start[:, 2] = height * np.clip((x - length) / 1.5 + 1.0, 0.0, 1.0) ** 2 - height
+    state = ms.DiscreteShell(shell).equilibrium(
+        gravity=(0, 0, -GRAVITY), start=start, contacts=[ms.Contact(ms.Plane((0, 0, 1), -height))]
+    )
+    weight = shell.mass.sum() * GRAVITY
+    force = (weight - state.contact_forces[:, 2].sum()) / width / FLEXURE
+    return state, force, length - state.positions[x > length - 1e-9, 0].mean()
+
+
+@pytest.mark.parametrize(
+    ("height", "free", "force", "drawn"), [(0.05, 1.047330, 0.524144, 0.001775), (1.0, 2.362807, 1.286617, 0.347342)]
+)
+def test_a_lifted_sheet_needs_the_force_of_the_elastica(height, free, force, drawn):
+    state, found, found_drawn = lifted(height)
+    assert state.converged
+    assert state.stable
+    assert found == pytest.approx(force, rel=5e-4)
+    assert found_drawn == pytest.approx(drawn, rel=4e-3)
+    reach = 4.0 - np.linalg.norm(ms.flat_beam(length=4.0, width=0.4, cells=(40, 4)).vertices[state.in_contact, 0].max())
+    assert abs(reach - free) <= 0.1  # a cell
+    assert state.deepest <= 1e-9 * 4.0
+    assert (state.contact_forces[~state.in_contact] == 0.0).all()
+    assert (state.contact_forces[:, 2] >= 0.0).all()
+
+
+def draped(radius, length, cells):
+    """Tip of half a strip that hangs over a cylinder, and the state."""
+    mesh = ms.flat_beam(length=length, width=0.1 * length, cells=(cells, max(2, cells // 15)))
+    shell = ms.Shell(mesh, heavy(), supports=[ms.Symmetry("x < 1e-9", (1, 0, 0)), ms.Fix(corner(mesh), "y")])
+    state = ms.DiscreteShell(shell).equilibrium(
+        gravity=(0, 0, -GRAVITY), contacts=[ms.Contact(ms.Cylinder((0, -9, -radius), (0, 9, -radius), radius))]
+    )
+    weight = shell.mass.sum() * GRAVITY
+    return state, state.positions[mesh.vertices[:, 0] > length - 1e-9].mean(axis=0), weight
+
+
+@pytest.mark.parametrize(
+    ("radius", "length", "cells", "tip", "share"),
+    [
+        (1.0, 1.0, 30, (0.991246, -0.123471), 5e-5),
+        (1.0, 2.0, 60, (1.534389, -1.176128), 5e-5),
+        (2.0, 3.0, 60, (2.206587, -1.770580), 5e-5),
+    ],
+)
+def test_a_strip_over_a_cylinder_hangs_as_the_elastica(radius, length, cells, tip, share):
+    state, found, weight = draped(radius, length, cells)
+    assert state.converged
+    assert np.hypot(found[0] - tip[0], found[2] - tip[1]) < share * length
+    assert state.contact_forces[:, 2].sum() == pytest.approx(weight, rel=1e-6)
+    assert state.deepest <= 1e-9 * length
+
+
+@pytest.mark.slow
+def test_a_long_drape_settles_through_the_thick_fluid():
+    state, found, weight = draped(1.0, 3.0, 60)
+    assert state.converged
+    assert np.hypot(found[0] - 1.450017, found[2] + 2.352916) < 5e-5 * 3.0
+    assert state.contact_forces[:, 2].sum() == pytest.approx(weight, rel=1e-6)
+
+
+def ring(gap, cells):
+    """Force per width over D / R^2 on half a ring between plates, by a quarter of it that begins inside."""
+    flat = ms.flat_beam(length=np.pi / 2, width=0.3, cells=(cells, cells // 8))
+    angle, y = flat.vertices[:, 0], flat.vertices[:, 1]
+    mesh = ms.TriangleMesh(np.stack([np.sin(angle), y, np.cos(angle)], axis=1), flat.faces)
+    supports = [ms.Symmetry("x < 1e-9", (1, 0, 0)), ms.Symmetry("z < 1e-9", (0, 0, 1)), ms.Fix(corner(mesh), "y")]
+    contact = ms.Contact(ms.Plane((0, 0, -1), -0.5 * gap), push_out=1.0)
+    state = ms.DiscreteShell(ms.Shell(mesh, heavy(), supports=supports)).equilibrium(contacts=[contact])
+    return state, -2.0 * state.contact_forces[:, 2].sum() / 0.3 / FLEXURE
+
+
+@pytest.mark.parametrize(("gap", "force"), [(1.6, 2.115300), (1.4, 2.929674)])
+def test_a_ring_between_plates_pushes_as_the_elastica(gap, force):
+    state, found = ring(gap, 24)
+    assert state.converged
+    assert state.stable
+    assert found == pytest.approx(force, rel=5e-3)
+    assert state.deepest <= 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gap", "force"), [(1.9, 0.625408), (1.0, 5.742160)])
+def test_a_ring_pressed_flat_pushes_as_the_elastica(gap, force):
+    state, found = ring(gap, 80)
+    assert state.converged
+    assert found == pytest.approx(force, rel=5e-3)
+
+
+def bent(cells):
+    """Force F d^2 / D per width of a strip bent back between plates d = 1 apart, by half of it."""
+    length, width = np.pi / 4 + 2.0, 0.3
+    mesh = ms.flat_beam(length=length, width=width, cells=(cells, cells // 10))
+    start, arc = mesh.vertices.copy(), mesh.vertices[:, 0]
+    turn = np.minimum(2.0 * arc, np.pi / 2)
+    start[:, 0], start[:, 2] = 0.5 * np.sin(turn), 0.5 * (1.0 - np.cos(turn)) + np.maximum(arc - np.pi / 4, 0.0)
+    shell = ms.Shell(mesh, heavy(), clamped="x < 1e-9")
+    contact = ms.Contact(ms.Plane((-1, 0, 0), -0.5))
+    state = ms.DiscreteShell(shell).equilibrium(start=start, contacts=[contact])
+    return state, -state.contact_forces[:, 0].sum() / width / FLEXURE
+
+
+@pytest.mark.parametrize("cells", [40, pytest.param(80, marks=pytest.mark.slow)])
+def test_a_strip_bent_between_plates_pushes_as_the_elastica(cells):
+    state, found = bent(cells)
+    assert state.converged
+    assert found == pytest.approx(2.8710800, rel=5e-3)
+    assert state.deepest <= 1e-9
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_both_energies_rest_on_a_floor_and_a_wall(own):
+    mesh = ms.flat_beam(length=1.0, width=0.3, cells=(10, 3))
+    x = mesh.vertices[:, 0]
+    sheet = {"young": 1e6, "poisson": 0.0, "thickness": 0.01, "density": 400.0}
+    material = ms.Isotropic(**sheet) if own else ms.Material.from_physical(mesh=mesh, **sheet)
+    shell = ms.Shell(mesh, material, clamped=x < 0.101)
+    # The strip sags onto the floor and its end slides along it against a wall.
+    floor, wall = ms.Contact(ms.Plane((0, 0, 1), -0.1)), ms.Contact(ms.Plane((-1, 0, 0), -0.99), push_out=1.0)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -GRAVITY), contacts=[floor, wall])
+    assert state.converged
+    assert state.deepest <= 1e-9
+    corner = state.in_contact & (x > 1.0 - 1e-9)
+    assert corner.sum() >= 3
+    assert (state.contact_forces[corner, 0] <= 0.0).all()
+    assert (state.contact_forces[corner, 2] >= 0.0).all()
+    assert state.contact_forces[:, 2].max() > 0.0
+
+
+def test_the_answer_far_from_the_origin_is_the_same():
+    def rest(away):
+        mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
+        mesh = ms.TriangleMesh(mesh.vertices + away, mesh.faces)
+        shell = ms.Shell(mesh, heavy(0.4), clamped=mesh.vertices[:, 0] < away[0] + 1e-9)
+        floor = ms.Contact(ms.Plane((0, 0, 1), away[2] - 0.1))
+        return ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -GRAVITY), contacts=[floor])
+
+    near, far = rest(np.zeros(3)), rest(np.array([512.0, -256.0, 1024.0]))
+    assert near.in_contact.sum() > 3
+    np.testing.assert_array_equal(near.in_contact, far.in_contact)
+    np.testing.assert_allclose(far.positions - [512.0, -256.0, 1024.0], near.positions, atol=1e-9)
+
+
+def test_refusals_name_what_is_wrong():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    shell = ms.Shell(mesh, heavy(), clamped="x < 1e-9")
+    model, floor = ms.DiscreteShell(shell), ms.Contact(ms.Plane((0, 0, 1), 0.1))
+    with pytest.raises(ms.OptionError, match=r"vertex \d+ begins 0\.1 m inside contact 0 \(Plane\)"):
+        model.equilibrium(gravity=(0, 0, -GRAVITY), contacts=[floor])
+    with pytest.raises(ms.OptionError, match="write contacts=\\[contact\\]"):
+        model.equilibrium(contacts=floor)
+    with pytest.raises(ms.OptionError, match="each of contacts must be a Contact"):
+        model.equilibrium(contacts=[ms.Plane()])
+    with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
+        ms.RigidShell(shell).equilibrium(contacts=[floor])
+    hold = ms.PositionConstraint([mesh.vertices[:, 0].argmax()], (1.0, 0.0, 0.5))
+    with pytest.raises(ms.OptionError, match="contacts and constraints"):
+        model.equilibrium(contacts=[floor], constraints=[hold])
+
+
+def test_no_contacts_no_import_and_the_same_bits():
+    code = (
+        "import sys, modalshell as ms\n"
+        "mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))\n"
+        "sheet = ms.Isotropic(young=1e9, poisson=0.3, thickness=1e-3, density=100.0)\n"
+        "shell = ms.Shell(mesh, sheet, clamped='x < 1e-9')\n"
+        "for given in (None, []):\n"
+        "    state = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -1), contacts=given)\n"
+        "    touching = state.contact_forces.shape, state.in_contact.shape, state.deepest\n"
+        "    print(state.positions.tobytes().hex(), *touching)\n"
+        "print('modalshell.contact' in sys.modules)\n"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split("\n")
+    assert out[0] == out[1]
+    assert out[0].endswith("(0, 3) (0,) 0.0")
+    assert out[2] == "False"
+
+
+def test_derivatives_of_answers_with_contacts_are_refused():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    model = ms.DiscreteShell(ms.Shell(mesh, heavy(0.4), clamped="x < 1e-9"))
+    floor = ms.Contact(ms.Plane((0, 0, 1), -0.1))
+    state = model.equilibrium(gravity=(0, 0, -GRAVITY), contacts=[floor])
+    assert state.converged
+    with pytest.raises(ms.OptionError, match="without constraints or contacts"):
+        model.sensitivity(state, "young")

@@ -1,0 +1,105 @@
+"""Smoothed Coulomb friction of discrete shells in motion: slope, creep, energy, its own derivatives, resume."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.contact.friction import SLIP, Friction
+from modalshell.contact.touching import Touching
+from modalshell.motion.stepping import Motion
+
+MU, STEP = 0.4, 1 / 60
+
+
+def strip(thickness=1e-3):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
+    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=thickness, density=500.0))
+
+
+def on_slope(slope, thickness=1e-3, integrator="bdf2"):
+    """Speed at the end of half a second on a slope, and the motion."""
+    gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    contact = ms.Contact(ms.Plane(), friction=MU)
+    model = ms.DiscreteShell(strip(thickness), integrator=integrator)
+    run = ms.simulate(model, duration=0.5, dt=STEP, gravity=gravity, contacts=[contact])
+    x = run.positions[..., 0].mean(axis=1)
+    return (x[-1] - x[-2]) / STEP, run
+
+
+@pytest.mark.parametrize("thickness", [1e-2, 1e-3])
+def test_a_strip_slides_down_a_steep_slope_as_a_block(thickness):
+    slope = np.arctan(1.3 * MU)
+    speed, run = on_slope(slope, thickness)
+    assert run.unconverged_steps == 0
+    assert speed == pytest.approx(0.5 * 9.81 * (np.sin(slope) - MU * np.cos(slope)), rel=1e-6)
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-12
+
+
+def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says():
+    speed, run = on_slope(np.arctan(0.9 * MU))
+    creep = SLIP * 1.0 / STEP
+    assert speed == pytest.approx(creep * (1.0 - np.sqrt(0.1)), rel=1e-3)
+    assert f"creeps at {creep:.2g} m/s" in run.message
+
+
+def test_a_falling_strip_with_friction_gains_no_energy():
+    shell = strip()
+    x = shell.mesh.vertices[:, 0] - 0.5
+    start = np.stack([x * np.cos(0.3), shell.mesh.vertices[:, 1], x * np.sin(0.3) + 0.2], axis=1)
+    contact = ms.Contact(ms.Plane(), friction=MU)
+    model = ms.DiscreteShell(shell, integrator="bdf2")
+    run = ms.simulate(model, duration=0.7, dt=STEP, gravity=(0, 0, -9.81), start=start, contacts=[contact])
+    assert run.unconverged_steps == 0
+    assert run.positions[..., 2].min() >= -1e-9
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-10 * np.ptp(run.energies[:, 2])
+
+
+def test_a_moving_floor_drags_a_strip_along():
+    path = ms.SupportPath([0.0, 0.5, 1.0], [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0)])
+    contact = ms.Contact(ms.Plane(), friction=1.0, motion=path)
+    model = ms.DiscreteShell(strip(), integrator="implicit")
+    run = ms.simulate(model, duration=0.5, dt=STEP, gravity=(0, 0, -9.81), contacts=[contact])
+    moved = run.positions[-1, :, 0].mean() - run.positions[0, :, 0].mean()
+    assert moved == pytest.approx(0.1, rel=0.05)
+
+
+def test_derivatives_of_the_smoothed_work():
+    shell = strip()
+    contact = ms.Contact(ms.Sphere((0.5, 0.0, -3.0), 3.0), friction=MU)
+    touching = Touching([contact], shell)
+    random = np.random.default_rng(0)
+    pushes = random.uniform(0.0, 2.0, touching.vertices.size)
+    x = shell.rest_positions
+    friction = Friction(touching, pushes, x, STEP)
+    y = x + SLIP * random.standard_normal(x.shape)
+    way = random.standard_normal(x.shape)
+    for step in (1e-7,):
+        slope = (friction.value(y + step * way) - friction.value(y - step * way)) / (2 * step)
+        assert slope == pytest.approx(np.vdot(friction.forces(y), way), rel=1e-5)
+        change = (friction.forces(y + step * way) - friction.forces(y - step * way)) / (2 * step)
+        data = np.zeros(shell.pattern.size)
+        hessian = shell.pattern.free_matrix(data)
+        friction.add(y, np.zeros(x.size), hessian)
+        size = x.size
+        np.testing.assert_allclose((hessian @ np.pad(way.ravel(), (0, hessian.shape[0] - size)))[:size],
+                                   change.ravel(), rtol=1e-4, atol=1e-4 * np.abs(change).max())  # fmt: skip
+
+
+def test_a_resumed_motion_with_friction_has_the_same_bits():
+    shell = strip()
+    gravity = 9.81 * np.array([0.4, 0.0, -0.9])
+
+    def motion():
+        loading = shell.loading(gravity, None, None)
+        contacts = [ms.Contact(ms.Plane(), friction=MU)]
+        return Motion(ms.DiscreteShell(shell, integrator="bdf2"), loading, dt=STEP, contacts=contacts)
+
+    whole, first, second = motion(), motion(), motion()
+    for _ in range(8):
+        whole.advance()
+    for _ in range(5):
+        first.advance()
+    second.restore(first.snapshot())
+    for _ in range(3):
+        second.advance()
+    assert whole.positions().tobytes() == second.positions().tobytes()

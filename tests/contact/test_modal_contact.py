@@ -1,0 +1,128 @@
+"""Contacts of modal models against discrete shells, in statics and motion; their small complementarity problem."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.contact.complementarity import complementary
+from modalshell.motion.stepping import Motion
+
+GRAVITY = (0.0, 0.0, -9.81)
+FLOOR = ms.Contact(ms.Plane((0, 0, 1), -0.15))
+MODELS = {"LMA": ms.LinearModal, "MWTS": ms.ModalWarping, "RSW": ms.RotationStrain}
+
+
+@pytest.fixture(scope="module")
+def shell():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
+    return ms.Shell(mesh, material, clamped="x < 1e-6")
+
+
+@pytest.fixture(scope="module")
+def basis(shell):
+    return ms.solve_modes(shell, count=8)
+
+
+@pytest.fixture(scope="module")
+def truth(shell):
+    return ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_small_problems_are_solved_exactly(seed):
+    random = np.random.default_rng(seed)
+    half = random.standard_normal((12, 5))
+    matrix = half @ half.T + 1e-3 * np.eye(12)  # more rows than modes
+    gaps, forces = random.standard_normal(12), np.zeros(12)
+    complementary(matrix, gaps, forces, 1e-12)
+    after = matrix @ forces + gaps
+    assert forces.min() >= 0.0
+    assert after.min() >= -1e-9
+    assert np.abs(forces * after).max() <= 1e-7 * np.abs(forces).max()
+
+
+@pytest.mark.parametrize(("name", "error", "force"), [("LMA", 0.12, 0.05), ("MWTS", 0.02, 0.02), ("RSW", 0.005, 0.01)])
+def test_a_cantilever_on_a_table_rests_as_its_discrete_shell(shell, basis, truth, name, error, force):
+    state = MODELS[name](basis).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+    assert state.converged
+    assert state.deepest <= 1e-9
+    assert ms.measure.displacement_error(state.positions, truth.positions, shell) < error
+    assert state.contact_forces[:, 2].sum() == pytest.approx(truth.contact_forces[:, 2].sum(), rel=force)
+    assert (state.contact_forces[~state.in_contact] == 0.0).all()
+    assert state.in_contact.sum() >= 3
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_load_that_reaches_no_contact_gives_the_free_answer(basis, name):
+    model = MODELS[name](basis)
+    free = model.equilibrium(gravity=(0, 0, -0.5))
+    state = model.equilibrium(gravity=(0, 0, -0.5), contacts=[FLOOR])
+    assert state.converged
+    assert not state.in_contact.any()
+    np.testing.assert_allclose(state.positions, free.positions, atol=1e-7)
+
+
+def test_a_curved_collider_under_a_modal_model(shell, basis):
+    ball = ms.Contact(ms.Sphere((0.7, 0.0, -0.21), 0.2))
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[ball])
+    state = ms.RotationStrain(basis).equilibrium(gravity=GRAVITY, contacts=[ball])
+    assert state.converged
+    assert state.deepest <= 1e-9
+    assert ms.measure.displacement_error(state.positions, truth.positions, shell) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "integrator"), [("LMA", "exponential"), ("MWTS", "implicit_euler"), ("RSW", "exponential")]
+)
+def test_motion_comes_to_rest_on_the_table(shell, basis, name, integrator):
+    model = MODELS[name](basis, integrator=integrator)
+    run = ms.simulate(model, duration=1.5, dt=1 / 60, gravity=GRAVITY, damping=(3.0, 0.0), contacts=[FLOOR])
+    assert run.unconverged_steps == 0
+    assert run.positions[..., 2].min() >= -0.15 - 1e-8
+    rest = model.equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+    assert ms.measure.displacement_error(run.positions[-1], rest.positions, shell) < 0.01
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-3 * np.ptp(run.energies[:, 2])
+
+
+def test_a_resumed_modal_motion_has_the_same_bits(shell, basis):
+    def motion():
+        loading = shell.loading(GRAVITY, None, None)
+        return Motion(ms.ModalWarping(basis), loading, dt=1 / 60, contacts=[FLOOR])
+
+    whole, first, second = motion(), motion(), motion()
+    for _ in range(30):
+        whole.advance()
+    for _ in range(20):
+        first.advance()
+    second.restore(first.snapshot())
+    for _ in range(10):
+        second.advance()
+    assert whole.positions()[:, 2].min() <= -0.15 + 1e-8
+    assert whole.positions().tobytes() == second.positions().tobytes()
+
+
+def test_a_moving_collider_pushes_a_modal_model(shell, basis):
+    path = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.2)])
+    table = ms.Contact(ms.Plane((0, 0, 1), -0.05), sel="x > 0.5", motion=path)
+    run = ms.simulate(ms.RotationStrain(basis), duration=0.8, dt=1 / 60, damping=(2.0, 0.0), contacts=[table])
+    assert run.unconverged_steps == 0
+    tip = shell.mesh.vertices[:, 0].argmax()
+    assert run.positions[-1, tip, 2] > 0.1
+    far = shell.mesh.vertices[:, 0] > 0.5
+    assert all(table.distance(x[far], t).min() >= -1e-6 for x, t in zip(run.positions, run.times, strict=True))
+
+
+def test_what_modal_models_do_not_take_is_refused_by_name(shell, basis):
+    model = ms.ModalWarping(basis)
+    with pytest.raises(ms.OptionError, match="contact 0 has friction or push_out, which MWTS does not take"):
+        model.equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), -1), friction=0.2)])
+    with pytest.raises(ms.OptionError, match="contact 0 has restitution, which MWTS does not take"):
+        ms.simulate(model, duration=0.1, contacts=[ms.Contact(ms.Plane((0, 0, 1), -1), restitution=0.2)])
+    with pytest.raises(ms.OptionError, match=r"vertex \d+ begins .* inside contact 0"):
+        model.equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), 0.1))])
+    free = ms.Shell(shell.mesh, shell.material)
+    with pytest.raises(ms.OptionError, match="takes contacts of shells that supports hold"):
+        ms.ModalWarping(ms.solve_modes(free, count=12)).equilibrium(contacts=[FLOOR])
+    with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
+        ms.RigidShell(shell).equilibrium(contacts=[FLOOR])

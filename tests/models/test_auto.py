@@ -1,0 +1,152 @@
+"""The model that switches itself: it holds the error asked for, says what it did, and resumes to the same bits."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.compare.candidates import candidates
+from modalshell.compare.case import Case
+
+DT = 1.0 / 60.0
+SCENE = """
+[mesh]
+shape = "v_beam"
+fold = 150.0
+cells = [20, 4]
+[material]
+stretch = 2000.0
+shear = 2000.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.051"
+[loads]
+gravity = [0.0, 3.0, -45.0]
+[model]
+name = "auto"
+modes = 6
+error = 0.04
+[motion]
+duration = 0.6
+dt = 0.0166
+damping = [2.0, 0.001]
+"""
+
+
+@pytest.fixture(scope="module")
+def beam():
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+
+
+def through_snap(model, most=60.0):
+    """Up past the load at which DS snaps, 41.5, and down."""
+    load = [ms.Scaled(ms.SelfWeight((0.0, 0.26, -0.97)), ([0.0, 1.2, 2.2], [0.0, most, 0.0]))]
+    return ms.simulate(model, duration=3.0, dt=DT, loads=load, damping=(2.0, 0.001))
+
+
+def worst(shell, run, exact):
+    mass = shell.mass[:, None]
+    off, moved = (
+        np.sqrt(np.sum(mass * part**2, axis=(1, 2)))
+        for part in (run.positions - exact.positions, exact.positions - shell.rest_positions)
+    )
+    return float(off.max() / moved.max())
+
+
+def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam):
+    auto = ms.Auto(beam, 6, error=0.05, check_every=10)
+    exact = through_snap(ms.DiscreteShell(beam))
+    cheap = through_snap(ms.ModalWarping(ms.solve_modes(beam, 6), consistent_force=True))
+    run = through_snap(auto)
+    assert worst(beam, cheap, exact) > 0.5
+    assert worst(beam, run, exact) < 0.05
+    assert len(run.levels) == len(run.times)
+    shares = {name: run.levels.count(name) / len(run.levels) for name in auto.level_names}
+    assert 0.2 < shares["MWTS"] < 0.9
+    assert shares["DS"] > 0.1
+    assert "steps by MWTS" in run.message
+    assert "to DS at 0." in run.message
+
+
+def test_where_the_cheapest_rung_serves_nothing_else_is_taken(beam):
+    run = through_snap(ms.Auto(beam, 6, check_every=15), most=15.0)
+    assert set(run.levels) == {"MWTS"}
+    assert run.message == "steps by MWTS 100 %"
+
+
+def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    strip = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+    run, exact = through_snap(ms.Auto(strip), most=12.0), through_snap(ms.DiscreteShell(strip), most=12.0)
+    assert set(run.levels) == {"MWTS", "RSW"}
+    assert worst(strip, run, exact) < 0.05
+
+
+def test_a_coarse_shell_makes_a_level_between(beam):
+    coarse = ms.coarse_shell(beam, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 4)))
+    auto = ms.Auto(beam, 6, coarse=coarse, check_every=10)
+    assert auto.level_names == ("MWTS", "RSW", "coarse DS", "DS")
+    run = through_snap(auto)
+    assert {"MWTS", "coarse DS"} <= set(run.levels)
+
+
+def test_statics_is_corrected_where_the_bar_is_small_and_ds_elsewhere(beam):
+    auto, truth = ms.Auto(beam, 6), ms.DiscreteShell(beam)
+    for gravity, told in ((10.0, "MWTS, corrected: it was 0."), (37.0, "DS, as MWTS was void"), (60.0, "DS, as MWTS")):
+        load = {"gravity": (0.0, 0.26 * gravity, -0.97 * gravity)}
+        answer, exact = auto.equilibrium(**load), truth.equilibrium(**load)
+        assert told in answer.message
+        assert answer.converged
+        assert ms.measure.displacement_error(answer.positions, exact.positions, beam) < 1e-3
+
+
+def test_shells_far_from_the_origin_move_alike(beam):
+    far = np.array([4096.0, 0.0, -2048.0])
+    moved = ms.TriangleMesh(beam.mesh.vertices + far, beam.mesh.faces)
+    other = ms.Shell(moved, beam.material, np.flatnonzero(beam.clamped))
+    runs = [
+        ms.simulate(ms.Auto(shell, 6, error=0.02), duration=0.6, dt=DT, gravity=(0.0, 5.0, -30.0), damping=(2.0, 0.0))
+        for shell in (beam, other)
+    ]
+    assert "DS" in runs[0].levels
+    assert runs[0].levels == runs[1].levels
+    assert runs[1].positions - far == pytest.approx(runs[0].positions, abs=1e-6)
+    assert runs[1].energies == pytest.approx(runs[0].energies, abs=1e-3 * np.abs(runs[0].energies).max())
+
+
+def test_a_scene_that_was_stopped_resumes_to_the_same_bits(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE)
+    whole = ms.run_scene(scene, out=tmp_path / "whole").trajectory
+    assert len(set(whole.levels)) > 1
+
+    def stop(done, _):
+        if done == 25:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
+    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
+    assert resumed.resumed > 20
+    assert np.array_equal(resumed.trajectory.positions, whole.positions)
+    assert resumed.trajectory.levels == whole.levels
+    assert resumed.trajectory.message == whole.message
+
+
+def test_comparisons_of_all_models_leave_it_out(beam):
+    chosen = candidates(Case("a", beam, beam.gravity_force((0.0, 0.0, -1.0))))[0]
+    assert "auto" not in {one.spec.key for one in chosen}
+    assert "auto" in ms.models()
+
+
+def test_what_it_does_not_take_is_refused(beam):
+    with pytest.raises(ms.OptionError, match="error must be"):
+        ms.Auto(beam, error=0.5)
+    with pytest.raises(ms.OptionError, match="an error bar needs a shell that its supports hold"):
+        ms.Auto(ms.Shell(beam.mesh, beam.material))
+    path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0, 0.1, 0)])
+    with pytest.raises(ms.OptionError, match="auto takes no supports that move"):
+        ms.simulate(ms.Auto(beam), duration=0.1, supports=path)
+    with pytest.raises(ms.OptionError, match="constraints"):
+        ms.simulate(ms.Auto(beam), duration=0.1, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])

@@ -1,0 +1,159 @@
+"""Error bars of static answers against the error that DS shows, and where they are void."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+SUPPORTS = {
+    "clamp": [ms.Clamp("x < 0.001")],
+    "pin": [ms.Pin("x < 0.001"), ms.Pin("x > 0.999")],
+    "fix": [ms.Clamp("x < 0.001"), ms.Fix("x > 0.999", axes="z")],
+    "roller": [ms.Clamp("x < 0.001"), ms.Roller("x > 0.999", direction=(1.0, 0.0, 0.0))],
+    "symmetry": [ms.Clamp("x < 0.001"), ms.Symmetry("x > 0.999", normal=(1.0, 0.0, 0.0))],
+}
+
+
+def beam(kind="hinges", fold=150.0, supports=None, cells=(20, 4)):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=fold, cells=cells)
+    if kind == "hinges":
+        return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=200.0)
+    return ms.Shell(mesh, sheet, supports=supports or SUPPORTS["clamp"])
+
+
+def aside(gravity):
+    return 0.0, 0.26 * gravity, -0.97 * gravity
+
+
+def true_error(shell, answer, **load):
+    exact = ms.DiscreteShell(shell).equilibrium(**load, start=answer.positions)
+    assert exact.outcome is ms.Outcome.CONVERGED
+    return ms.measure.displacement_error(answer.positions, exact.positions, shell)
+
+
+@pytest.mark.parametrize(("kind", "gravity"), [("hinges", 10.0), ("hinges", 25.0), ("shell theory", 0.3)])
+@pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
+def test_the_bar_is_the_true_error(kind, gravity, model):
+    shell = beam(kind)
+    answer = model(ms.solve_modes(shell, 6)).equilibrium(gravity=aside(gravity), bar=True)
+    assert answer.bar.valid
+    assert not answer.bar.beyond
+    assert answer.bar.displacement == pytest.approx(true_error(shell, answer, gravity=aside(gravity)), rel=0.06)
+    assert f"{answer}".startswith("converged; ")
+    assert "% from DS; " in f"{answer}"
+    assert "% from DS" in repr(answer.bar)
+
+
+def test_other_rungs_have_bars_too():
+    shell = beam()
+    load = {"gravity": aside(20.0)}
+    coarse = ms.coarse_shell(shell, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 2)))
+    for model in (ms.RigidShell(shell), ms.ModalDerivatives(shell, 3), ms.CoarseDiscreteShell(shell, coarse)):
+        answer = model.equilibrium(**load, bar=True)
+        assert answer.bar.valid
+        assert answer.bar.displacement == pytest.approx(true_error(shell, answer, **load), rel=0.1)
+    exact = ms.DiscreteShell(shell).equilibrium(**load, bar=True)
+    assert exact.bar.displacement < 1e-6
+    assert "less than 0.1 % from DS" in str(exact)
+
+
+def test_a_snap_is_foretold_and_past_it_the_bar_is_void():
+    """DS leaves its branch at 41.5."""
+    shell = beam()
+    model = ms.RotationStrain(ms.solve_modes(shell, 6))
+    before, near, past = (model.equilibrium(gravity=aside(g), bar=True) for g in (20.0, 37.0, 60.0))
+    assert 20.0 * before.bar.critical_load == pytest.approx(41.5, rel=0.15)
+    assert before.bar.valid
+    assert not near.bar.valid
+    assert not past.bar.valid
+    assert past.converged
+    assert true_error(shell, past, gravity=aside(60.0)) > 0.25
+    assert 0.0 < near.bar.margin < 0.3
+    assert "void: the answer is near the end of its branch" in str(near)
+    assert "void: " in str(past)
+
+
+def test_a_wrong_branch_that_two_steps_do_not_leave_is_void():
+    """Of a panel that sinks in: to Newton's steps an unstable answer in balance looks exact."""
+    mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))
+    sheet = ms.Isotropic(young=1e7, poisson=0.3, thickness=2e-3, density=100.0)
+    away = np.abs(mesh.vertices[:, 1])
+    edge = away > away.max() - 1e-9
+    shell = ms.Shell(mesh, sheet, supports=[ms.Pin(edge)])
+    path = ms.equilibrium_path(shell, gravity=(0.0, 0.0, -1.0), until=20.0)
+    wrong = np.flatnonzero(~path.stable)
+    assert wrong.size
+    middle = wrong[wrong.size // 2]
+    bar = ms.error_bar(shell, path.positions[middle], gravity=(0.0, 0.0, -path.factors[middle]))
+    assert bar.displacement < 1e-4
+    assert bar.margin < 0.0
+    assert not bar.valid
+
+
+@pytest.mark.parametrize("held", sorted(SUPPORTS))
+def test_supports_of_every_kind(held):
+    shell = beam("shell theory", supports=SUPPORTS[held])
+    answer = ms.ModalWarping(ms.solve_modes(shell, 6)).equilibrium(gravity=aside(0.2), bar=True)
+    assert answer.bar.valid
+    assert answer.bar.displacement == pytest.approx(true_error(shell, answer, gravity=aside(0.2)), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "live",
+    [ms.Pressure(0.05), ms.Wind((0.0, 0.3, -0.6)), ms.FollowerForce("x > 0.99", (0.0, 0.0, -1e-3))],
+    ids=["pressure", "wind", "follower force"],
+)
+@pytest.mark.parametrize("kind", ["hinges", "shell theory"])
+def test_loads_that_follow_the_shell(kind, live):
+    shell, scale = beam(kind), 20.0 if kind == "hinges" else 0.2
+    loads = [ms.Scaled(live, lambda _: scale)]
+    answer = ms.ModalWarping(ms.solve_modes(shell, 6)).equilibrium(loads=loads, bar=True)
+    assert answer.bar.valid
+    assert answer.bar.displacement == pytest.approx(true_error(shell, answer, loads=loads), rel=0.1)
+
+
+def test_a_bar_on_the_coarse_shell():
+    shell, load = beam(), {"gravity": aside(30.0)}
+    coarse = ms.coarse_shell(shell, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 2)))
+    answer = ms.LinearModal(ms.solve_modes(shell, 2)).equilibrium(**load)
+    fine, other = ms.error_bar(shell, answer), ms.error_bar(shell, answer, on=coarse)
+    assert (fine.on, other.on) == ("shell", "coarse")
+    assert other.corrected.shape == answer.positions.shape
+    assert other.displacement == pytest.approx(fine.displacement, rel=0.5)
+    assert other.margin == pytest.approx(fine.margin, abs=0.15)
+    model = ms.CoarseDiscreteShell(shell, coarse)
+    assert ms.error_bar(model, model.equilibrium(**load), on="coarse").displacement < 5e-3
+
+
+def test_answers_at_rest_and_large_ones():
+    shell = beam()
+    assert ms.error_bar(shell, shell.rest_positions).displacement == 0.0
+    rigid = ms.error_bar(shell, shell.rest_positions, gravity=aside(5.0))
+    assert rigid.displacement == pytest.approx(1.0)
+    assert rigid.beyond
+    assert "beyond 30 % from DS" in str(rigid)
+    lost = ms.error_bar(shell, 1e45 * np.array(shell.rest_positions), gravity=aside(5.0))
+    assert not lost.valid
+    assert lost.message
+    assert "no error bar" in str(lost)
+
+
+def test_what_has_no_bar_is_refused():
+    mesh = ms.flat_beam(cells=(8, 2))
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=200.0)
+    free, held = ms.Shell(mesh, sheet), ms.Shell(mesh, sheet, "x < 0.001")
+    answer = ms.DiscreteShell(held).equilibrium(gravity=aside(0.1))
+    assert answer.bar is None
+    with pytest.raises(ms.OptionError, match="the supports leave free all translations and turns"):
+        ms.error_bar(free, mesh.vertices)
+    with pytest.raises(ms.OptionError, match="leave out gravity, force and loads"):
+        ms.error_bar(held, answer, gravity=aside(0.1))
+    with pytest.raises(ms.OptionError, match=r'on must be "shell", "coarse" or a coarse Shell \(got .fine.\)'):
+        ms.error_bar(held, answer, on="fine")
+    with pytest.raises(ms.OptionError, match="model_or_shell must be"):
+        ms.error_bar(mesh, answer)
+    with pytest.raises(ms.LoadError, match="positions"):
+        ms.error_bar(held, np.zeros((3, 3)))
+    with pytest.raises(ms.OptionError, match="bar must be"):
+        ms.DiscreteShell(held).equilibrium(bar=1)

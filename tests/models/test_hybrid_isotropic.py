@@ -1,0 +1,138 @@
+"""The hybrid on shells of shell theory: coupled folds, a membrane of edge lengths, motions through snaps."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy, stress_modes
+from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.slopes import differences
+
+
+def folded(cells=(16, 4), fold=150.0):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=fold, cells=cells)
+    sheet = ms.Isotropic(young=9e4, poisson=0.3, thickness=0.022, density=9.0)
+    return ms.Shell(mesh, sheet, mesh.vertices[:, 0] < 1.5 / cells[0])
+
+
+def panel():
+    mesh = ms.cylinder_panel(length=1.0, radius=0.6, angle=60.0, cells=(6, 6), family="union-jack")
+    ends = np.abs(mesh.vertices[:, 0] - 0.5) > 0.499
+    return ms.Shell(mesh, ms.Isotropic(young=9e4, poisson=0.3, thickness=0.012, density=17.0), ends)
+
+
+def distance(a, b, shell):
+    return np.linalg.norm(a - b) / np.linalg.norm(b - shell.rest_positions)
+
+
+def reduced_to(shell, columns):
+    """Energy on displacements (3n, m), with stresses of their own strains."""
+    measures, rest = measures_of(shell), shell.rest_positions
+    states = np.array([measures.state(rest, column.reshape(-1, 3)) for column in columns.T]).T
+    stresses = stress_modes(measures, states, states[:, :1], columns.shape[1])
+    return reduce_energy(measures, columns, stresses, stresses)
+
+
+def value_and_gradient(reduced, z):
+    found = evaluate(reduced, z, np.zeros(reduced.membrane.linear.shape[1]))
+    return found[0], found[3]
+
+
+@pytest.mark.parametrize("make", [folded, panel])
+def test_its_gradient_is_that_of_its_energy(make):
+    shell = make()
+    reduced = reduced_to(shell, ms.solve_modes(shell, 6).modes)
+    z = 0.05 * np.random.default_rng(0).standard_normal(6) / np.abs(ms.solve_modes(shell, 6).modes).max()
+    assert len(reduced.bending.hinges) > 0
+    gradient = value_and_gradient(reduced, z)[1]
+    slopes = differences(lambda z: np.array([value_and_gradient(reduced, z)[0]]), z)[0]
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-7, atol=1e-7 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("make", [folded, panel])
+def test_a_turned_shell_has_no_energy(make):
+    shell = make()
+    x = np.array(shell.rest_positions)
+    turned = Rotation.from_rotvec([0.3, -0.5, 0.2]).apply(x) - x
+    modes = ms.solve_modes(shell.with_material(shell.material), 4).modes
+    whole = ms.Shell(shell.mesh, shell.material)  # ghosts of clamps would stay
+    reduced = reduced_to(whole, np.column_stack([modes, turned.ravel()]))
+    z = np.append(np.zeros(4), 1.0)
+    value, gradient = value_and_gradient(reduced, z)
+    bent = value_and_gradient(reduced, np.append(0.01 / np.abs(modes).max(), np.zeros(4)))[0]
+    assert abs(value) < 1e-12 * max(1.0, bent)
+    assert np.abs(gradient[:4]).max() * 0.01 / np.abs(modes).max() < 1e-9 * bent
+
+
+@pytest.mark.parametrize("make", [folded, panel])
+def test_it_has_the_stiffness_of_the_shell_at_rest(make):
+    shell = make()
+    modes = ms.solve_modes(shell, 6).modes
+    reduced = reduced_to(shell, modes)
+    none = np.zeros(reduced.membrane.linear.shape[1])
+    lower = evaluate(reduced, np.zeros(6), none)[4]
+    hessian = np.tril(lower) + np.tril(lower, -1).T
+    exact = modes.T @ (shell.stiffness() @ modes)
+    assert np.linalg.norm(hessian - exact) < 0.03 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, -70), (0, 30, -60), (0, 20, 40)])
+def test_bending_by_coupled_vectors_is_near_that_by_angles(gravity):
+    # Thin, as strains in the plane enter the vectors too: those of the thicker one by a tenth of the bending.
+    shell = folded((20, 4)).with_material(ms.Isotropic(young=9e7, poisson=0.3, thickness=0.0022, density=90.0))
+    x = ms.DiscreteShell(shell).equilibrium(gravity=gravity).positions
+    measures, none = measures_of(shell), np.zeros((len(shell.mesh.edges), 0))
+    reduced = reduce_energy(measures, (x - shell.rest_positions).reshape(-1, 1), none, none)
+    exact = shell.energy(x) - measures.energy(x)
+    assert evaluate(reduced, np.ones(1), np.zeros(0))[0] == pytest.approx(exact, rel=0.04)
+
+
+def test_planes_of_symmetry_are_refused():
+    mesh = ms.flat_beam(cells=(8, 2))
+    supports = [ms.Clamp(mesh.vertices[:, 0] < 0.01), ms.Symmetry(mesh.vertices[:, 1] < -0.099, (0, 1, 0))]
+    shell = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 1e-3, 100.0), supports=supports)
+    with pytest.raises(ms.SupportError, match="whole surface"):
+        ms.HybridStress.trained(shell, gravity=(0, 0, -1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fold", [150.0, 135.0])
+def test_it_follows_the_shell_through_its_snap_and_back(fold, tmp_path):
+    shell = folded(fold=fold)
+    model = ms.HybridStress.trained(shell, gravity=(0, 0, -70), modes=44, motions=24)
+    assert model.held_out_error < 0.1
+    truth = ms.DiscreteShell(shell, step_tolerance=1e-3, integrator=model.integrator)
+    tilt = np.radians(15.0)
+    load = shell.gravity_force((0.0, 70.0 * np.sin(tilt), -70.0 * np.cos(tilt)))
+    for damping in (ms.Damping(2.0, 0.0), ms.Damping(0.5, 0.001)):
+        exact, state, frames = truth.start_motion(), model.start_motion(), []
+        for frame in range(30):
+            force = load if frame < 20 else np.zeros_like(load)
+            exact, _ = truth.step(exact, 1 / 30, force, damping)
+            state, solved = model.step(state, 1 / 30, force, damping)
+            assert solved
+            frames.append((model.positions(state), truth.positions(exact)))
+        own, other = (np.array(part) for part in zip(*frames, strict=True))
+        assert other[:, :, 2].min() < -0.6
+        assert distance(own, other, shell) < 0.03
+        assert state.coordinates.ndim == 1
+    for gravity in (25.0, 70.0):
+        answer = model.equilibrium(gravity=(0, 0, -gravity))
+        assert answer.converged
+        exact_answer = model.coarse.equilibrium(gravity=(0, 0, -gravity))
+        assert distance(answer.positions, exact_answer.positions, shell) < 0.02
+    # It is carried by its supports, and kept in a file.
+    model.save(tmp_path / "trained.npz")
+    again = ms.HybridStress.load(tmp_path / "trained.npz", shell)
+    np.testing.assert_array_equal(again.equilibrium(gravity=(0, 0, -70)).positions, answer.positions)
+    state = model.equilibrium(gravity=(0, 0, -25))
+    young = model.sensitivity(state, "young")
+    step = 1e-4
+    ends = []
+    for sign in (1, -1):
+        stiffer = shell.with_material(ms.Isotropic(9e4 * (1 + sign * step), 0.3, 0.022, 9.0))
+        ends.append(ms.HybridStress(stiffer, stiffer, model._trained).equilibrium(gravity=(0, 0, -25)).positions)
+    np.testing.assert_allclose(
+        young.reshape(-1), ((ends[0] - ends[1]) / (2 * step * 9e4)).ravel(), atol=1e-3 * np.abs(young).max()
+    )

@@ -1,0 +1,69 @@
+"""Bars of stresses, reactions, displacements and frequencies against what DS finds."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+LOAD = {"gravity": (0.0, 0.07, -0.28)}
+
+
+@pytest.fixture(scope="module")
+def shell():
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=200.0), "x < 0.001")
+
+
+@pytest.mark.parametrize("model", [ms.LinearModal, ms.RotationStrain])
+def test_they_are_what_ds_finds(shell, model):
+    rung, truth = model(ms.solve_modes(shell, 8)), ms.DiscreteShell(shell)
+    names = ("tip", "von_mises", "reactions", "frequency")
+    answer, exact = rung.equilibrium(**LOAD), truth.equilibrium(**LOAD)
+    bars = ms.quantity_bars(rung, answer, names)
+    right = ms.quantity_bars(truth, exact, names)
+    assert list(bars) == list(names)
+    for name in names:
+        assert right[name].error < 1e-5
+        assert bars[name].valid
+        assert bars[name].corrected == pytest.approx(right[name].value, rel=2e-3)
+        # Each is off by far more than the bar may be.
+        assert 0.05 < bars[name].error == pytest.approx(abs(bars[name].value / right[name].value - 1.0), rel=0.05)
+    assert right["von_mises"].value == pytest.approx(shell.fields(exact.positions).von_mises.max())
+    weight = np.linalg.norm(shell.gravity_force(LOAD["gravity"]).sum(axis=0))
+    assert right["reactions"].value == pytest.approx(weight, rel=1e-6)
+    assert " % from DS (" in str(bars["tip"])
+
+
+def test_functions_and_loads_that_follow(shell):
+    rung, loads = ms.ModalWarping(ms.solve_modes(shell, 8)), [ms.Pressure(0.01)]
+    answer, exact = (model.equilibrium(loads=loads) for model in (rung, ms.DiscreteShell(shell)))
+
+    def twist(x):
+        end = np.flatnonzero(shell.rest_positions[:, 0] > 0.999)
+        return float(x[end[0], 2] - x[end[-1], 2] + x[end, 0].mean())
+
+    bar = ms.quantity_bars(rung, answer, {"twist": twist})["twist"]
+    assert (bar.unit, bar.value) == ("", twist(answer.positions))
+    assert bar.corrected == pytest.approx(twist(exact.positions), rel=1e-6)
+
+
+def test_past_a_snap_they_are_void(shell):
+    rung = ms.RotationStrain(ms.solve_modes(shell, 8))
+    bar = ms.quantity_bars(rung, rung.equilibrium(gravity=(0.0, 0.3, -1.2)))["tip"]
+    assert not bar.valid
+    assert str(bar).endswith("m, void")
+
+
+def test_what_is_unknown_is_refused(shell):
+    rung = ms.ModalWarping(ms.solve_modes(shell, 4))
+    answer = rung.equilibrium(**LOAD)
+    with pytest.raises(ms.OptionError, match="of must name some of tip, von_mises, reactions, frequency"):
+        ms.quantity_bars(rung, answer, ("stress",))
+    with pytest.raises(ms.OptionError, match="answer must be an equilibrium of a known load"):
+        ms.quantity_bars(rung, answer.positions)
+    with pytest.raises(ms.OptionError, match="a frequency needs the model"):
+        ms.quantity_bars(shell, answer, ("frequency",))
+    hinges = ms.Shell(shell.mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+    model = ms.DiscreteShell(hinges)
+    with pytest.raises(ms.OptionError, match="von_mises needs a thickness"):
+        ms.quantity_bars(model, model.equilibrium(**LOAD), ("von_mises",))

@@ -1,0 +1,109 @@
+"""Error bars along motions: against DS's motion, past snaps, under supports that move, in files."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.models.motion_check import balancing_load, instant_of
+
+DT = 1.0 / 60.0
+
+
+@pytest.fixture(scope="module")
+def beam():
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+
+
+@pytest.fixture(scope="module")
+def rung(beam):
+    return ms.ModalWarping(ms.solve_modes(beam, 6))
+
+
+def growing(most):
+    return [ms.Scaled(ms.SelfWeight((0.0, 0.26, -0.97)), ([0.0, 1.2, 2.0], [0.0, most, 0.0]))]
+
+
+def move(model, most, **further):
+    return ms.simulate(model, duration=2.0, dt=DT, loads=growing(most), damping=(2.0, 0.001), **further)
+
+
+def norm(shell, displacement):
+    return np.sqrt(np.sum(shell.mass[:, None] * displacement**2, axis=(1, 2)))
+
+
+def test_they_follow_the_error_of_a_slow_motion(beam, rung):
+    run, exact = move(rung, 25.0, bars=10), move(ms.DiscreteShell(beam), 25.0)
+    largest = np.maximum.accumulate(norm(beam, exact.positions - beam.rest_positions))
+    frames = np.round(run.bars.times / DT).astype(int)
+    error = (norm(beam, run.positions - exact.positions)[1:] / largest[1:])[frames - 1]
+    assert run.bars.valid.all()
+    loaded = run.bars.times < 1.3
+    assert np.abs(run.error[loaded] / error[loaded] - 1.0).max() < 0.4
+    assert run.error.max() == pytest.approx(error.max(), rel=0.3)
+    assert str(run.bars).startswith("up to ")
+    assert run.margin is run.bars.margin
+
+
+def test_they_are_void_before_a_snap_and_stay_so(rung):
+    run = move(rung, 60.0, bars=6)
+    first = int(np.argmin(run.bars.valid))
+    load = 60.0 * run.bars.times[first] / 1.2
+    assert 20.0 < load < 41.5  # where DS leaves its branch, with 60 at 1.2 s
+    assert not run.bars.valid[first:].any()
+    # Back under a small load the rung's own state looks right; DS is elsewhere still.
+    assert run.margin[-1] > 0.3
+    assert run.error[-1] < 0.3
+    assert f"void from {run.bars.void_from:.4g} s on" in str(run.bars)
+
+
+def test_ds_itself_has_small_ones(beam):
+    run = move(ms.DiscreteShell(beam), 25.0, bars=20)
+    assert run.bars.valid.all()
+    assert run.error.max() < 0.02
+
+
+def test_a_load_that_balances_a_motion_is_one_under_which_it_rests(beam):
+    """Of a shell that turns with its supports and does not move in their frame: the load undoes the inertia."""
+    times = np.array([0.0, 0.5, 1.0])
+    path = ms.SupportPath(times, np.zeros((3, 3)), [(0, 0, 0), (0, 0, 1.0), (0, 0, 2.0)])
+    still = np.stack([beam.rest_positions] * 3)
+    now = instant_of(np.array([0.49, 0.5, 0.51]), still)
+    turn_rate = path.at(0.5).turn_rate[2]
+    load = balancing_load(now, beam, beam.loading(gravity=(0.0, 0.0, -1.0)), ms.Damping(), path)
+    outwards = turn_rate**2 * np.asarray(beam.rest_positions) * [1.0, 1.0, 0.0]
+    expected = beam.mass[:, None] * np.add(outwards, [0.0, 0.0, -1.0])
+    assert load == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+
+
+def test_supports_may_move(rung):
+    path = ms.SupportPath([0.0, 0.4, 0.8], [(0, 0, 0), (0, 0.2, 0), (0, 0, 0)])
+    run = ms.simulate(rung, duration=0.8, dt=DT, gravity=(0, 0, -8.0), damping=(1.0, 0.0), supports=path, bars=6)
+    assert run.bars.valid.all()
+    assert run.error.max() < 0.1
+    wind = [ms.Wind((0.0, 2.0, 0.0))]
+    run = ms.simulate(rung, duration=0.4, dt=DT, loads=wind, damping=(1.0, 0.0), supports=path, bars=6)
+    assert run.bars.valid.all()
+    assert run.error.max() < 0.1
+
+
+def test_files_keep_them(rung, tmp_path):
+    run = move(rung, 60.0, bars=15)
+    again = ms.load_trajectory(run.save(tmp_path / "run.npz"))
+    for name in ("times", "displacement", "margin", "valid"):
+        assert np.array_equal(getattr(again.bars, name), getattr(run.bars, name))
+    plain = move(rung, 5.0)
+    assert plain.bars is None
+    assert plain.error is None
+    assert plain.margin is None
+    assert ms.load_trajectory(plain.save(tmp_path / "plain.npz")).bars is None
+
+
+def test_what_has_none_is_refused(beam, rung):
+    with pytest.raises(ms.OptionError, match="bars must be"):
+        move(rung, 5.0, bars=0)
+    with pytest.raises(ms.OptionError, match="constraints"):
+        move(rung, 5.0, bars=5, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
+    free = ms.Shell(beam.mesh, beam.material)
+    with pytest.raises(ms.OptionError, match="an error bar needs a shell that its supports hold"):
+        move(ms.RigidShell(free), 5.0, bars=5)

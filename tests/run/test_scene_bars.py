@@ -1,0 +1,102 @@
+"""Error bars of scenes, and what the commands `run` and `simulate` say of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.commands.cli import main
+
+SCENE = """
+bar = %s
+[mesh]
+shape = "v_beam"
+fold = 150.0
+cells = [20, 4]
+[material]
+stretch = 2000.0
+shear = 2000.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.051"
+[loads]
+gravity = [0.0, 0.0, %g]
+[model]
+name = "mwts"
+modes = 4
+"""
+
+
+def run_main(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        main([str(one) for one in arguments])
+    return ended.value.code
+
+
+@pytest.mark.parametrize(("gravity", "said"), [(-20.0, "% from DS; 4"), (-38.0, "void: the answer is near the end")])
+def test_an_equilibrium_says_its_bar_and_keeps_it(gravity, said, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ("true", gravity))
+    for _ in range(2):  # computed, then found
+        assert run_main("run", scene, "--out", tmp_path / "out") == 0
+        assert said in " ".join(capsys.readouterr().out.split())
+    stored = json.loads((tmp_path / "out" / "scene.json").read_text())["bars"]
+    assert said in stored["summary"]
+    assert stored["valid"] == [gravity > -30.0]
+    assert ms.load_trajectory(tmp_path / "out" / "scene.npz").margin[0] == stored["margin"][0]
+
+
+def test_a_motion_has_bars_and_a_resumed_one_the_same(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ("true", -20.0) + "[motion]\nduration = 1.5\n")
+    whole = ms.run_scene(scene, out=tmp_path / "out").trajectory
+    assert whole.bars.times == pytest.approx([0.5, 1.0])
+
+    def stop(done, _):
+        if done == 30:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
+    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
+    assert resumed.resumed > 1
+    assert np.array_equal(resumed.trajectory.bars.displacement, whole.bars.displacement)
+    assert np.array_equal(resumed.trajectory.bars.margin, whole.bars.margin)
+
+
+def test_scenes_that_have_none_are_refused(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ('"yes"', -20.0))
+    with pytest.raises(ms.SceneError, match="bar: must be true or false"):
+        ms.load_scene(scene)
+    scene.write_text((SCENE % ("true", -20.0)).replace('clamped = "x < 0.051"', 'clamped = "x < 1e-9 and y < -0.09"'))
+    with pytest.raises(ms.SceneError, match=r"scene.toml: bar: an error bar needs a shell that its supports hold"):
+        ms.run_scene(scene, out=tmp_path / "out")
+    held = '[[constraints]]\nkind = "position"\nvertices = [80]\ntarget = [0.0, 0.0, 0.1]\nrelative = true\n'
+    scene.write_text(SCENE % ("true", -20.0) + held)
+    with pytest.raises(ms.SceneError, match=r"scene.toml: bar: .*constraints"):
+        ms.run_scene(scene, out=tmp_path / "out")
+
+
+def test_without_a_bar_nothing_is_stored(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ("false", -20.0))
+    declared = ms.load_scene(scene)
+    assert "bar" not in declared.content()
+    result = ms.run_scene(scene, out=tmp_path)
+    assert result.trajectory.bars is None
+    assert "from DS" not in result.summary
+
+
+@pytest.mark.parametrize("static", [True, False])
+def test_simulate_says_how_far_it_is_from_ds(static, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        "modalshell.run.run_shell.write_result", lambda run, path, *_: run.save(path.with_suffix(".npz"))
+    )
+    options = ["--static"] if static else ["--duration", "0.5"]
+    run_main("simulate", "meshes/leaf.obj", *options, "--out", tmp_path)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "take --model ds" in said
+    assert ("21 % from DS; 58 % of the way to a snap" if static else "at its largest displacement, at 0.2") in said

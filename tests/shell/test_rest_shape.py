@@ -1,0 +1,150 @@
+"""Prestrain, rest curvature and temperature: circles, free growth, thermal buckling, energies of the same shape."""
+
+import numpy as np
+import pytest
+from junctions import frame
+
+import modalshell as ms
+
+SHEET = ms.Isotropic(young=1e9, poisson=0.3, thickness=2e-3, density=1000.0)
+
+
+def jittered(cells, length, width):
+    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
+    points = np.array(mesh.vertices)
+    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
+    cell = np.array([length / cells[0], width / cells[1]])
+    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
+    return ms.TriangleMesh(points, mesh.faces)
+
+
+@pytest.mark.parametrize("curvature", [1.5, -3.0])
+def test_a_strip_curls_to_the_circle_of_its_rest_curvature(curvature):
+    """Bent along x alone it comes to rest without stress, on an arc of the curvature, upwards where it is positive."""
+    mesh = jittered((24, 3), 0.5, 0.06)
+    tensor = curvature * np.diag([1.0, 0.0, 0.0])
+    sheet = ms.Isotropic(young=1e9, poisson=0.0, thickness=2e-3, density=1000.0)
+    shell = ms.Shell(mesh, sheet, clamped="x < 1e-9", rest_curvature=tensor)
+    state = ms.DiscreteShell(shell).equilibrium()
+    assert state.converged
+    tip = state.positions[mesh.vertices[:, 0] > 0.5 - 1e-9].mean(axis=0)
+    angle = 0.5 * curvature
+    # Normals that spread point away from the centre of the circle.
+    exact = np.array([np.sin(angle) / curvature, (np.cos(angle) - 1.0) / curvature])
+    np.testing.assert_allclose(tip[[0, 2]], exact, atol=1e-3 * np.abs(exact).max())
+    assert shell.energy(state.positions) < 1e-3 * shell.energy(mesh.vertices)
+
+
+def test_a_bimetal_bends_by_its_temperature():
+    """Warmer at the face to which the normals point by dT: curvature alpha dT / h in both directions."""
+    mesh = jittered((16, 2), 0.3, 0.02)
+    warm = ms.Temperature(change=0.0, expansion=2e-5, through=100.0)
+    shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", temperature=warm)
+    state = ms.DiscreteShell(shell).equilibrium()
+    tip = state.positions[mesh.vertices[:, 0] > 0.3 - 1e-9].mean(axis=0)
+    curvature = 2e-5 * 100.0 / 2e-3
+    assert tip[2] == pytest.approx((np.cos(0.3 * curvature) - 1.0) / curvature, rel=0.01)
+
+
+def test_a_free_plate_that_warms_grows_without_stress():
+    mesh = jittered((8, 6), 0.4, 0.3)
+    shell = ms.Shell(mesh, SHEET, temperature=ms.Temperature(50.0, 1e-5), supports=[ms.Fix([0], axes="xyz")])
+    grown = mesh.vertices * np.sqrt(1.0 + 2.0 * 50.0 * 1e-5)
+    fields = shell.fields(grown)
+    assert shell.energy(grown) < 1e-20
+    assert np.abs(fields.membrane_force).max() < 1e-6
+    assert np.abs(shell.force(grown)).max() < 1e-9
+    stressed = shell.fields(mesh.vertices)
+    np.testing.assert_allclose(stressed.membrane_force[:, 0], -1e9 * 2e-3 / 0.7 * 5e-4, rtol=1e-6)
+
+
+def test_a_clamped_plate_buckles_by_its_temperature():
+    """The flat square's least eigenvalue vanishes at sigma = 5.30 pi^2 D / (b^2 h), the same in all directions."""
+    side, alpha = 0.2, 1e-5
+    mesh = ms.sheet(length=side, width=side, cells=(16, 16), family="union-jack")
+    rim = np.isin(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
+    cold = ms.Shell(mesh, SHEET, clamped=rim)
+    warm = ms.Shell(mesh, SHEET, clamped=rim, temperature=ms.Temperature(1.0, alpha))
+    normal = 3 * np.flatnonzero(~rim) + 2
+    first, second = (shell.stiffness()[normal][:, normal].toarray() for shell in (cold, warm))
+    inverse = np.linalg.inv(np.linalg.cholesky(first))
+    critical = -1.0 / np.linalg.eigvalsh(inverse @ (second - first) @ inverse.T)[0]
+    bending = SHEET.young * SHEET.thickness**3 / (12.0 * (1.0 - SHEET.poisson**2))
+    stress = SHEET.young * alpha * critical / (1.0 - SHEET.poisson)
+    assert stress * SHEET.thickness == pytest.approx(5.304 * np.pi**2 * bending / side**2, rel=0.01)
+
+
+SUPPORTS = {
+    "free": {},
+    "clamped row": {"clamped": "x < 1e-9"},
+    "held triangles": {"clamped": "x < 0.15"},
+    "symmetry": {"supports": [ms.Symmetry("y > 0.1499", normal=(0, 1, 0))]},
+}
+
+
+@pytest.mark.parametrize("supports", SUPPORTS)
+def test_the_gradient_is_that_of_the_energy_and_either_way_to_part_folds_agrees(supports):
+    mesh = jittered((6, 4), 0.4, 0.3)
+    random = np.random.default_rng(1)
+    shell = ms.Shell(
+        mesh,
+        SHEET,
+        prestrain=lambda centroids: 1e-3 * centroids[:, 0],
+        rest_curvature=lambda centroids: 2.0 + centroids[:, 1],
+        **SUPPORTS[supports],
+    )
+    x = mesh.vertices + 1e-3 * random.normal(size=mesh.vertices.shape) * (mesh.vertices[:, 1:2] < 0.1499)
+    step = random.normal(size=x.shape) * ~shell.clamped[:, None]
+    slope = (shell.energy(x + 1e-7 * step) - shell.energy(x - 1e-7 * step)) / 2e-7
+    assert slope == pytest.approx(-np.sum(shell.force(x) * step), rel=1e-6)
+    assert shell._energy.halved().energy(x) == pytest.approx(shell.energy(x), rel=1e-10)
+    same = shell._energy.holding(shell.clamped)
+    assert same.energy(x) == pytest.approx(shell.energy(x), rel=1e-12)
+
+
+def test_wings_of_a_joint_curl_each_by_itself():
+    """Bent about y each wing of a frame has the moment of its own curvature alone at rest, whichever the first wing."""
+    mesh = frame([(-1, 0), (1, 0.3), (0, 1), (0.2, -1)], cells=(5, 2), family="jittered")
+    faces = np.random.default_rng(0).permutation(mesh.faces)
+    energies = []
+    for surface in (mesh, ms.TriangleMesh(mesh.vertices, faces)):
+        shell = ms.Shell(surface, SHEET, rest_curvature=0.7)
+        energies.append(shell.energy(surface.vertices))
+    rigidity = 1e9 * 8e-9 / (12.0 * (1.0 - 0.3**2))
+    assert energies[1] == pytest.approx(energies[0], rel=1e-10)
+    # At free edges the moment vanishes, as it may: less than D (1 + nu) kappa^2 per area, and most of it.
+    assert 0.3 < energies[0] / (mesh.area * rigidity * 1.3 * 0.7**2) < 1.0
+
+
+def test_what_needs_a_shape_without_stress_refuses_and_motion_goes_on():
+    mesh = jittered((8, 2), 0.3, 0.04)
+    shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest_curvature=3.0)
+    with pytest.raises(ms.OptionError, match=r"solve_modes\(shell, about=state\)"):
+        ms.solve_modes(shell, 3)
+    with pytest.raises(ms.OptionError, match="coarse shell"):
+        ms.coarse_shell(shell, jittered((4, 2), 0.3, 0.04))
+    model = ms.DiscreteShell(shell)
+    rest = model.equilibrium()
+    about = ms.solve_modes(shell, 3, about=rest)
+    assert (about.eigenvalues[:3] > 0.0).all()
+    run = ms.simulate(model, duration=3.0, dt=0.02, damping=(20.0, 1e-3))
+    assert run.outcome == ms.Outcome.COMPLETED, run.message
+    np.testing.assert_allclose(run.positions[-1], rest.positions, atol=1e-4)
+    with_other = shell.with_material(ms.Isotropic(2e9, 0.3, 2e-3, 1000.0))
+    assert with_other.energy(mesh.vertices) == pytest.approx(2.0 * shell.energy(mesh.vertices), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"prestrain": np.ones(3)}, "prestrain must be a number, a symmetric tensor"),
+        ({"rest_curvature": np.arange(9.0).reshape(3, 3)}, "rest_curvature must be a symmetric tensor"),
+        ({"rest_curvature": np.nan}, "rest_curvature must be"),
+        ({"temperature": 20.0}, "temperature must be an ms.Temperature"),
+    ],
+)
+def test_what_is_no_rest_shape_is_refused(given, match):
+    with pytest.raises(ms.MaterialError, match=match):
+        ms.Shell(jittered((3, 2), 0.3, 0.2), SHEET, **given)
+    with pytest.raises(ms.MaterialError, match="need a sheet such as ms"):
+        ms.Shell(jittered((3, 2), 0.3, 0.2), ms.Material(1.0, 1.0, 1.0, 1.0), **given)
