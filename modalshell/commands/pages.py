@@ -79,6 +79,8 @@ class _ShellPage:
             self.left_out += ["loads that change stay as they are at rest, at their largest"]
             loading = self.shell.loading(force=self.force, loads=loads)
             self.force = loading.dead + loading.largest_force()
+        self.left_out += ["nothing is touched"] if scene.contacts else []
+        self.free_of_time = self.free_of_time and not scene.contacts
         motion = scene.motion
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
         self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
@@ -90,7 +92,7 @@ class _ShellPage:
     def is_live(self) -> bool:
         """Whether the live models leave out nothing."""
         scene, same = self.scene, self.scene.model.spec.builder in (ms.LinearModal, ms.ModalWarping, trained_on_loads)
-        return same and scene.motion is not None and scene.output.color is None and not self.left_out
+        return same and scene.motion is not None and scene.output.color is None and not self.left_out and not scene.bar
 
     def page(self) -> Page:
         """The live page, or one that begins with the record of a run."""
@@ -111,6 +113,8 @@ class _ShellPage:
         )
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
+        notes += [f"Error bar: {run.bars}."] if run.bars is not None else []
+        notes += ["What the shell touches is not drawn."] if scene.contacts else []
         live, said = self._offered(run)
         return shell_page(
             mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),

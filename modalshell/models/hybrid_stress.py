@@ -1,7 +1,4 @@
-"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads.
-
-See theory 11, eq. 2 to 7.
-"""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads (theory 11)."""
 
 from __future__ import annotations
 

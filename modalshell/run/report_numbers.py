@@ -68,6 +68,7 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
         "outcome": run.status,
         "message": run.message,
         "frames": len(run.times),
+        "bar": None if run.bars is None else str(run.bars),
         "duration": float(run.times[-1]),
         **peaks(shell, run, scene),
     }
@@ -106,7 +107,7 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
 
 def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
     """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
-    if scene.motion is not None:
+    if scene.motion is not None or scene.contacts:  # inertia, or contacts, carry a part of the load
         return {"load": None, "reactions": None, "balance": None}
     _, force, loads, _ = scene.build_loading(shell)
     gravity = scene.loads.gravity if scene.loads else None

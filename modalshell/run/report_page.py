@@ -114,6 +114,8 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
         ("Largest displacement", f"{moved['value']:.5g} {length} {where(moved)}"),
         ("Largest von Mises stress", stressed),
     ]
+    if numbers["bar"] is not None:
+        rows.append(("Error bar", numbers["bar"]))
     if numbers["load"] is not None:
         rows += [
             ("Resultant of the load", f"{_vector(numbers['load'])} {of('N')}"),

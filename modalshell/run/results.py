@@ -139,24 +139,22 @@ def write_result(
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
-        seen = positions[::every]
         surfaces: list[ShadedSurface] = [surface]
-        motions: list[Any] = [seen]
-        colliders = [] if look.turntable else _bodies(run, contacts, run.times[::every])
-        for moved, faces in colliders:
+        motions: list[Any] = [positions[::every]]
+        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
             surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
-            motions.append(np.broadcast_to(moved, (len(seen), *moved.shape[1:])))
+            motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
+        framed = len(surfaces)
         if look.style == "stage":
-            name = f"{look.model}, " if look.model else ""
-            colours["texts"] = [f"{name}{time:.2f} {run.units.time}" for time in run.times[::every]]
-            # Colliders are ground enough.
-            if not colliders and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
-                stage = Stage(seen, run.faces)
+            colours["texts"] = _texts(run, look.model, run.times[::every])
+            # A scene with colliders has its own ground.
+            if framed == 1 and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(motions[0], run.faces)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
         if "scalars" in colours:
             colours["scalars"] += [None] * (len(surfaces) - 1)
         return write_film(
-            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=1, on_frame=on_step, **colours
+            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=framed, on_frame=on_step, **colours
         )
     return save_trajectory(run, path, on_frame=on_step)
 
@@ -171,6 +169,20 @@ def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[
     ends = np.stack([low, high]) + _AROUND * size * np.outer([-1.0, 1.0], np.ones(3))
     corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
     return [contact.surfaces(corners, times, _INSET * size) for contact in contacts]
+
+
+def _texts(run: Trajectory, model: str, times: Array) -> list[str]:
+    """The corner of each frame of a film: the model, the time, and the last error bar that was found up to then."""
+    name, bars = f"{model}, " if model else "", run.bars
+    texts = []
+    for time in times:
+        text = f"{name}{time:.2f} {run.units.time}"
+        before = 0 if bars is None else int(np.searchsorted(bars.times, time, side="right"))
+        if bars is not None and before:
+            error = f"{100.0 * bars.displacement[before - 1]:.2g} % from DS" if bars.valid[before - 1] else "bar void"
+            text = f"{text}, {error}"
+        texts.append(text)
+    return texts
 
 
 def _turned(run: Trajectory) -> Array:

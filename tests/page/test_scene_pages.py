@@ -91,6 +91,21 @@ def test_a_coloured_scene_shows_its_field_and_loads_that_change(scene_file):
     assert (amounts @ values.T).min() == pytest.approx(low, abs=0.02 * (high - low))
 
 
+def test_a_scene_with_contacts_or_bars_plays_its_run_and_says_so(scene_file):
+    floor = '[[contacts]]\nkind = "plane"\nnormal = [0.0, 0.0, 1.0]\noffset = -0.3\n'
+    changes = ('name = "mwts"', 'name = "ds"'), ("duration = 1", "duration = 0.2")
+    page = scene_page(ms.load_scene(scene_file(*changes, more=floor)))
+    assert len(content(page)["record"]["times"]) > 2
+    assert "live, nothing is touched" in page.text
+    assert "What the shell touches is not drawn." in page.text
+    text = scene_file(("duration = 1", "duration = 0.6")).read_text()
+    file = scene_file()
+    file.write_text(f"bar = true\n{text}")
+    barred = scene_page(ms.load_scene(file))
+    assert content(barred)["record"] is not None
+    assert "Error bar: " in barred.text
+
+
 def test_committed_pages_record_what_they_must():
     assert PAGES
     for file in PAGES:

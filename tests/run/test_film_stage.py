@@ -6,9 +6,11 @@ import pytest
 
 import modalshell as ms
 from modalshell.motion import Trajectory
+from modalshell.motion.bars import Bars
 from modalshell.render import ShadedSurface, write_film
 from modalshell.render.stage import Stage
 from modalshell.run import Look, write_result
+from modalshell.run.results import _texts
 
 
 @pytest.fixture(autouse=True)
@@ -79,3 +81,19 @@ def test_films_of_runs_stand_on_a_stage_unless_plain(tmp_path, monkeypatch):
     assert "texts" not in seen[1][1]
     assert [scalars is None for scalars in seen[3][1]["scalars"]] == [False, True, True, True, True, True]
     assert all(options["framed"] == 1 for _, options in seen)
+
+
+def test_the_corner_has_the_last_error_bar_found():
+    vertices, faces = flat()
+    frames = np.stack([vertices] * 4)
+    bars = Bars(
+        times=np.array([0.2, 0.4]), displacement=np.array([0.012, 0.5]), margin=np.array([0.9, 0.1]),
+        valid=np.array([True, False]),
+    )  # fmt: skip
+    run = Trajectory(
+        times=np.array([0.0, 0.2, 0.3, 0.4]), positions=frames, outcome=ms.Outcome.COMPLETED, message="",
+        unconverged_steps=0, seconds=0.0, energies=np.zeros((4, 3)), constraint_residuals=np.empty((4, 0)), faces=faces,
+        rest_positions=vertices, bars=bars,
+    )  # fmt: skip
+    expected = ["MWTS, 0.00 s", "MWTS, 0.20 s, 1.2 % from DS", "MWTS, 0.30 s, 1.2 % from DS", "MWTS, 0.40 s, bar void"]
+    assert _texts(run, "MWTS", run.times) == expected

@@ -114,6 +114,16 @@ def test_a_report_on_a_motion_names_when(plate, scene_file):
     assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
 
 
+def test_a_report_has_the_error_bar_of_its_run(plate):
+    text = PLATE.replace('name = "ds"', 'name = "mwts"').replace("[mesh]", "bar = true\n[mesh]", 1)
+    text = text.replace('kind = "pin"', 'kind = "clamp"').replace('sel = "boundary"', 'sel = "x < 0.05"')
+    (plate / "barred.toml").write_text(text.replace("p = 200.0", "p = 0.5"))
+    assert command("barred.toml") == 0
+    numbers = json.loads((plate / "results" / "barred_report.json").read_text())
+    assert "from DS" in numbers["bar"]
+    assert numbers["bar"].replace("<", "&lt;") in (plate / "results" / "barred_report.html").read_text()
+
+
 @pytest.mark.slow
 def test_a_report_prints_on_two_pages(plate, browser):
     assert command("plate.toml", "--convergence") == 0
