@@ -53,7 +53,8 @@ class Auto(Model):
     error : float
         Share of the displacement by which positions may be off DS.
     check_every : int
-        Steps from one check of a modal rung to the next.
+        Steps from one check of a modal rung to the next. What happens between two checks is not undone: where loads
+        come suddenly and steps are long, take 1 or 2.
     coarse : Shell, optional
         The same surface with fewer vertices, for a level between; see :func:`modalshell.coarse_shell`.
     triangles : int, optional
