@@ -125,6 +125,32 @@ class TouchingSteps:
             # What touches for the first time has no force of the step before: it takes that of this one.
             lagged, chosen = np.where(new, self.pushes, lagged), rest.active
 
+    def projected(self, x: Array, rates: Array, time: float) -> tuple[Array, Array]:
+        """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
+
+        Its speed inward is turned round by the restitution, or removed, and friction lessens the speed
+        along the surface by its coefficient times that change, at most to nothing.
+        """
+        touching = self.now = self.now.at(time)
+        rows = np.flatnonzero(touching.distances(x) < 0.0)
+        rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+        if not rows.size:
+            return x, rates
+        x, rates = x.copy(), rates.copy()
+        touching.put_on(x, rows, np.zeros(rows.size))
+        drift, normals = touching.velocities(x, rows), touching.gaps(x, rows)[1]
+        for row, normal, carried in zip(rows, normals, drift, strict=True):
+            vertex, contact = touching.vertices[row], touching.contacts[touching.contact_of[row]]
+            relative = rates[vertex] - carried
+            inward = -float(normal @ relative)
+            if inward > 0.0:
+                along = relative + inward * normal
+                change = (1.0 + contact.restitution) * inward
+                slip = float(np.linalg.norm(along))
+                kept = max(0.0, 1.0 - contact.friction * change / slip) if slip > 0.0 else 0.0
+                rates[vertex] = carried + kept * along + contact.restitution * inward * normal
+        return x, rates
+
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
         """Rates (n, 3) [m/s] after restitution, and without those of vertices that were pushed out.
 

@@ -11,6 +11,7 @@ from modalshell.contact.touching import checked_contacts
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.shell import Shell
@@ -26,7 +27,8 @@ class ContactMotion:
 
     While nothing touches, the model's rule steps. While something does, or would have entered, implicit Euler stands in
     for it, whose steps are minima of a potential, outside the colliders: they find the contact forces exactly, and
-    never gain energy from a collider at rest. A rule of order two is of order one there.
+    never gain energy from a collider at rest. A rule of order two is of order one there. After explicit steps, and the
+    one of linear implicit Euler, what entered is put onto its collider and loses its speed inward.
 
     Parameters
     ----------
@@ -42,14 +44,16 @@ class ContactMotion:
     Raises
     ------
     OptionError
-        For explicit rules, and colliders that move too fast.
+        For colliders that move too fast, and ``push_out`` with explicit rules.
     """
 
     def __init__(self, rule: FullIntegrator, setup: MotionSetup, shell: Shell, origin: Array) -> None:
-        if not isinstance(rule, ImplicitRule):
-            raise OptionError(f"{rule.name} takes no contacts yet: take an implicit integrator, such as 'sdirk2'")
         contacts = checked_contacts(setup.contacts)
-        self._rule, self._setup = rule, setup
+        for index, contact in enumerate(contacts):
+            if contact.push_out and not isinstance(rule, ImplicitRule):
+                raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'sdirk2'")
+        self._rule: Any = rule
+        self._setup = setup
         self.steps = TouchingSteps(contacts, shell, origin, setup.dt)
 
     def advance(self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState) -> tuple[MotionState, bool]:
@@ -80,6 +84,14 @@ class ContactMotion:
         reach = dt * np.linalg.norm(loads, axis=1) / model.shell.mass
         rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
         return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
+
+    def after_explicit(self, model: Any, after: MotionState, time: float) -> MotionState:
+        """The end of an explicit step at ``time`` [s], with what entered put back."""
+        x, rates = self.steps.projected(after.coordinates, after.rates, time)
+        memory = after.memory
+        if "force" in memory and x is not after.coordinates:  # that of where it was
+            memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}
+        return MotionState(x, rates, memory)
 
     def _kept(self, state: MotionState) -> MotionState:
         """A state with the contact forces that the friction of the next step needs."""

@@ -60,7 +60,7 @@ class FullStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
         damping, rule = self.setup.damping, self.model.integrator
-        if self.contacts is not None:
+        if self.contacts is not None and isinstance(rule, ImplicitRule):
             at = partial(self._at, begin, dt, load=load)
             return self.contacts.advance(self.model, at, begin, dt, state)
         if isinstance(rule, ImplicitRule):
@@ -69,7 +69,10 @@ class FullStepper(Stepper):
         x, rates = state.coordinates, state.rates
         whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
         body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)
-        return rule.step(body, state, dt, load, damping, held)
+        after, solved = rule.step(body, state, dt, load, damping, held)
+        if self.contacts is not None:
+            after = self.contacts.after_explicit(body, after, begin + dt)
+        return after, solved
 
     def _at(
         self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False
