@@ -100,11 +100,13 @@ from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Ti
 from modalshell.sweep import SweepResult, run_sweep
 
 if TYPE_CHECKING:
-    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, Plane, Sphere
+    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, MeshCollider, Plane, Sphere
 
 __version__ = "0.1.0"
 
-_LAZY = dict.fromkeys(("Box", "Capsule", "Contact", "Cylinder", "HeightField", "Plane", "Sphere"), "modalshell.contact")
+_LAZY = dict.fromkeys(
+    ("Box", "Capsule", "Contact", "Cylinder", "HeightField", "MeshCollider", "Plane", "Sphere"), "modalshell.contact"
+)
 """Names that are imported when they are first used: nothing else pays for them."""
 
 
@@ -159,6 +161,7 @@ __all__ = [
     "LoadedModes",
     "Material",
     "MaterialError",
+    "MeshCollider",
     "MeshError",
     "ModalDerivatives",
     "ModalShellError",

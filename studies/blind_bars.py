@@ -249,10 +249,10 @@ def compared(rows: list[dict[str, Any]], name: str) -> dict[str, Any]:
 
 
 def forecasts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Loads of snaps as RSW's bars foretell them from a quarter to seven tenths of the way."""
+    """Loads of snaps as RSW's bars that hold foretell them from a quarter to seven tenths of the way."""
     found = []
     for row in rows:
-        if row["model"] != "RSW":
+        if row["model"] != "RSW" or not row["valid"]:
             continue
         snaps = [other["snap"] for other in rows if other["shell"] == row["shell"] and other["snap"] is not None]
         if snaps and 0.25 < row["share"] / min(snaps) < 0.7:
@@ -278,7 +278,7 @@ def table(result: StudyResult) -> str:
         found["estimators"],
     )
     ratios = [row["ratio"] for row in found["snaps"]]
-    snaps = f"Loads of snaps, foretold from a quarter to seven tenths of them: {len(ratios)} forecasts."
+    snaps = f"Loads of snaps, foretold by bars that hold at a quarter to seven tenths of them: {len(ratios)} forecasts."
     if ratios:
         low, middle, high = quantiles(ratios)
         snaps += f" Over the true ones, at 5, 50 and 95 %: {low:.2f}, {middle:.2f}, {high:.2f}."

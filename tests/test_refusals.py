@@ -44,6 +44,7 @@ BETWEEN_PARTS = {
     "distance",
     "velocity",
     "largest_move",
+    "surfaces",
     "local_error",
     "stops",
     "euler_step",

@@ -6,6 +6,7 @@ from modalshell.contact.capsule import Capsule
 from modalshell.contact.contact import Contact
 from modalshell.contact.cylinder import Cylinder
 from modalshell.contact.height_field import HeightField
+from modalshell.contact.mesh_collider import MeshCollider
 from modalshell.contact.plane import Plane
 from modalshell.contact.sphere import Sphere
 
@@ -17,6 +18,7 @@ __all__ = [
     "Contact",
     "Cylinder",
     "HeightField",
+    "MeshCollider",
     "Plane",
     "Sphere",
 ]

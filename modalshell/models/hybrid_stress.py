@@ -100,19 +100,17 @@ class HybridStress(ImplicitModel):
         self.coarse_shell = self.coarse.coarse_shell
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self.coarse_errors = trained.coarse_errors
-        self._trained, self._basis = trained, trained.basis
-        parts = trained.basis, trained.stresses, trained.viscous
-        self._reduced: ReducedStress = reduce_energy(measures_of(coarse.centred()[0]), *parts)
+        self._trained, self._basis, self._measures = trained, trained.basis, measures_of(coarse)
+        at_origin = measures_of(coarse.centred()[0])
+        self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes = self._reduced.membrane.linear.shape
-        bending = self._reduced.bending
-        hinges = len(bending.hinges)
+        hinges, bending = len(self._reduced.bending.hinges), self._reduced.bending
         self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
         read = *self._reduced.membrane, bending.flat, bending.modes, bending.across
         self._bytes = sum(part.nbytes for part in read)
-        self._measures = measures_of(coarse)
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
@@ -334,9 +332,8 @@ class HybridStress(ImplicitModel):
             return start.near, False
         begin = start.origin, start.rates, start.near, start.viscous_at
         factors = damping.mass_factor, damping.stiffness_factor
-        moved, solved, energy, seen, iterations = implicit_step(
-            self._reduced, begin, last.push, start.dt, *factors, _STEP_GOAL
-        )
+        options = last.push, start.dt, *factors, _STEP_GOAL
+        moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
         self._count(iterations + 2)
         count_solves(moved.size, iterations)
         return moved, bool(solved) and self._sees(moved, energy, seen)

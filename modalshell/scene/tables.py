@@ -1,4 +1,8 @@
-"""The tables of a scene file: their keys, types, bounds and defaults."""
+"""The tables of a scene file: their keys, types, bounds and defaults.
+
+Next to the tables stand ``name``, of the results' files, and ``bar = true``: the equilibrium, or every 15th frame of a
+motion, then gets an error bar against DS.
+"""
 
 from __future__ import annotations
 

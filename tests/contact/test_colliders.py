@@ -33,8 +33,68 @@ def slopes(collider, x, step=1e-5):
     return first, second
 
 
+def sphere_mesh():
+    """A closed mesh of a ball, its normals outward."""
+    vertices, faces = ms.Sphere((0.1, 0.2, 0.3), 0.5).surface(np.zeros((1, 3)))
+    return ms.TriangleMesh(*welded(vertices, faces))
+
+
+def welded(vertices, faces):
+    """The ball's poles as one vertex each, normals outward."""
+    places, numbers = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+    faces = numbers.ravel()[faces]
+    faces = faces[[len(set(face)) == 3 for face in faces.tolist()]]
+    middle = places[faces].mean(axis=1) - places.mean(axis=0)
+    turned = np.cross(places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]])
+    return places, np.where((np.sum(turned * middle, axis=1) < 0.0)[:, None], faces[:, ::-1], faces)
+
+
 def test_every_collider_has_an_example():
     assert set(EXAMPLES) == set(COLLIDERS)
+
+
+def test_a_mesh_of_a_ball_is_nearly_the_ball():
+    collider, ball, x = ms.MeshCollider(sphere_mesh()), EXAMPLES["sphere"], points()
+    gap, normal, _ = collider.gap(x)
+    exact, outward, _ = ball.gap(x)
+    np.testing.assert_allclose(gap, exact, atol=0.005)
+    outside = exact > 0.1
+    assert np.sum(normal * outward, axis=1)[outside].min() > 0.99
+    first, second = slopes(collider, x)
+    smooth = np.abs(first - normal).max(axis=1) < 1e-5
+    assert smooth.mean() > 0.9
+    agrees = np.abs(second - collider.gap(x)[2]).max(axis=(1, 2)) < 1e-3
+    assert agrees[smooth].mean() > 0.9
+
+
+def test_a_mesh_of_a_box_is_the_box():
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.5, 0.3, 0.2]
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh = ms.TriangleMesh(corners, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    box, x = ms.Box((0, 0, 0), (0.5, 0.3, 0.2)), points(3)
+    found, exact = ms.MeshCollider(mesh).gap(x), box.gap(x)
+    np.testing.assert_allclose(found[0], exact[0], atol=1e-12)
+    np.testing.assert_allclose(found[1], exact[1], atol=1e-9)
+    np.testing.assert_allclose(found[2], exact[2], atol=1e-6)
+    with pytest.raises(ms.OptionError, match="normals of mesh must point outward"):
+        ms.MeshCollider(ms.TriangleMesh(mesh.vertices, mesh.faces[:, ::-1]))
+    with pytest.raises(ms.OptionError, match="mesh must be closed: the edge of vertices"):
+        ms.MeshCollider(ms.TriangleMesh(mesh.vertices, mesh.faces[:-1]))
+
+
+def test_a_strip_lies_on_a_mesh_as_on_its_ball():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
+    shell = ms.Shell(mesh, material, clamped="x < 1e-9")
+    low = ms.SupportPath([0.0, 1.0], [(0.6, -0.2, -0.82), (0.6, -0.2, -0.82)])  # the ball's top is at z = -0.02
+    given = {"gravity": (0, 0, -9.81)}
+    on_ball = ms.DiscreteShell(shell).equilibrium(contacts=[ms.Contact(EXAMPLES["sphere"], motion=low)], **given)
+    body = ms.Contact(ms.MeshCollider(sphere_mesh()), motion=low)
+    on_mesh = ms.DiscreteShell(shell).equilibrium(contacts=[body], **given)
+    assert on_ball.converged
+    assert on_mesh.converged
+    assert on_mesh.deepest <= 1e-9
+    assert ms.measure.displacement_error(on_mesh.positions, on_ball.positions, shell) < 0.05
 
 
 @pytest.mark.parametrize("key", [key for key in EXAMPLES if key != "height-field"])

@@ -1,0 +1,99 @@
+"""A rigid body whose surface is a closed triangle mesh."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.contact.base import Collider, Gap
+from modalshell.contact.nearest import nearest_points
+from modalshell.contact.surfaces import Surface
+from modalshell.core.checks import checked_kind
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh
+
+_ON = 1e-12
+"""Distance, as a share of the mesh's size, at which a point lies on the surface."""
+
+
+@final
+class MeshCollider(Collider):
+    """A rigid body whose surface is a closed triangle mesh, its normals outward.
+
+    The distance is exact; its sign is that of the nearest feature's normal [baerentzen2005]. Facets meet in edges, at
+    which a shell's vertices find no smooth surface: a fine mesh, or a simpler body, converges better. Every gap looks
+    at all triangles.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+
+    Raises
+    ------
+    OptionError
+        For a mesh with a boundary or a junction, or whose normals point inward.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self.mesh = checked_kind("mesh", mesh, TriangleMesh)
+        corners, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        pairs = np.sort(np.concatenate([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]]), axis=1)
+        _, group, counts = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
+        if (counts != 2).any():
+            end = pairs[np.flatnonzero(counts[group.ravel()] != 2)[0]]
+            raise OptionError(f"mesh must be closed: the edge of vertices {end[0]} and {end[1]} has not two triangles")
+        a, b, c = (corners[faces[:, k]] for k in range(3))
+        turned = np.cross(b - a, c - a)
+        if float(np.sum(turned * a)) < 0.0:
+            raise OptionError("the normals of mesh must point outward: reverse its triangles, faces[:, ::-1]")
+        normals = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        by_edge = np.zeros((len(counts), 3))
+        np.add.at(by_edge, group.ravel(), np.tile(normals, (3, 1)))
+        by_corner = np.zeros_like(corners)
+        for k in range(3):
+            first, second = corners[faces[:, (k + 1) % 3]] - corners[faces[:, k]], corners[faces[:, k - 1]]
+            second = second - corners[faces[:, k]]
+            angle = np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), np.sum(first * second, axis=1))
+            np.add.at(by_corner, faces[:, k], angle[:, None] * normals)
+        count = len(faces)
+        edges = by_edge[group.ravel()].reshape(3, count, 3)
+        self._normals = np.stack([normals, *edges, *(by_corner[faces[:, k]] for k in range(3))])
+        self._normals /= np.linalg.norm(self._normals, axis=2, keepdims=True)
+        self._directions = np.stack([c - b, a - c, b - a])
+        self._directions /= np.linalg.norm(self._directions, axis=2, keepdims=True)
+        self._centres = (a + b + c) / 3.0
+        self._radii = np.max([np.linalg.norm(one - self._centres, axis=1) for one in (a, b, c)], axis=0)
+
+    def _nearest(self, x: Array) -> tuple[Array, Index, Index]:
+        found, triangles = np.empty(x.shape), np.empty(len(x), np.int64)
+        features = np.empty(len(x), np.int64)
+        mesh = np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces)
+        nearest_points(np.ascontiguousarray(x), *mesh, self._centres, self._radii, found, triangles, features)
+        return found, triangles, features
+
+    def gap(self, x: Array, t: float = 0.0) -> Gap:  # noqa: ARG002 (it rests)
+        """See :meth:`Collider.gap`."""
+        nearest, triangles, features = self._nearest(x)
+        offset, outward = x - nearest, self._normals[features, triangles]
+        distance = np.linalg.norm(offset, axis=1)
+        sign = np.where(np.sum(offset * outward, axis=1) < 0.0, -1.0, 1.0)
+        on = distance <= _ON * self.mesh.size
+        size = np.where(on, 1.0, distance)
+        normal = np.where(on[:, None], outward, (sign / size)[:, None] * offset)
+        along = self._directions[np.clip(features - 1, 0, 2), triangles]
+        free = np.eye(3) - ((features > 0) & (features < 4))[:, None, None] * along[:, :, None] * along[:, None, :]
+        curvature = (sign / size)[:, None, None] * (free - normal[:, :, None] * normal[:, None, :])
+        curvature[on | (features == 0)] = 0.0
+        return sign * distance, normal, curvature
+
+    def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
+        """See :meth:`Collider.surface`."""
+        return np.array(self.mesh.vertices), np.array(self.mesh.faces)
+
+    @property
+    def smallest_radius(self) -> float:
+        """Half the smallest extent of its box [m]; of bodies with thin parts it must move slower than this allows."""
+        return 0.5 * float(np.ptp(self.mesh.vertices, axis=0).min())
