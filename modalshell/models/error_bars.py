@@ -85,7 +85,7 @@ def shell_of(model_or_shell: Model | Shell) -> Shell:
     """The shell itself, or that of the model; OptionError for anything else."""
     if isinstance(model_or_shell, Shell):
         return model_or_shell
-    return checked_kind("model_or_shell", model_or_shell, Model).shell  # type: ignore[type-abstract]
+    return checked_kind("model_or_shell", model_or_shell, Model).true_shell  # type: ignore[type-abstract]
 
 
 class CoarseBars:

@@ -56,7 +56,7 @@ def with_bars(
     OptionError
         For a shell that its supports do not hold.
     """
-    check = MotionCheck(model.shell, loading, damping or Damping(), supports)
+    check = MotionCheck(model.true_shell, loading, damping or Damping(), supports)
     chosen = list(checked_frames(len(run.times), every))
     rows, largest, seen, held = [], 0.0, 0, True
     for k in chosen:

@@ -122,7 +122,7 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     if bars is not None:
         bars = checked_count("bars", bars)
-        check_bar(model.shell, constrained=bool(constraints) or bool(contacts))
+        check_bar(model.true_shell, constrained=bool(constraints) or bool(contacts))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),

@@ -139,23 +139,22 @@ def write_result(
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
-        seen = positions[::every]
         surfaces: list[ShadedSurface] = [surface]
-        motions: list[Any] = [seen]
-        colliders = [] if look.turntable else _bodies(run, contacts, run.times[::every])
-        for moved, faces in colliders:
+        motions: list[Any] = [positions[::every]]
+        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
             surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
-            motions.append(np.broadcast_to(moved, (len(seen), *moved.shape[1:])))
+            motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
+        framed = len(surfaces)
         if look.style == "stage":
             colours["texts"] = _texts(run, look.model, run.times[::every])
-            # Colliders are ground enough.
-            if not colliders and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
-                stage = Stage(seen, run.faces)
+            # A scene with colliders has its own ground.
+            if framed == 1 and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(motions[0], run.faces)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
         if "scalars" in colours:
             colours["scalars"] += [None] * (len(surfaces) - 1)
         return write_film(
-            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=1, on_frame=on_step, **colours
+            path, surfaces, motions, fps=rate / every, camera=look.camera, framed=framed, on_frame=on_step, **colours
         )
     return save_trajectory(run, path, on_frame=on_step)
 

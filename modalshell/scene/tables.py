@@ -1,7 +1,7 @@
 """The tables of a scene file: their keys, types, bounds and defaults.
 
 Next to the tables stand ``name``, of the results' files, and ``bar = true``: the equilibrium, or every 15th frame of a
-motion, then gets an error bar against DS.
+motion, then gets an error bar against DS. In sweeps equilibria alone do, in their messages.
 """
 
 from __future__ import annotations

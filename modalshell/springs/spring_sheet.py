@@ -93,7 +93,13 @@ class SpringSheet(FullModel):
             step_tolerance=checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2),
             backend=backend,
         )
+        self._true_shell = shell
         self.solver: Literal["factor", "cg"] = solver
+
+    @property
+    def true_shell(self) -> Shell:
+        """The shell that springs stand for."""
+        return self._true_shell
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""

@@ -183,7 +183,8 @@ def _solved(built: BuiltScene) -> tuple[Outcome, str, Measures, Array]:
             residual=_finite(answer.residual),
             peak_displacement=_largest(last, built),
         )
-        return still.outcome, still.message, measures, last
+        message = "; ".join(filter(None, (still.message, "" if answer.bar is None else str(answer.bar))))
+        return still.outcome, message, measures, last
     table, motion = built.scene.motion, built.start_motion()
     recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
     peak = 0.0

@@ -58,6 +58,13 @@ def test_other_rungs_have_bars_too():
     assert "less than 0.1 % from DS" in str(exact)
 
 
+def test_springs_are_compared_with_the_shell_that_they_stand_for():
+    shell, load = beam(), {"gravity": aside(20.0)}
+    answer = ms.SpringSheet(shell).equilibrium(**load, bar=True)
+    assert answer.bar.beyond
+    assert true_error(shell, answer, **load) > 0.3
+
+
 def test_a_snap_is_foretold_and_past_it_the_bar_is_void():
     """DS leaves its branch at 41.5."""
     shell = beam()

@@ -278,3 +278,13 @@ def test_parquet_without_pyarrow_is_refused_before_any_work(write, tmp_path, mon
     with pytest.raises(ms.OptionError, match=r"pip install 'modalshell\[parquet\]'"):
         ms.run_sweep(write(more="[output]\nformats = ['parquet']"), out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_equilibria_say_their_error_bars(tmp_path, here):  # noqa: ARG001 (computed in this process)
+    (tmp_path / "base.toml").write_text("bar = true\n" + LOADED_BEAM)
+    file = tmp_path / "beams.toml"
+    file.write_text('scene = "base.toml"\n[axes]\n"material.flexure" = [0.05, 0.1]\n')
+    ms.run_sweep(file, out=tmp_path / "out")
+    rows = rows_of(tmp_path / "out" / "beams_sweep.csv")
+    assert len(rows) == 2
+    assert all("from DS" in row["message"] for row in rows)

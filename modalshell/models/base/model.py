@@ -45,6 +45,11 @@ class Model(ABC):
     coarse_shell: Shell | None = None
     """The coarse shell on which it stands, if it does."""
 
+    @property
+    def true_shell(self) -> Shell:
+        """The shell whose DS its answers are meant to be near."""
+        return self.shell
+
     def equilibrium(
         self,
         *,
@@ -98,7 +103,7 @@ class Model(ABC):
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if checked_kind("bar", bar, bool):
-            check_bar(self.shell, constrained=bool(wanted) or bool(contacts))
+            check_bar(self.true_shell, constrained=bool(wanted) or bool(contacts))
         if contacts:
             found = self._solve_touching(loading, begin, contacts, wanted)
         elif wanted:
@@ -113,7 +118,7 @@ class Model(ABC):
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
         found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
-        return replace(found, bar=bar_on_shell(self.shell, found.positions, loading)) if bar else found
+        return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading)) if bar else found
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.shell!r})"
