@@ -21,7 +21,7 @@ from modalshell.models.base.bars import check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.error_bars import shell_of
-from modalshell.shell import Isotropic, Shell
+from modalshell.shell import Sheet, Shell
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, share_as_text
 from modalshell.statics.live_loads import LiveLoads
 
@@ -124,7 +124,7 @@ def _chosen(
         return dict(of)
     if isinstance(of, str) or not all(name in UNITS for name in of):
         raise OptionError(f"of must name some of {', '.join(UNITS)}, or map names to functions (got {shown(of)})")
-    if "von_mises" in of and not isinstance(shell.material, Isotropic):
+    if "von_mises" in of and not isinstance(shell.material, Sheet):
         raise OptionError("von_mises needs a thickness: take ms.Isotropic in place of a Material")
     rest = shell.rest_positions
     tip = int(np.argmax(np.linalg.norm(answer.positions - rest, axis=1)))

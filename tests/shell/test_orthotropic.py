@@ -205,3 +205,11 @@ def test_every_model_takes_it_and_a_basis_keeps_it(tmp_path):
 def test_what_is_no_sheet_is_refused(changes, match):
     with pytest.raises(ms.MaterialError, match=match):
         ms.Shell(plate("alternating", (4, 4)), ms.Orthotropic(**WOOD | changes))
+
+
+def test_stresses_of_sheets_with_a_thickness_have_a_bar():
+    mesh = plate("alternating", (6, 4))
+    model = ms.DiscreteShell(ms.Shell(mesh, ms.Orthotropic(**WOOD), clamped="x < 1e-6"))
+    state = model.equilibrium(gravity=(0.0, 0.0, -1.0))
+    bars = ms.quantity_bars(model, state, of=("von_mises",))
+    assert set(bars) == {"von_mises"}
