@@ -44,7 +44,7 @@ SLOW_STUDIES |= {
     "snap",
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}
-SLOW_STUDIES |= {"engines", "identification", "lateral_buckling", "validity_map"}
+SLOW_STUDIES |= {"contact_truth", "engines", "identification", "lateral_buckling", "validity_map"}
 """Those that take long even if quick; so do the tests that name them."""
 
 SCENE = (

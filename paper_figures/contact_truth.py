@@ -1,0 +1,54 @@
+"""Errors of shells in contact, by scene, and of each rung on a table (reads the study ``contact_truth``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.files.study_result import StudyResult
+from modalshell.render.curves import Curve, Panel, draw_curves
+
+COLORS = {"union-jack": "#1f6fb4", "equilateral": "#d1495b", "delaunay": "#2f9e6b"}
+RUNGS = {"LMA": "#d1495b", "MWTS": "#1f6fb4", "RSW": "#2f9e6b"}
+FLOOR = 1e-4
+"""Smallest error [%] that is drawn; smaller ones are drawn there."""
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    found = StudyResult.load(results, "contact_truth").findings
+
+    def size(rows: list[dict[str, float]], key: str) -> list[float]:
+        return [max(FLOOR, 100.0 * abs(row[key])) for row in rows]
+
+    panels = []
+    for key, words in (("force", "lifting force"), ("drawn", "drawn-in length")):
+        curves = []
+        for family, color in COLORS.items():
+            for cells in dict.fromkeys(row["cells"] for row in found["lifted"]):
+                rows = [row for row in found["lifted"] if (row["mesh"], row["cells"]) == (family, cells)]
+                if rows:
+                    heights = [row["height"] for row in rows]
+                    label = f"{family}, {cells} cells"
+                    curves.append(Curve(heights, size(rows, key), label, color, dashed=cells == 40))
+        title = f"Sheet lifted off a table: {words}"
+        panels.append(Panel(curves, title, "height [l_g]", "size of the error [%]", log=True, log_x=True))
+    plates = []
+    for family, color in COLORS.items():
+        rows = [row for row in found["rings"] if row["mesh"] == family]
+        if rows:
+            gaps = [float(row["case"].split()[2]) for row in rows]
+            plates.append(Curve(gaps, size(rows, "force"), family, color))
+    panels.append(Panel(plates, "Ring between plates: force", "gap [R]", "size of the error [%]", log=True))
+    rungs = []
+    for name, color in RUNGS.items():
+        rows = [row for row in found["table"] if row["model"] == name]
+        rungs.append(Curve([row["modes"] for row in rows], size(rows, "error"), name, color))
+        force = Curve(
+            np.array([row["modes"] for row in rows]), size(rows, "force"), f"{name}, force", color, dashed=True
+        )
+        rungs.append(force)
+    title = "Cantilever on a table: each rung against DS"
+    panels.append(Panel(rungs, title, "modes", "size of the error [%]", log=True))
+    return draw_curves(panels, folder / "contact_truth.png", columns=2)
