@@ -28,6 +28,7 @@ def formula_html(tex: str, *, display: bool = False) -> str:
     plain = re.sub(r"\\tag\{\d+\}", "", tex)
     for old, new in _REWRITTEN.items():
         plain = re.sub(re.escape(old) + r"(?![a-zA-Z])", new.replace("\\", r"\\"), plain)
+    plain = re.sub(r"\\(q?quad)(?=[a-zA-Z])", r"\\\1 ", plain)  # pdoc joins the lines of a formula
     made: str = convert(plain.strip(), display="block" if display else "inline")
     if left := re.findall(r"\\[a-zA-Z]+", re.sub(r"<annotation.*?</annotation>", "", made, flags=re.DOTALL)):
         raise ValueError(f"{', '.join(sorted(set(left)))} in ${tex.strip()}$ is no command that MathML has")
@@ -44,7 +45,7 @@ def with_formulas(page: str) -> str:
     def shown(found: re.Match[str]) -> str:
         if found[1] is None and found[2] is None:
             return found[0]
-        tex = html.unescape(re.sub(r"<.*?>", "", found[1] or found[2]))
+        tex = html.unescape(re.sub(r"<.*?>", " ", found[1] or found[2]))
         return formula_html(tex, display=found[1] is not None)
 
     return re.sub(r"<(?:script|pre)\b.*?</(?:script|pre)>|\$\$(.*?)\$\$|\\\((.*?)\\\)", shown, page, flags=re.DOTALL)

@@ -56,6 +56,7 @@ def test_formulas_become_mathml_and_unknown_commands_are_refused():
     assert "&#x0003C;" in made or "&lt;" in made
     with pytest.raises(ValueError, match="no command that MathML has"):
         formula_html(r"\nosuchcommand x")
+    assert "<math" in formula_html(r"a , \quadC_b")  # as pdoc joins lines
     assert "<math" in with_formulas(r"<p>\( x_{1} \)</p>")
     assert with_formulas(r"<pre>\( x \)</pre>") == r"<pre>\( x \)</pre>"
     text = markdown_html("# A title, too\n\nWith $x_1$ and `$HOME`.\n\n```sh\necho $PATH $HOME\n```\n")
