@@ -21,7 +21,7 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
 from modalshell.statics.continuation import Steps
 
-_MOST = 40
+_PROBLEMS = 40
 """Quadratic problems in a row at most."""
 _SETTLED = 1e-8
 """Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
@@ -103,7 +103,7 @@ def _settle(
     """Quadratic problems under a share of the load; None where they do not settle, the last change, their number."""
     eigenvalues, rest = model.basis.eigenvalues, model.shell.rest_positions
     (q, pushes), change, turns = begin, np.inf, np.abs(model.basis.rotations).max(axis=0)
-    for count in range(1, _MOST + 1):
+    for count in range(1, _PROBLEMS + 1):
         x = rest + model.raw_displacement(q)
         load = share * loading.force(x)
         # Contact forces act by their work, whatever the model's rule for loads.
