@@ -13,7 +13,7 @@ _TOLERANCE = 0.05
 """Residual of the lowest ratio, over what the stresses take, at which it is found: its own error is of second order."""
 _FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
-_FEWEST, _MOST = 6, 40
+_FEWEST, _STEPS = 6, 40
 """Lanczos iterations."""
 _ENDED = 1e-10
 """Length of a Lanczos vector, over that of what was multiplied, below which the iterations have found all there is."""
@@ -59,7 +59,7 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0
     vectors, images = [vector / length], [start / length]  # images are K_1 times vectors
-    most = min(_MOST, start.size)
+    most = min(_STEPS, start.size)
     diagonal, beside = np.zeros(most), np.zeros(most)
     for step in range(most):
         product = softening(vectors[step])
