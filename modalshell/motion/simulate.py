@@ -41,6 +41,7 @@ def simulate(
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
     contacts: Sequence[Contact] | None = None,
+    integrator: str | None = None,
     tolerance: float | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
@@ -78,6 +79,9 @@ def simulate(
     contacts : sequence of Contact, optional
         Colliders that vertices stay out of, for models that take contacts. While something touches, rules of order two
         step by implicit Euler.
+    integrator : str, optional
+        Another rule of the steps than the model's own: "exponential", "implicit_euler" or "implicit_midpoint" of modal
+        models; of others "sdirk2", "bdf2", "implicit", and further ones of those with every vertex free.
     tolerance : float, optional
         Error, as a share of the shell's size, that the steps may make by their length. Each step is then taken in as
         many halves of halves as that needs; frames stay where they are.
@@ -123,6 +127,8 @@ def simulate(
     if bars is not None:
         bars = checked_count("bars", bars)
         check_bar(model.true_shell, constrained=bool(constraints) or bool(contacts))
+    if integrator is not None:
+        model = model.stepped_by(integrator)
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),

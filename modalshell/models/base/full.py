@@ -97,6 +97,12 @@ class FullModel(Model):
         self._earlier: tuple[Shell, float] | None = None
         self._free_parts: tuple[Unknowns, FreeParts | None] | None = None
 
+    def stepped_by(self, integrator: str | FullIntegrator) -> Self:
+        """The same model with another rule of its steps."""
+        other = copy.copy(self)
+        other.integrator = FullIntegrator.chosen(integrator)
+        return other
+
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
 

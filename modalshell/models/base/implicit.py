@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import final
+from typing import Self, final
 
 import numpy as np
 
@@ -40,6 +41,15 @@ class ImplicitModel(FrameModel):
     """
 
     integrator: ImplicitRule
+
+    def stepped_by(self, integrator: str | FullIntegrator) -> Self:
+        """The same model, and what it hands over to, with another implicit rule of its steps."""
+        other = copy.copy(self)
+        other.integrator = implicit_rule(integrator)
+        for name, part in vars(self).items():
+            if isinstance(part, ImplicitModel):
+                setattr(other, name, part.stepped_by(integrator))
+        return other
 
     @property
     def free_parts(self) -> Floating | None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy.linalg.lapack
@@ -72,8 +73,7 @@ class ModalMotion(Warp, FrameModel):
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        rule: ModalIntegrator = ModalIntegrator.chosen(integrator)
-        self.integrator = rule if self.straight else rule.under_turning_forces()
+        self.integrator = self._rule(integrator)
         self.frames = FreeFrames.of(basis)
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
@@ -82,6 +82,16 @@ class ModalMotion(Warp, FrameModel):
         self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
 
     # ---- what a subclass defines, free parts in their frames
+
+    def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
+        rule: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        return rule if self.straight else rule.under_turning_forces()
+
+    def stepped_by(self, integrator: str | ModalIntegrator) -> Self:
+        """The same model with another rule of its steps."""
+        other = copy.copy(self)
+        other.integrator = self._rule(integrator)
+        return other
 
     @abstractmethod
     def warped(self, q: Array) -> Array:

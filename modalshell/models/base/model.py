@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -208,6 +208,10 @@ class Model(ABC):
         Negative, or of negative real part, at an unstable state; None for models without a tangent.
         """
         return None
+
+    def stepped_by(self, integrator: str) -> Self:
+        """The same model with another rule of its steps in time; OptionError for one that it does not take."""
+        raise OptionError(f"{self.name} has no rule of time to choose (got integrator={integrator!r}): leave it out")
 
     @abstractmethod
     def start_motion(self, positions: Array | None = None) -> MotionState:
