@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +18,7 @@ from modalshell.export import check_formats, compress, save_modal_body, save_mod
 from modalshell.export.near_origin import centred
 from modalshell.files.atomic_io import write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
-from modalshell.page import clip_page
+from modalshell.page import Page, clip_page
 from modalshell.run.report_numbers import checked_run, report_numbers
 from modalshell.run.report_numbers import convergence as mesh_convergence
 from modalshell.run.report_page import report_page
@@ -25,6 +26,7 @@ from modalshell.scene import ShellScene
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
+_SHOWN = (".html", ".htm", ".png", ".mp4", ".md", ".csv", ".json")
 
 
 def export(
@@ -64,19 +66,53 @@ def export(
             raise ms.OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
     if to == "page":
-        motion = compress(centred(run)[0])
-        shapes = motion.displacements()
-        page = clip_page(
-            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
-            units=motion.units,
-        )  # fmt: skip
-        say(page.save(target))
+        say(_played(run, result.stem).save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
         say(ms.save_trajectory(run, target, on_frame=on_frame))
     if target.suffix in (".pc2", ".mdd"):
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         say(rest)
+
+
+def _played(run: ms.Trajectory, title: str) -> Page:
+    """A page that plays a motion."""
+    motion = compress(centred(run)[0])
+    shapes = motion.displacements()
+    return clip_page(
+        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=title, units=motion.units
+    )
+
+
+def open_result(
+    result: Annotated[
+        Path,
+        Parameter(help="Trajectory or basis (.npz), clip, page, picture, film, report, table, or the folder of a run."),
+    ],
+) -> None:
+    """Show whatever a result is in the web browser; motions and bases as a page in a temporary folder.
+
+    Example: modalshell open results/leaf.npz
+    """
+    shown = _result_of(result)
+    if not shown.is_file():
+        raise ms.OptionError(f"{shown} is no file: name a result, as 'results/leaf.npz', or the folder of a run")
+    if shown.suffix in (".npz", ".clip"):
+        page = Path(tempfile.mkdtemp(prefix="modalshell_")) / f"{shown.stem}.html"  # kept for the browser
+        basis = _saved_basis(shown) if shown.suffix == ".npz" else None
+        if basis is not None:
+            shown = basis.page(title=shown.stem).save(page)
+        else:
+            run = ms.load_clip(shown) if shown.suffix == ".clip" else ms.load_trajectory(shown, verify=True)
+            shown = _played(run, shown.stem).save(page)
+    elif shown.suffix not in _SHOWN:
+        raise ms.OptionError(
+            f"{shown} is no result that a browser shows (got {shown.suffix or 'no suffix'}): name one of .npz, .clip, "
+            f"{', '.join(_SHOWN)}; a scene is shown by 'modalshell view' or 'modalshell page'"
+        )
+    say(shown)
+    if not webbrowser.open(shown.resolve().as_uri()):
+        say("no browser was found: open the file in one yourself")
 
 
 def report(
@@ -149,4 +185,5 @@ def _saved_basis(path: Path) -> ms.Basis | None:
 def register(app: App) -> None:
     """Add the commands to ``app``."""
     app.command(export)
+    app.command(open_result, name="open")
     app.command(report)
