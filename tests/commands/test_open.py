@@ -44,7 +44,7 @@ def test_motions_and_bases_open_as_pages(tmp_path, opened, basis, capsys):
     for result in (tmp_path / "run", tmp_path / "run" / "motion.npz", tmp_path / "basis.npz"):
         assert run("open", result) == 0
     assert [file.name for file in opened] == ["motion.html", "motion.html", "basis.html"]
-    assert all("<canvas" in file.read_text(encoding="utf-8") for file in opened)
+    assert all("webgl" in file.read_text(encoding="utf-8") for file in opened)
     assert "motion.html" in capsys.readouterr().out
 
 
