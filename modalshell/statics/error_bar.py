@@ -6,7 +6,8 @@ From the answer x two steps of mixed Newton are taken, as DS takes them,
     K_M(x_1, s_1) d_1 = -g(x_1),   x_2 = W(x_1, d_1),    s_2 in the same way,
 
 with the gradient g of the potential, the first part K_1 of its Hessian, the mixed Hessian K_M with predicted stresses,
-and warped steps W (theory 8, eq. 1 to 3; theory 14, eq. 1 to 4). The estimated error is ``|x_2 - x| / |x_2 - rest|`` in the norm of the mass.
+and warped steps W (theory 8, eq. 1 to 3; theory 14, eq. 1 to 4). The estimated error is ``|x_2 - x| / |x_2 - rest|`` in
+the norm of the mass.
 The stability margin is the least ``v . K_M(x_2, s_2) v / v . K_1(x_2) v``, with the predicted stresses: those of x_2
 itself hold what is left of the membrane's residual, and say nothing.
 

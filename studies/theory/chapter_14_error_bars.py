@@ -1,4 +1,4 @@
-"""Numbers of theory 14: bars and margins of a folded beam before its snap and past it, and what each alone would say."""
+"""Numbers of theory 14: bars and margins of a folded beam before its snap and past it."""
 
 from __future__ import annotations
 
