@@ -1,4 +1,4 @@
-"""Exact contact: a primal-dual active set inside the mixed Newton [hintermueller2002].
+"""Exact contact: a primal-dual active set inside the mixed Newton [hintermueller2002]; theory 13, eq. 1 to 4.
 
 Of the rows that touch, the gaps are prescribed in each of Newton's steps, and what the step leaves out of balance
 along their normals are the forces; rows that pull are let go, and rows that entered are taken in. There is no gap left,

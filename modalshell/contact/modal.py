@@ -2,7 +2,8 @@
 
 Of the vertices the nearest to the colliders are candidates in each frame. Modes alone leave the problem singular where
 more vertices touch than there are modes: what the shell gives way beyond its modes, quasi-statically, under a force at
-a vertex makes it regular. It is the residual compliance ``K^-1 - Phi Lambda^-1 Phi^T``, turned with the vertices.
+a vertex makes it regular. It is the residual compliance ``K^-1 - Phi Lambda^-1 Phi^T``, turned with the vertices
+(theory 13, eq. 7 and 8).
 """
 
 from __future__ import annotations

@@ -1,0 +1,46 @@
+"""Numbers of theory 13: a cantilever that lies on a table, by DS and by modal models with exact contact."""
+
+from __future__ import annotations
+
+import functools
+
+import modalshell as ms
+
+GRAVITY, DEPTH, MODES = (0.0, 0.0, -9.81), 0.1, 8
+"""Gravity [m/s^2], and how far below the clamp the table is, over the length."""
+
+
+@functools.cache
+def shell() -> ms.Shell:
+    """A strip of shell theory, clamped at one end."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(24, 4))
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=100.0)
+    return ms.Shell(mesh, sheet, clamped=mesh.vertices[:, 0] < 1e-6)
+
+
+def answer(model: ms.Model) -> ms.Equilibrium:
+    """On the table."""
+    return model.equilibrium(gravity=GRAVITY, contacts=[ms.Contact(ms.Plane((0.0, 0.0, 1.0), -DEPTH))])
+
+
+def statements() -> list[str]:
+    """What the chapter states."""
+    truth, basis = answer(ms.DiscreteShell(shell())), ms.solve_modes(shell(), MODES)
+    forces = truth.contact_forces
+    share = 100.0 * forces[:, 2].sum() / (9.81 * shell().mass.sum())
+    found = []
+    for kind in (ms.LinearModal, ms.ModalWarping, ms.RotationStrain):
+        one = answer(kind(basis))
+        error = ms.measure.displacement_error(one.positions, truth.positions, shell())
+        force = one.contact_forces.sum(axis=0)[2] / forces.sum(axis=0)[2] - 1.0
+        found.append(f"| {one_name(kind)} | {100 * error:.1f} | {100 * abs(force):.1f} |")
+    return [f"{int(truth.in_contact.sum())} of its vertices touch and bear {share:.0f} % of its weight", *found]
+
+
+def one_name(kind: type[ms.Model]) -> str:
+    """Name of a model."""
+    return str(getattr(kind, "name", kind.__name__))
+
+
+if __name__ == "__main__":
+    print(*statements(), sep="\n")
