@@ -15,7 +15,7 @@ _SETS = 30
 _LONG = 400
 
 
-@njit
+@njit(fastmath=False)
 def _sweep(matrix, gaps, forces, most, accuracy):  # type: ignore[no-untyped-def]
     """Sweeps of projected Gauss-Seidel from ``forces`` (k,), changed in place."""
     count = gaps.size
@@ -32,7 +32,7 @@ def _sweep(matrix, gaps, forces, most, accuracy):  # type: ignore[no-untyped-def
             break
 
 
-@njit
+@njit(fastmath=False)
 def complementary(matrix, gaps, forces, accuracy):  # type: ignore[no-untyped-def]
     """Forces f (k,) >= 0 with ``matrix f + gaps >= 0`` and one of both zero; in place, from a guess.
 
@@ -79,7 +79,7 @@ def complementary(matrix, gaps, forces, accuracy):  # type: ignore[no-untyped-de
     return False
 
 
-@njit
+@njit(fastmath=False)
 def residual_compliance(store, slots, vertices, own, out):  # type: ignore[no-untyped-def]
     """Give way ``out`` (k, k) [m/N] along directions ``own`` (k, 3) at vertices under forces along them.
 
@@ -94,7 +94,7 @@ def residual_compliance(store, slots, vertices, own, out):  # type: ignore[no-un
             out[a, b] = out[b, a] = value
 
 
-@njit
+@njit(fastmath=False)
 def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-def]
     """Displacements ``out`` (n, 3) under ``pushes`` (k, 3) [N] in the axes at rest, turned by vectors (n, 3) [rad]."""
     for v in range(out.shape[0]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from modalshell.kernels.compiler import njit
 
 
-@njit
+@njit(fastmath=False)
 def _place(indices, begin, end, row):  # type: ignore[no-untyped-def]
     """Where ``row`` stands among sorted indices."""
     while begin < end:
@@ -17,7 +17,7 @@ def _place(indices, begin, end, row):  # type: ignore[no-untyped-def]
     return begin
 
 
-@njit
+@njit(fastmath=False)
 def turn(indptr, indices, data, starts, sizes, frames):  # type: ignore[no-untyped-def]
     """Replace a matrix by ``Q^T H Q``, Q the ``frames`` (k, 3, 3) of the unknowns from ``starts`` on.
 
@@ -40,7 +40,7 @@ def turn(indptr, indices, data, starts, sizes, frames):  # type: ignore[no-untyp
                     data[first + k * step] = a * frames[v, 0, k] + b * frames[v, 1, k] + c * frames[v, 2, k]
 
 
-@njit
+@njit(fastmath=False)
 def add_blocks(indptr, indices, data, starts, sizes, blocks):  # type: ignore[no-untyped-def]
     """Add ``blocks`` (k, 3, 3) to the diagonal blocks of the unknowns from ``starts`` on."""
     for v in range(starts.size):
@@ -51,7 +51,7 @@ def add_blocks(indptr, indices, data, starts, sizes, blocks):  # type: ignore[no
                 data[first + row] += blocks[v, row, column]
 
 
-@njit
+@njit(fastmath=False)
 def prescribe(indptr, indices, data, unknowns, values, diagonal, right_side):  # type: ignore[no-untyped-def]
     """Prescribe the ``values`` of unknowns: their rows and columns become those of ``diagonal`` times the identity."""
     for u in range(unknowns.size):

@@ -7,7 +7,7 @@ import numpy as np
 from modalshell.kernels.compiler import njit
 
 
-@njit
+@njit(fastmath=False)
 def _nearest_of_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
     """Weights of the corners at the nearest point of a triangle [ericson2005, section 5.1.5], and its feature.
 
@@ -41,7 +41,7 @@ def _nearest_of_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
     return va / total, vb / total, vc / total, 0
 
 
-@njit
+@njit(fastmath=False)
 def nearest_points(points, vertices, faces, centres, radii, found, triangles, features):  # type: ignore[no-untyped-def]
     """Nearest points ``found`` (k, 3) of a mesh to ``points`` (k, 3), their triangles and features (k,).
 
