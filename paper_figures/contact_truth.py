@@ -8,9 +8,9 @@ import numpy as np
 
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
+from paper_figures.model_colors import model_color
 
 COLORS = {"union-jack": "#1f6fb4", "equilateral": "#d1495b", "delaunay": "#2f9e6b"}
-RUNGS = {"LMA": "#d1495b", "MWTS": "#1f6fb4", "RSW": "#2f9e6b"}
 FLOOR = 1e-4
 """Smallest error [%] that is drawn; smaller ones are drawn there."""
 
@@ -42,7 +42,8 @@ def draw(results: Path, folder: Path) -> Path:
             plates.append(Curve(gaps, size(rows, "force"), family, color))
     panels.append(Panel(plates, "Ring between plates: force", "gap [R]", "size of the error [%]", log=True))
     rungs = []
-    for name, color in RUNGS.items():
+    for name in dict.fromkeys(row["model"] for row in found["table"]):
+        color = model_color(name)
         rows = [row for row in found["table"] if row["model"] == name]
         rungs.append(Curve([row["modes"] for row in rows], size(rows, "error"), name, color))
         force = Curve(

@@ -40,6 +40,8 @@ _HONEST = 0.25
 """Error against the scene's own answer up to which a live model is offered."""
 _ERROR = 5e-4
 """Largest error of a recorded vertex on a page, as a share of the shell's size."""
+_MOST_VERTICES = 5000
+"""Vertices up to which a page has a record and live models."""
 
 
 def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
@@ -150,6 +152,10 @@ class _ShellPage:
 
     def _offered(self, run: ms.Trajectory) -> tuple[dict[str, Any] | None, list[str]]:
         """The live models offered with a record, None where they are too far from it, and what is said about them."""
+        if len(self.shell.mass) > _MOST_VERTICES:
+            return None, [
+                "No live model is offered: the page would be too large with both."
+            ]
         off = self._error(run) if self.free_of_time else None
         far = "has no answer here" if off is None else f"is {100.0 * off:.2g} % off this answer"
         if self.free_of_time and (off is None or off > _HONEST):

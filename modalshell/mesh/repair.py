@@ -233,7 +233,7 @@ def _as_polygons(points: Any, faces: ArrayLike | Sequence[Sequence[int]] | Polyg
     except TypeError as error:
         raise MeshError(f"faces must be lists of vertex indices (got {shown(faces)})") from error
     if not rows:
-        raise MeshError("the mesh has vertices and no faces; give lists of three or more vertex indices")
+        raise MeshError("the mesh has vertices and no faces (got 0 faces); give lists of three or more vertex indices")
     for at, row in enumerate(rows):
         if len(row) < 3:
             raise MeshError(f"face {at} (counted from 0) has {len(row)} corners; expected three or more")

@@ -47,7 +47,7 @@ def _inputs(target: Target) -> st.SearchStrategy[Input]:
     def build(draw: st.DrawFn) -> Input:
         given = {name: copy.copy(value) for name, value in (target.values | target.objects).items()}
         names = [*junk, *rare] if draw(st.integers(0, 5)) == 0 else list(junk) or list(rare)
-        chosen = draw(st.lists(st.sampled_from(names), max_size=3, unique=True))
+        chosen = draw(st.lists(st.sampled_from(names), max_size=3, unique=True)) if names else []
         if target.always and not set(chosen) & set(target.always):
             chosen.append(draw(st.sampled_from(target.always)))
         for name in chosen:

@@ -27,7 +27,7 @@ def _views(views: Any, path: Any, **_: Any) -> Path:
 def _film(path: Any, surfaces: Any, motions: Any, **_: Any) -> Path:
     _checked(surface.vertices for surface in surfaces)
     for motion in motions:
-        _checked(motion)
+        _checked([] if motion is None else motion)  # what rests has no motion
     return write_text(path, "film")
 
 
