@@ -153,9 +153,7 @@ class _ShellPage:
     def _offered(self, run: ms.Trajectory) -> tuple[dict[str, Any] | None, list[str]]:
         """The live models offered with a record, None where they are too far from it, and what is said about them."""
         if len(self.shell.mass) > _MOST_VERTICES:
-            return None, [
-                "No live model is offered: the page would be too large with both."
-            ]
+            return None, ["No live model is offered: the page would be too large with both."]
         off = self._error(run) if self.free_of_time else None
         far = "has no answer here" if off is None else f"is {100.0 * off:.2g} % off this answer"
         if self.free_of_time and (off is None or off > _HONEST):
