@@ -215,7 +215,7 @@ def test_every_scene_has_a_page(tmp_path):
     folder = repository_file("studies/scenes/v_beam.toml").parent
     assert [file.stem for file in written] == [file.stem for file in sorted(folder.glob("*.toml"))]
     sizes = {file.stem: file.stat().st_size for file in written}
-    assert max(sizes.values()) < 3_000_000
+    assert max(sizes.values()) < 4_000_000  # a record of 13,000 vertices in motion, with a colour for each frame
     committed = {file.stem for file in folder.glob("*.html")}
     assert committed == {name for name, size in sizes.items() if size <= 500_000}
     assert sizes["v_beam"] < 150_000
