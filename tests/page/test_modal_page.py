@@ -218,7 +218,7 @@ def test_every_scene_has_a_page(tmp_path):
     assert max(sizes.values()) < 4_000_000  # a record of 13,000 vertices in motion, with a colour for each frame
     committed = {file.stem for file in folder.glob("*.html")}
     assert committed == {name for name, size in sizes.items() if size <= 500_000}
-    assert sizes["v_beam"] < 150_000
+    assert sizes["v_beam"] < 170_000  # live models, and the record of its answer
     assert '"reduced"' in (tmp_path / "v_beam.html").read_text()
     for name in committed:  # what a committed page says is what the code says today
         assert notes(tmp_path / f"{name}.html") == notes(folder / f"{name}.html"), name
