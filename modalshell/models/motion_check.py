@@ -118,10 +118,13 @@ class MotionCheck:
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
-        return float(np.sqrt(np.sum(self._shell.mass[:, None] * (positions - self._shell.rest_positions) ** 2)))
+        return self._norm(positions - self._shell.rest_positions)
 
     def off(self, bar: ErrorBar, positions: Array) -> float:
         """Distance of positions in the frame of the supports from those that a bar corrects them to."""
         if bar.message:
             return np.inf
-        return float(np.sqrt(np.sum(self._shell.mass[:, None] * (bar.corrected - positions) ** 2)))
+        return self._norm(bar.corrected - positions)
+
+    def _norm(self, displacement: Array) -> float:
+        return float(np.sqrt(np.sum(self._shell.mass[:, None] * displacement**2)))

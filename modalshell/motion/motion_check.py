@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +15,6 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
-
-
-def checked_frames(count: int, every: int) -> Iterator[int]:
-    """Every ``every``-th of ``count`` frames that has one on either side."""
-    return iter(range(every, count - 1, every))
 
 
 def with_bars(
@@ -57,7 +51,7 @@ def with_bars(
         For a shell that its supports do not hold.
     """
     check = MotionCheck(model.true_shell, loading, damping or Damping(), supports)
-    chosen = list(checked_frames(len(run.times), every))
+    chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, largest, seen, held = [], 0.0, 0, True
     for k in chosen:
         for frame in range(seen, k + 1):
