@@ -23,6 +23,10 @@ _FREE = 1e-6
 """Square of the part of a unit normal in a vertex's free unknowns below which supports alone decide its gap."""
 _PASSABLE = 0.5
 """Way into a collider, in its smallest radius, that an iteration may take a vertex."""
+_PASSED = 0.1
+"""Depth, in a collider's smallest radius, at which a straight way leads through it: vertices slide along curves."""
+_LOOKS = 64
+"""Places at most at which a straight way is looked at."""
 _SWEEPS = 20
 """Moves onto curved or several surfaces at most."""
 _ON = 1e-14
@@ -180,6 +184,22 @@ class Touching:
                     allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
                     part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
         return part
+
+    def crossed(self, x: Array, moved: Array) -> bool:
+        """Whether the straight way from x to ``moved``, both (n, 3), leads a vertex through a collider."""
+        for index, contact in enumerate(self.contacts):
+            vertices = self.vertices[self.of_contact(index)]
+            radius = contact.collider.smallest_radius
+            if not (np.isfinite(radius) and vertices.size):
+                continue
+            begin, way = x[vertices], moved[vertices] - x[vertices]
+            longest = float(np.linalg.norm(way, axis=1).max())
+            looks = min(_LOOKS, int(longest / (_PASSABLE * radius)))
+            for share in np.arange(1, looks + 1) / (looks + 1):
+                points = begin + share * way if self._origin is None else begin + share * way + self._origin
+                if contact.distance(points, self.time).min() < -_PASSED * radius:
+                    return True
+        return False
 
     def movable(self, rows: Index, normals: Array) -> Array:
         """Whether supports leave the rows' vertices a motion along the normals."""

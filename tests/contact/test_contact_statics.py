@@ -215,3 +215,19 @@ def test_derivatives_of_answers_with_contacts_are_refused():
     assert state.converged
     with pytest.raises(ms.OptionError, match="without constraints or contacts"):
         model.sensitivity(state, "young")
+
+
+@pytest.mark.parametrize(("young", "touching"), [(3e8, 10), (5e7, 16)])
+def test_a_strip_that_could_hang_behind_a_cylinder_rests_on_it_as_under_a_growing_load(young, touching):
+    mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))
+    material = ms.Isotropic(young=young, poisson=0.3, thickness=1e-3, density=900.0)
+    model = ms.DiscreteShell(ms.Shell(mesh, material, clamped="x < 0.001"))
+    contacts = [ms.Contact(ms.Cylinder((0.35, -1.0, -0.12), (0.35, 1.0, -0.12), 0.08))]
+    at_once = model.equilibrium(gravity=(0, 0, -GRAVITY), contacts=contacts)
+    grown = None
+    for share in np.linspace(0.04, 1.0, 25):
+        start = None if grown is None else grown.positions
+        grown = model.equilibrium(gravity=(0, 0, -GRAVITY * share), contacts=contacts, start=start)
+    assert at_once.converged
+    assert at_once.in_contact.sum() == touching
+    np.testing.assert_allclose(at_once.positions, grown.positions, atol=1e-6)
