@@ -320,6 +320,7 @@ def _solved(
     shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
+    shell.refuse_creases("a modal model")
     if shell.rest_shape is not None:
         raise OptionError(
             "modes about the mesh need a shell without stress there (got one of a prestrain, rest_curvature or "

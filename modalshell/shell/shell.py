@@ -17,6 +17,7 @@ from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
+from modalshell.shell.creases import Crease, CreaseSet, CreaseState
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
@@ -66,6 +67,8 @@ class Shell(EnergyAccess):
         equilibrium: modes are those about a state.
     temperature : Temperature, optional
         A change of temperature, which strains the sheet and, where it changes through the thickness, bends it.
+    creases : sequence of Crease, optional
+        Edges that yield under a moment and keep a part of their fold; see :attr:`crease_state` and :meth:`creased`.
 
     Attributes
     ----------
@@ -82,6 +85,10 @@ class Shell(EnergyAccess):
         Vertices that cannot move.
     free : ndarray of int
         Vertices that can.
+    creases : CreaseSet or None
+        Hinges that yield, and when.
+    crease_state : CreaseState or None
+        What they have kept.
 
     Raises
     ------
@@ -106,6 +113,7 @@ class Shell(EnergyAccess):
         prestrain: Tensor | None = None,
         rest_curvature: Tensor | None = None,
         temperature: Temperature | None = None,
+        creases: Sequence[Crease] = (),
     ) -> None:
         self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
@@ -128,6 +136,9 @@ class Shell(EnergyAccess):
         self.rest_shape = rest_shape(mesh, material, prestrain, rest_curvature, temperature)
         if self.rest_shape is not None:
             self._energy = self._energy.resting(self.rest_shape)
+        self._given_creases = tuple(creases) if isinstance(creases, list | tuple) else creases
+        self.creases = CreaseSet.of(self._given_creases, mesh)
+        self.crease_state = None if self.creases is None else CreaseState(np.zeros(self.creases.hinges.size))
         self._support(unknowns)
 
     def _support(self, unknowns: Unknowns) -> None:
@@ -184,8 +195,26 @@ class Shell(EnergyAccess):
 
     def with_material(self, material: Material | Sheet) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest}
+        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest, "creases": self._given_creases}
         return Shell(self.mesh, material, None, self.supports, **own)  # type: ignore[arg-type]
+
+    def creased(self, state: CreaseState | ArrayLike) -> Shell:
+        """The same shell whose creases have kept the plastic folds of ``state``, or those of an array (C,) [rad].
+
+        OptionError for a shell without creases, LoadError for another number of folds.
+        """
+        if self.creases is None or self.crease_state is None:
+            raise OptionError("this shell has no creases to keep a state: pass creases=[ms.Crease(...)]")
+        state = state if isinstance(state, CreaseState) else CreaseState(self.creases.checked(state))
+        further = self.creases.checked(state.angles) - self.crease_state.angles
+        other = self._with_energy(self._energy.with_rest_angles(self.creases.on_mesh(further)))
+        other.crease_state = state
+        return other
+
+    def refuse_creases(self, name: str) -> None:
+        """OptionError where the shell has creases, which ``name`` does not know."""
+        if self.creases is not None:
+            raise OptionError(f"{name} knows no creases: take ms.DiscreteShell, or leave creases out")
 
     @property
     def size(self) -> float:

@@ -36,6 +36,7 @@ def engine_case(
     constants = material_constants(shell.material)
     if not isinstance(shell.material, Isotropic) or set(CONSTANTS) - set(constants):
         raise OptionError("engines take one Young's modulus, Poisson's ratio, thickness and density: use ms.Isotropic")
+    shell.refuse_creases("an engine")
     if shell.rest_shape is not None:
         raise OptionError("engines know no prestrain, rest_curvature or temperature")
     if shell.energies:

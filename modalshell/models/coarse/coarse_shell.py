@@ -131,6 +131,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     """
     checked_kind("shell", shell, Shell)
     shell.require_clamps("a coarse shell")
+    shell.refuse_creases("a coarse shell")
     if shell.rest_shape is not None:
         raise OptionError("a coarse shell knows no prestrain, rest_curvature or temperature: take ms.DiscreteShell")
     if not isinstance(mesh, TriangleMesh):
