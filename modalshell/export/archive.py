@@ -132,7 +132,9 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     with readable(_TRAJECTORY.kind, file):
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             stored = {name.removesuffix(".npy") for name in archive.namelist()}
-            further = {name: field for name, field in (_TRIANGLES | _BARS | _LEVELS | _CREASES).items() if name in stored}
+            further = {
+                name: field for name, field in (_TRIANGLES | _BARS | _LEVELS | _CREASES).items() if name in stored
+            }
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
             positions = _mapped(file, archive, verify)

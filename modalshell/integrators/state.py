@@ -108,7 +108,7 @@ COST = "cost"
 rates and coordinates, where the rule has found them (3,)."""
 
 CREASES, HEAT = "creases", "crease_heat"
-"""Names in a state's memory of the plastic folds of creases (C,) [rad], and of the heat that they have made (1,) [J]."""
+"""Names in a state's memory of the plastic folds (C,) [rad] of creases, and of the heat (1,) [J] they have made."""
 
 
 @final

@@ -6,8 +6,8 @@ linear hardening,
 
 .. math:: |\mu_e / l_e - H \psi_e| \le M_y .
 
-The moment per length beyond goes into the rest angle, :math:`\theta_{0,e} + \psi_e`. Hardening is kinematic (Prager's): the
-state is :math:`\psi` alone, :math:`l_e H \psi_e^2 / 2` is stored, and a step from :math:`\psi` to :math:`\psi'` turns
+What is beyond goes into the rest angle, :math:`\theta_{0,e} + \psi_e`. Hardening is kinematic (Prager's): the state
+is :math:`\psi` alone, :math:`l_e H \psi_e^2 / 2` is stored, and a step from :math:`\psi` to :math:`\psi'` turns
 :math:`l_e M_y |\psi'_e - \psi_e|` into heat, which is never negative. At given positions the new state is the least of
 
 .. math:: W(x, \psi') + \sum_e l_e \left(H \psi_e'^2 / 2 + M_y |\psi'_e - \psi_e|\right),

@@ -116,6 +116,10 @@ class ElasticEnergy(ABC):
         """The same energy, least at a RestShape in place of the mesh's own."""
         return self
 
+    def anchored(self, mesh: TriangleMesh) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
+        """The same energy with clamped edges that keep the slope of another mesh than that at rest."""
+        return self
+
     def posed(self, place: Callable[[Array], Array]) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy where the supports have moved: ``place`` maps positions of the shape at rest."""
         return self

@@ -250,7 +250,9 @@ class ElementSum(ElasticEnergy):
     def _folded(self, x: Array, hinges: Index) -> tuple[ElementSet, Array, Array]:
         """Some of the mesh's hinges, with the changes of their angles (C,) at x and the slopes (C, 9) of these."""
         e = self._hinges()
-        own = replace(e, stencils=np.ascontiguousarray(e.stencils[hinges]), rest=e.rest[hinges], weight=e.weight[hinges])
+        own = replace(
+            e, stencils=np.ascontiguousarray(e.stencils[hinges]), rest=e.rest[hinges], weight=e.weight[hinges]
+        )
         change, slopes = np.empty(own.rest.size), np.empty((own.rest.size, 9))
         fold_angles(x, own.stencils, own.rest, change, slopes)
         return own, change, slopes

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 
 from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.rest_shape import RestShape
-from modalshell.shell.split_folds import SplitFolds
+from modalshell.shell.split_folds import SplitFolds, mirror_images
 
 
 class RestFolds(ElasticEnergy):
@@ -25,6 +27,11 @@ class RestFolds(ElasticEnergy):
     _rest_squares: Array
     _rest_shape: RestShape | None
     _plastic: Array | None
+    _anchor: TriangleMesh | None
+
+    @abstractmethod
+    def bending(self, x: Array) -> tuple[Array, Array]:
+        """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,)."""
 
     @abstractmethod
     def _measured(self, x: Array) -> Measures:
@@ -50,6 +57,15 @@ class RestFolds(ElasticEnergy):
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
         couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
         return self._folds.of_hinges(-couples)
+
+    def anchored(self, mesh: TriangleMesh) -> Self:
+        """The same energy with clamped edges that keep the slope of another mesh than that at rest."""
+        folds, count = self._folds, len(mesh.vertices)
+        start, end, apex, _ = folds.hinges[folds.hinges[:, 3] >= count].T
+        other = copy.copy(self)
+        other._anchor = mesh
+        other._folds = replace(folds, ghosts=mirror_images(mesh.vertices, start, end, apex))
+        return other
 
     def with_rest_angles(self, angles: Array) -> Self:
         """The same energy with ``angles`` (H,) [rad] added to the rest angles of the mesh's hinges."""

@@ -69,7 +69,7 @@ class SplitFoldEnergy(RestFolds):
         self._parts = mesh, material, slopes, further
         self._held_vertices = held
         self._origin, self._rest_shape = np.zeros(3), cast("RestShape | None", None)
-        self._plastic = cast("Array | None", None)
+        self._plastic, self._anchor = cast("Array | None", None), cast("TriangleMesh | None", None)
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
@@ -359,6 +359,7 @@ class SplitFoldEnergy(RestFolds):
 
     def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
         again: RestFolds = SplitFoldEnergy(*self._parts, held, halved=halved)
+        again = again if self._anchor is None else again.anchored(self._anchor)
         again = again if self._rest_shape is None else again.resting(self._rest_shape)
         again = again if self._plastic is None else again.with_rest_angles(self._plastic)
         return cast("SplitFoldEnergy", again.shifted(self._origin))

@@ -121,9 +121,9 @@ def _released(problem: Potential, result: NewtonResult, creases: CreaseSet, chos
 def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[NewtonResult, CreaseState]:
     """Equilibrium of a shell whose creases yield as the load grows, and what they have kept then.
 
-    Without a start the load grows from none; with one it goes straight from the load that holds the start. Where nothing yields it is the one without creases, to the last bit.
-    Otherwise the load goes in steps, each of which ends at a minimum by positions and plastic folds; steps shrink
-    where that is not found.
+    Without a start the load grows from none; with one it goes straight from the load that holds the start. Where
+    nothing yields the answer is the one without creases, to the last bit. Otherwise the load goes in steps, each of
+    which ends at a minimum by positions and plastic folds; steps shrink where that is not found.
     """
     shell, creases = problem.shell, _creases(problem)
     state = shell.crease_state
@@ -148,7 +148,7 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
         part = problem.loaded(share)
         return replace(part, load=part.load + (1.0 - share) * held)
 
-    if start is None and (angles.any() or shell.rest_shape is not None):  # the load grows from the shape without it
+    if start is None and (angles.any() or shell.stressed):  # the load grows from the shape without it
         still = yielded(loaded(0.0), x, angles, solver, None)
         iterations += still.iterations
         if not still.settled:

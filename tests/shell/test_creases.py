@@ -1,6 +1,7 @@
 """Creases: one hinge by hand, statics through loading and release, motion, and what is refused."""
 
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def test_a_loading_cycle_of_one_hinge_is_that_by_hand(material):
     k = float(energy.fold_stiffness(creases.hinges)[0, 0])
     sign = np.sign(energy.fold_couples(folded(mesh, 1e-3), creases.hinges)[0])
     turning = LIMIT / k * np.array([0.0, 0.5, 3.0, -4.0, 2.5, 5.0, 0.0, -6.0])
-    path = np.concatenate([np.linspace(a, b, 7) for a, b in zip(turning, turning[1:], strict=False)])
+    path = np.concatenate([np.linspace(a, b, 7) for a, b in pairwise(turning)])
     angles, heat, found = np.zeros(1), 0.0, []
     for angle in path:
         x = folded(mesh, angle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, final
 
 import numpy as np
@@ -82,7 +83,7 @@ class CreaseMotion:
             return _placed(at(start), now[-1])
 
         def minimum(
-            problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], share: float
+            problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], _: float
         ) -> tuple[Array, bool]:
             def solver(own: Potential, point: Array, predicted: list[Array] | None) -> NewtonResult:
                 return solve(own, point, scale, goal, predicted)
@@ -94,7 +95,7 @@ class CreaseMotion:
         yielding = steps_of(ShellSteps(own, felt, damping, minimum), model.free_parts, damping)
         after, solved = rule.standing_in(yielding, state, dt)
         after = rule.stood_in_for(state, yielding.landed(state, after, dt), dt)
-        heat += sum(creases.heat(a, b) for a, b in zip(now, now[1:], strict=False))
+        heat += sum(creases.heat(a, b) for a, b in pairwise(now))
         return self._kept(after, now[-1], heat), solved
 
 

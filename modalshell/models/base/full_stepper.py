@@ -81,7 +81,9 @@ class FullStepper(Stepper):
         after, solved = self._advanced(self.model.as_creased(state), begin, dt, state, load)
         return creases.after(self.model_at(begin + dt), state, after), solved
 
-    def _advanced(self, model: Any, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def _advanced(
+        self, model: Any, begin: float, dt: float, state: MotionState, load: Array
+    ) -> tuple[MotionState, bool]:
         """One step of the model's rule by ``model``, whose creases do not yield."""
         damping, rule = self.setup.damping, model.integrator
 
