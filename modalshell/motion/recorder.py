@@ -12,6 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Progress
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion.stepping import Motion
@@ -87,6 +88,8 @@ class Recorder:
         What was left to each constraint's target.
     levels : list of int
         Number of the model of each, of a model that switches itself; else empty.
+    creases, heat : list
+        Plastic folds (C,) [rad] of creases, and the heat [J] that they have made, in each; empty without creases.
     fault : Outcome or None
         The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
@@ -108,6 +111,8 @@ class Recorder:
         self.energies: list[Array] = []
         self.residuals: list[Array] = []
         self.levels: list[int] = []
+        self.creases: list[Array] = []
+        self.heat: list[float] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
         self._watch, self._seconds_before = Stopwatch(), 0.0
@@ -157,6 +162,9 @@ class Recorder:
         self.residuals.append(motion.constraint_residuals)
         if motion.model.level_names:
             self.levels.append(int(motion.state.memory["level"][0]))
+        if CREASES in motion.state.memory:
+            self.creases.append(motion.state.memory[CREASES])
+            self.heat.append(float(motion.state.memory[HEAT][0]))
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
@@ -179,6 +187,8 @@ class Recorder:
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             levels=tuple(self.motion.model.level_names[level] for level in self.levels),
+            crease_angles=np.array(self.creases) if self.creases else np.empty((0, 0)),
+            crease_heat=np.array(self.heat),
         )
 
     def verdict(self) -> tuple[Outcome, str]:

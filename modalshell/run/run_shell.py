@@ -18,6 +18,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Equilibrium
 from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion, Trajectory
@@ -233,6 +234,9 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
         )
     if motion.model.level_names:
         recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
+    if f"{_SNAPSHOT}state_{CREASES}" in records.dtype.names:
+        recorder.creases = [np.array(angles) for angles in records[f"{_SNAPSHOT}state_{CREASES}"]]
+        recorder.heat = records[f"{_SNAPSHOT}state_{HEAT}"][:, 0].tolist()
     fault = bytes(last["fault"]).decode()
     recorder.resume(
         np.array(records["time"]),

@@ -53,7 +53,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     """Build the mesh; files are searched in ``folder``, then among the bundled ones."""
     if isinstance(table, Shape):
         return table.build()
-    file = _found(table.file, folder)
+    file = found_file(table.file, folder)
     if not (table.repair or table.split):
         return chosen_part(load_mesh(file, up=table.up), table.component, table.join)
     mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split, up=table.up)
@@ -62,7 +62,8 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     return mesh
 
 
-def _found(name: str, folder: Path) -> Path:
+def found_file(name: str, folder: Path) -> Path:
+    """A file of a scene in ``folder``, or among the bundled meshes."""
     file = folder / name
     return repository_file(name) if not file.exists() and name.startswith("meshes/") else file
 
@@ -71,7 +72,7 @@ def input_files(scene: Any) -> list[Path]:
     """Files that a scene reads: its own, that of its mesh, and those of its material's fields."""
     folder = scene.file.parent
     names = [getattr(scene.material, name, None) for name in ("young", "poisson", "thickness", "density")]
-    names.append(getattr(scene.mesh, "file", None))
+    names += [getattr(scene.mesh, "file", None), *(scene.rest.files if scene.rest else ())]
     return [scene.file, *(folder / name for name in names if isinstance(name, str))]
 
 
@@ -95,7 +96,7 @@ def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
     values = {name: getattr(table, name) for name in ("young", "poisson", "thickness", "density")}
     for name, value in values.items():
         if isinstance(value, str):
-            values[name] = _numbers(name, _found(value, folder))
+            values[name] = _numbers(name, found_file(value, folder))
     return values
 
 
