@@ -21,9 +21,9 @@ _FIRST_STEP = 0.125
 def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Rest:
     """Minimum of a potential outside the contacts' colliders, from ``start`` (n, 3) [m].
 
-    The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one that
-    lies behind a collider, the shell moves from the start in a thick fluid. A start inside colliders that push out is led out in steps: the surfaces come
-    from where they touch its deepest vertices.
+    The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one
+    that lies behind a collider, the shell moves from the start in a thick fluid. A start inside colliders that push out
+    is led out in steps: the surfaces come from where they touch its deepest vertices.
 
     Raises
     ------
