@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.gap_kernels import Packed, packed
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
@@ -131,6 +132,10 @@ class Touching:
             points = x[self.vertices[begin:end]]
             gap[begin:end] = contact.distance(points if self._origin is None else points + self._origin, self.time)
         return gap if self.bounds is None else gap - self.bounds
+
+    def packed(self) -> Packed | None:
+        """The colliders as they are now, for compiled gaps; None where one has no compiled form."""
+        return packed(self.contacts, self.time, self._origin)
 
     def deepest_by_contact(self, x: Array) -> Array:
         """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
