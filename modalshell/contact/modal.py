@@ -64,6 +64,8 @@ class Pressed:
         Whether the gaps of all rows met their tolerance.
     positions : ndarray or None, shape (n, 3)
         Positions [m] at q, without what is beyond the modes, where they are known.
+    energy : float
+        Elastic energy [J] of what is beyond the modes.
     """
 
     q: Array
@@ -71,6 +73,7 @@ class Pressed:
     pushes: Array
     solved: bool
     positions: Array | None = None
+    energy: float = 0.0
 
 
 @final
@@ -183,7 +186,7 @@ class ModalContacts:
                 if found[2].size:
                     break
                 shapes.slots(touching.vertices[found[0]])
-            _, slots, q, pushes, forces, solved = found
+            _, slots, q, pushes, forces, energy, solved = found
             shape, turns = np.empty_like(local), self._rotation_vectors(q)
             kernels.local_shape(shapes.store, slots, forces, turns, shape)
             base = self._positions(q)
@@ -191,7 +194,7 @@ class ModalContacts:
             if not solved or after.min() >= -limits[2]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
-        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[2]), base)
+        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[2]), base, energy)
 
     def _press_by_rows(
         self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]
@@ -243,6 +246,7 @@ class ModalContacts:
         own = self._own(vertices, np.ascontiguousarray(normals), self._rotation_vectors(q))
         slots, matrix = self._shapes.slots(vertices), np.empty((rows.size, rows.size))
         kernels.residual_compliance(self._shapes.blocks, slots, own, matrix)
+        beyond = matrix.copy()
         matrix += along @ softened.T
         matrix[np.diag_indices(rows.size)] += 1e-9 * np.trace(matrix) / max(rows.size, 1)
         columns = np.ascontiguousarray(matrix.T)
@@ -262,4 +266,5 @@ class ModalContacts:
         pushes[rows] = forces
         move = float(np.abs(moves @ (after - q)).max(initial=0.0))
         met = max(near, -float(gaps.min(initial=0.0))) <= _SETTLED * size
-        return Pressed(after, local, pushes, met and move <= _MOVED * size, base), gaps
+        energy = 0.5 * float(forces @ beyond @ forces)
+        return Pressed(after, local, pushes, met and move <= _MOVED * size, base, energy), gaps

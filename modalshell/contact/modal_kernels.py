@@ -232,8 +232,8 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
     -------
     tuple
         Candidates (k,), their slots, coordinates (m,), forces (r,) along the normals, and those on the candidates in
-        the axes at rest (k, 3), and whether the gaps met their tolerance. Coordinates are empty where a candidate has
-        no slot.
+        the axes at rest (k, 3), their elastic energy [J] beyond the modes, and whether the gaps met their tolerance.
+        Coordinates are empty where a candidate has no slot.
     """
     free, compliance, begin = step
     near, most, deep, far, accuracy = limits
@@ -248,7 +248,7 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
         for j in range(3):
             local[i, j] = before[2][v, j]
         if slots[i] < 0:
-            return rows, slots, np.empty(0), np.empty(0), pushes, False
+            return rows, slots, np.empty(0), np.empty(0), pushes, 0.0, False
     q, place, solved = begin.copy(), (vertices, contact_of), False
     gap, normals, own = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     along, at, matrix = np.empty((count, q.size)), np.empty((count, 3)), np.empty((count, count))
@@ -263,7 +263,7 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
                 offset[i] -= normals[i, j] * local[i, j]
             for k in range(q.size):
                 offset[i] += along[i, k] * (free[k] - q[k])
-        move = np.inf
+        move, energy = np.inf, 0.0
         for _ in range(_CORRECTIONS):
             complementary(matrix, offset, forces, accuracy, True)
             q[:], expected[:], pushes[:] = free, offset, 0.0
@@ -276,6 +276,10 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
                     for j in range(3):
                         pushes[i, j] = forces[i] * own[i, j]
             _local_at(blocks, slots, pushes, local)
+            energy = 0.0
+            for i in range(count):
+                for j in range(3):
+                    energy += 0.5 * pushes[i, j] * local[i, j]
             gaps, move = _reached(shape, place, bodies, q, local, at)
             worst = 0.0
             for i in range(count):
@@ -290,4 +294,4 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
     pushed = np.zeros(before[1].size)
     for i in range(count):
         pushed[rows[i]] = forces[i]
-    return rows, slots, q, pushed, pushes, solved and move <= far
+    return rows, slots, q, pushed, pushes, energy, solved and move <= far

@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Progress
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
@@ -87,6 +88,8 @@ class Recorder:
         What was left to each constraint's target.
     levels : list of int
         Number of the model of each, of a model that switches itself; else empty.
+    touched : list of TouchedFrame
+        What touches in each, with contacts; else empty.
     fault : Outcome or None
         The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
@@ -108,6 +111,7 @@ class Recorder:
         self.energies: list[Array] = []
         self.residuals: list[Array] = []
         self.levels: list[int] = []
+        self.touched: list[TouchedFrame] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
         self._watch, self._seconds_before = Stopwatch(), 0.0
@@ -155,6 +159,8 @@ class Recorder:
         self.times.append(motion.time)
         self.energies.append(motion.energies())
         self.residuals.append(motion.constraint_residuals)
+        if (touched := motion.touched()) is not None:
+            self.touched.append(touched)
         if motion.model.level_names:
             self.levels.append(int(motion.state.memory["level"][0]))
         fault = motion.fault()
@@ -164,7 +170,10 @@ class Recorder:
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
         outcome, message = self.verdict()
-        shell = self.motion.shell
+        shell, contacts = self.motion.shell, {}
+        if self.touched:
+            names = "contact_forces", "in_contact", "deepest"
+            contacts = {name: np.array(each) for name, each in zip(names, zip(*self.touched, strict=True), strict=True)}
         return Trajectory(
             times=np.array(self.times),
             positions=positions,
@@ -179,6 +188,7 @@ class Recorder:
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             levels=tuple(self.motion.model.level_names[level] for level in self.levels),
+            **contacts,
         )
 
     def verdict(self) -> tuple[Outcome, str]:

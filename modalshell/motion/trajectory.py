@@ -67,6 +67,13 @@ class Trajectory(Drawn):
         Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
     levels : tuple of str
         The model of each frame, of a model that switches itself; else empty.
+    contact_forces : ndarray, shape (F, n, 3)
+        Force of the colliders on every vertex [N] along their normals; empty without contacts, as the next two. Of
+        explicit rules it is what the vertices' change of speed there needs, friction with it.
+    in_contact : ndarray of bool, shape (F, n)
+        Vertices that are pushed.
+    deepest : ndarray, shape (F,)
+        Depth of the deepest vertex in a collider [m].
     bars : Bars or None
         Error bars of some frames, where these were asked for.
     units : UnitSystem
@@ -87,6 +94,9 @@ class Trajectory(Drawn):
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
     fields: dict[str, Array] = field(default_factory=dict)
     levels: tuple[str, ...] = ()
+    contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
+    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+    deepest: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
     units: UnitSystem = SI
 
@@ -112,6 +122,10 @@ class Trajectory(Drawn):
     @classmethod
     def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
         """One frame at time 0: a static answer under the loads, its outcome the solver's."""
+        contacts = {}
+        if answer.in_contact.size:
+            forces, touches = answer.contact_forces[None], answer.in_contact[None]
+            contacts = {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
         energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),
@@ -125,6 +139,7 @@ class Trajectory(Drawn):
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             bars=None if answer.bar is None else Bars.still(answer.bar),
+            **contacts,
         )
 
     def save(self, path: str | os.PathLike[str], *, on_frame: Progress | None = None) -> Path:

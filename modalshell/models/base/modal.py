@@ -16,6 +16,7 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
@@ -255,6 +256,18 @@ class ModalStepper(Stepper):
         """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the modes."""
         own = super().own_positions(state)
         return own if self._contacts is None else own + self._contacts.local(state)
+
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, without what contacts press in: loads act on the modes."""
+        return super().own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of what contacts press in beyond the modes."""
+        return 0.0 if self._contacts is None else float(self._contacts.energy(state))
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None if self._contacts is None else self._contacts.frame(state, self.own_positions(state), time)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""

@@ -11,9 +11,10 @@ import scipy.linalg
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
-from modalshell.contact.touching import checked_contacts
+from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -29,6 +30,8 @@ _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
 LOCAL = "local"
 """Name in a state's memory of the displacement (n, 3) [m] beyond the modes."""
+BEYOND = "beyond"
+"""Name in a state's memory of the elastic energy (1,) [J] of that displacement."""
 PUSHES = "pushes"
 """Name in a state's memory of the contact forces (r,) [N] of its step."""
 
@@ -160,7 +163,7 @@ class ModalContactMotion:
         self._pressing = modal_contacts(model, setup.contacts)
         self._impulse = 0.0, self._damp
         rows = self._pressing.touching.vertices.size
-        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows)}
+        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}
 
     def begin(self, state: MotionState) -> MotionState:
         """A start, refused inside a collider."""
@@ -172,6 +175,15 @@ class ModalContactMotion:
         """Displacement (n, 3) [m] of a state beyond the modes."""
         found = state.memory.get(LOCAL)
         return np.zeros_like(self._model.shell.rest_positions) if found is None else found
+
+    def energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state beyond the modes."""
+        return float(state.memory[BEYOND][0])
+
+    def frame(self, state: MotionState, x: Array, time: float) -> TouchedFrame:
+        """What touches at positions x (n, 3) and ``time`` [s]."""
+        self._pressing.at(time)
+        return touched_frame(self._pressing.touching, x, state.memory[PUSHES])
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""
@@ -204,7 +216,7 @@ class ModalContactMotion:
         free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
         kept = before.memory[LOCAL], before.memory[PUSHES]
         pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
-        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes}
+        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
         if "force" in before.memory:
             memory |= model.kept_of_euler(before, free, (free - q) / dt, force, dt)
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
