@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.gap_kernels import Packed, packed
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
 from modalshell.supports import VertexUnknowns
@@ -136,6 +138,10 @@ class Touching:
             gap[begin:end] = contact.distance(points if self._origin is None else points + self._origin, self.time)
         return gap if self.bounds is None else gap - self.bounds
 
+    def packed(self) -> Packed | None:
+        """The colliders as they are now, for compiled gaps; None where one has no compiled form."""
+        return packed(self.contacts, self.time, self._origin)
+
     def deepest_by_contact(self, x: Array) -> Array:
         """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
         gap, deepest = self.distances(x), np.zeros(self.vertices.size)
@@ -251,6 +257,17 @@ class Touching:
                     f"vertex {self.vertices[rows][worst]} begins {-own[worst]:.3g} m inside contact {index} ({kind}): "
                     "move the shell or the collider, or let it be pushed out (push_out= of ms.Contact, in m/s)"
                 )
+
+
+def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:
+    """What touches at positions x (n, 3), of forces (r,) [N] along the normals and ``further`` ones (n, 3) [N]."""
+    bare = touching.with_bounds(None)
+    forces, touches = bare.forces(x, pushes), np.zeros(len(x), dtype=bool)
+    if further is not None:
+        forces += further
+        touches |= further.any(axis=1)
+    touches[bare.vertices[pushes > 0.0]] = True
+    return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 
 
 def _unknowns_of(shell: Shell) -> tuple[Index, Index, Array]:

@@ -127,7 +127,7 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
 
 
 @_kernel
-def _slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
+def slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
     """``(dc2/dphi) / phi`` and ``(dc3/dphi) / phi`` at phi^2 = ``squared``, given c1, c2 and c3 there."""
     if squared < 1.0:
         # sum (-1)^k 2k phi^(2k-2) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
@@ -146,7 +146,7 @@ def _slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
 def _warp_slope(w, v, jacobian):  # type: ignore[no-untyped-def]
     """``d(Rt(w) v)/dw`` at fixed v for one vertex, into (3, 3)."""
     first, second, third = coefficients(w[0], w[1], w[2])
-    slope_second, slope_third = _slopes(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], first, second, third)
+    slope_second, slope_third = slopes(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], first, second, third)
     cx = w[1] * v[2] - w[2] * v[1]
     cy = w[2] * v[0] - w[0] * v[2]
     cz = w[0] * v[1] - w[1] * v[0]
@@ -194,7 +194,7 @@ def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: igno
 
 @_kernel
 def _curvatures(squared, slope_second, slope_third, second, third):  # type: ignore[no-untyped-def]
-    """``(d/dphi) / phi`` of both :func:`_slopes` at phi^2 = ``squared``, given these, c2 and c3 there."""
+    """``(d/dphi) / phi`` of both :func:`slopes` at phi^2 = ``squared``, given these, c2 and c3 there."""
     if squared < 1.0:
         # sum (-1)^k 2k (2k-2) phi^(2k-4) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
         term = -1.0 / 24.0
@@ -220,7 +220,7 @@ def warped_work_curvature(rotation_vectors, vectors, load, mixed, curvature):  #
         _warp_slope(-w, f, mixed[i])  # Rt(w)^T = Rt(-w)
         squared = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
         first, second, third = coefficients(w[0], w[1], w[2])
-        slope_second, slope_third = _slopes(squared, first, second, third)
+        slope_second, slope_third = slopes(squared, first, second, third)
         curve_second, curve_third = _curvatures(squared, slope_second, slope_third, second, third)
         slope_a = (v[1] * f[2] - v[2] * f[1], v[2] * f[0] - v[0] * f[2], v[0] * f[1] - v[1] * f[0])
         fw, vw, fv = 0.0, 0.0, 0.0

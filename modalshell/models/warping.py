@@ -13,6 +13,7 @@ from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
+from modalshell.models.base.modal_motion import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.warp_frame import WarpFrame
@@ -88,6 +89,11 @@ class ModalWarping(UnstretchedModel):
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
         moved, rows = self._moved_rows(q, vertices)
         return (self.shell.rest_positions[vertices] + moved).mean(axis=0), rows.mean(axis=0)
+
+    @cached_property
+    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+        """See :attr:`ModalMotion.contact_shape`."""
+        return contact_shape(self.basis, turns=True)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""

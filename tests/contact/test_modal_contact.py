@@ -29,13 +29,14 @@ def truth(shell):
     return ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
 
 
+@pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize("seed", range(6))
-def test_small_problems_are_solved_exactly(seed):
+def test_small_problems_are_solved_exactly(seed, symmetric):
     random = np.random.default_rng(seed)
     half = random.standard_normal((12, 5))
     matrix = half @ half.T + 1e-3 * np.eye(12)  # more rows than modes
     gaps, forces = random.standard_normal(12), np.zeros(12)
-    complementary(matrix, gaps, forces, 1e-12)
+    complementary(matrix, gaps, forces, 1e-12, symmetric)
     after = matrix @ forces + gaps
     assert forces.min() >= 0.0
     assert after.min() >= -1e-9

@@ -16,8 +16,10 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
@@ -255,9 +257,21 @@ class ModalStepper(Stepper):
         own = super().own_positions(state)
         return own if self._contacts is None else own + self._contacts.local(state)
 
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, without what contacts press in: loads act on the modes."""
+        return super().own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of what contacts press in beyond the modes."""
+        return 0.0 if self._contacts is None else float(self._contacts.energy(state))
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None if self._contacts is None else self._contacts.frame(state, self.own_positions(state), time)
+
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
-        model, damping = self.model, self.setup.damping
+        model, damping, contacts = self.model, self.setup.damping, self._contacts
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
@@ -265,6 +279,8 @@ class ModalStepper(Stepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
+        if contacts is not None and contacts.touched(state):
+            return self._pressed(state, force, (begin, dt))
         (after, solved), rule = model.march(state, dt, force, damping), model.integrator
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
@@ -275,12 +291,22 @@ class ModalStepper(Stepper):
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-        if self._contacts is not None:
-            pushed = force(state.coordinates, state.rates, 1.0)
-            after, outside = self._contacts.follow(state, after, pushed, begin + dt, dt)
-            if "force" in after.memory:
-                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-            solved = solved and outside
+        if contacts is not None:
+            after = contacts.clear(after)
+            if (gaps := contacts.enters(super().own_positions(after), begin + dt)) is not None:
+                return self._pressed(state, force, (begin, dt), gaps)
+        return after, solved
+
+    def _pressed(
+        self, state: MotionState, force: ForceInTime, when: tuple[float, float], gaps: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """The end of a step that contacts press on, of implicit Euler in the place of the rule's."""
+        pushed = force(state.coordinates, state.rates, 1.0)
+        after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, self.own_positions(state))
+        if own is not None:
+            self._known = [*self._known[-1:], (after, own)]
+        if "force" in after.memory:
+            after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         return after, solved
 
     def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:
