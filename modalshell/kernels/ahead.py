@@ -1,7 +1,7 @@
 """Kernels compiled ahead of need by a second process, on a machine with a core for it.
 
-Numba compiles on one thread of a process. Where the first kernel of a common scene is not in the cache yet, a second one
-takes those of the list below from its end, while the first one meets them from its beginning: what is compiled
+Numba compiles on one thread of a process. Where the first kernel of a common scene is not in the cache yet, a second
+process takes those of the list below from its end, while the first one meets them from its beginning: what is compiled
 by either is loaded by the other. It ends with the list, or with the process that began it.
 """
 
