@@ -24,7 +24,7 @@ from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
-from modalshell.shell.mirrored_hinges import MirroredHinges
+from modalshell.shell.mirrored_hinges import MirroredHinges, add_fold_curvatures
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
 from modalshell.shell.rest_folds import RestFolds
 from modalshell.shell.rest_shape import RestShape
@@ -298,7 +298,7 @@ class SplitFoldEnergy(RestFolds):
             hinges = self._folds.hinges
             self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
             couples = self._mirrors.without(couples)
-            kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 

@@ -130,9 +130,27 @@ def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
 
 
 @njit(**OPTIONS)
-def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots: Any, strides: Any, data: Any) -> None:
-    """Add ``sum couple Hess theta`` to the CSR values ``data``, or its positive semi-definite part if ``projected``."""
+def add_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum couple Hess theta`` to the CSR values ``data``."""
     local, none = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
+    packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
+    block = np.empty((3 * VERTICES, 3 * VERTICES))
+    for hinge in range(hinges.shape[0]):
+        couple = couples[hinge]
+        if couple == 0.0:
+            continue
+        second_derivatives(*relative(x, hinges, hinge), local, packed)
+        fill_block(VERTICES, 0.0, none, couple, packed, block)
+        add_block(hinges, hinge, VERTICES, block, slots, strides, data)
+
+
+@njit(**OPTIONS)
+def add_convex_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add the positive semi-definite part of ``sum couple Hess theta`` to the CSR values ``data``.
+
+    A kernel of its own, as many scenes need only the other and each takes a second to compile.
+    """
+    none = np.zeros(UNKNOWNS)
     packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
     block = np.empty((3 * VERTICES, 3 * VERTICES))
     factors, squares = np.empty(0), np.empty((0, UNKNOWNS))
@@ -145,15 +163,10 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots
         couple = couples[hinge]
         if couple == 0.0:
             continue
-        unknowns = relative(x, hinges, hinge)
-        if projected:
-            sign = 1.0 if couple > 0.0 else -1.0
-            convex_rows(*unknowns, sign, factors, squares, firsts, seconds, rows)
-            pack_products(rows, PRODUCTS, UNKNOWNS, packed)
-            couple = abs(couple)
-        else:
-            second_derivatives(*unknowns, local, packed)
-        fill_block(VERTICES, 0.0, none, couple, packed, block)
+        sign = 1.0 if couple > 0.0 else -1.0
+        convex_rows(*relative(x, hinges, hinge), sign, factors, squares, firsts, seconds, rows)
+        pack_products(rows, PRODUCTS, UNKNOWNS, packed)
+        fill_block(VERTICES, 0.0, none, abs(couple), packed, block)
         add_block(hinges, hinge, VERTICES, block, slots, strides, data)
 
 
