@@ -97,7 +97,7 @@ class SplitFoldEnergy(RestFolds):
 
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
-        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        of_folds = self._folds.hinges, self._rest_angles, self._shares, self._folds
         points = self._points(np.array(self._parts[0].vertices) - self._origin)
         return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
 

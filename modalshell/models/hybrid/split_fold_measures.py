@@ -153,7 +153,7 @@ class SplitFoldMeasures(Measures):
     def _coupled(self, vectors: Array) -> Array:
         """H times vectors (H, 3, k), component by component."""
         tall = vectors.reshape(len(vectors), 3 * vectors.shape[2])
-        return self._forms.couples(tall).reshape(vectors.shape)
+        return self._forms.shares.couples(tall).reshape(vectors.shape)
 
     def bending(self, columns: Array) -> Bending:
         """See the head of this file; ghosts rest."""
@@ -191,7 +191,7 @@ class SplitFoldMeasures(Measures):
             chosen = bent[begin : begin + _COLUMNS]
             units = np.zeros((len(self._forms.hinges), len(chosen)))
             units[chosen, np.arange(len(chosen))] = 1.0
-            block: Array = self._forms.couples(units)[bent].T
+            block: Array = self._forms.shares.couples(units)[bent].T
             rows = np.arange(len(chosen))
             diagonal[begin : begin + len(chosen)] = block[rows, begin + rows]
             block[rows, begin + rows] = 0.0
