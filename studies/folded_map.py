@@ -1,8 +1,8 @@
 """A map that is folded along three creases, let go, and keeps its folds, against one without creases.
 
 A sheet of four panels lies flat, its first edge clamped. Its second crease and its last edge are led along the paths
-that rigid panels would take, each crease turning by the fold angle, in a motion of one second; then they are let go. Creases yield on the way:
-statics find the shape that is left. Without creases the same sheet springs back flat.
+that rigid panels would take, each crease turning by the fold angle, in a motion of one second; then they are let go.
+Creases yield on the way, and statics find the shape that is left. Without creases the same sheet springs back flat.
 """
 
 from __future__ import annotations
