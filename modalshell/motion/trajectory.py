@@ -129,7 +129,7 @@ class Trajectory(Drawn):
     def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
         """One frame at time 0: a static answer under the loads, its outcome the solver's."""
         shell = shell if answer.creases is None else shell.creased(answer.creases)
-        kept = {} if answer.creases is None else _kept(answer.creases)
+        kept: dict[str, Any] = {} if answer.creases is None else _kept(answer.creases)
         if answer.in_contact.size:
             forces, touches = answer.contact_forces[None], answer.in_contact[None]
             kept |= {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
@@ -157,6 +157,6 @@ class Trajectory(Drawn):
         return WRITERS[target.suffix](self, target, on_frame)
 
 
-def _kept(state: CreaseState) -> dict[str, Array]:
+def _kept(state: CreaseState) -> dict[str, Any]:
     """What creases have kept, as of one frame."""
     return {"crease_angles": state.angles[None], "crease_heat": np.array([state.dissipated])}

