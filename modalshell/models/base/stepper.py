@@ -109,6 +109,7 @@ class Stepper(ABC):
         return self.in_world(self.own_positions(state), time)
 
     def in_world(self, own: Array, time: float) -> Array:
+        """Positions (n, 3) [m] in the world of ``own`` ones in the frame of the states."""
         if self._frame is not None:
             own = self._frame.at(time).to_world(own)
         return own + self.origin if self._off_centre else own
@@ -117,11 +118,11 @@ class Stepper(ABC):
         """Positions (n, 3) [m] in the frame of the states on which loads do their work."""
         return self.own_positions(state)
 
-    def further_energy(self, state: MotionState) -> float:  # noqa: ARG002
-        """Elastic energy [J] of a state besides the model's own."""
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state in addition to the model's own."""
         return 0.0
 
-    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:  # noqa: ARG002
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
         return None
 
