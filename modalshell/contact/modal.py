@@ -156,9 +156,7 @@ class ModalContacts:
         """Whether a row of some gaps (r,) touches, or is inside."""
         return bool((gaps <= EXACT_GAP * self.touching.size).any())
 
-    def press(
-        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]
-    ) -> Pressed:
+    def press(self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]) -> Pressed:
         """The coordinates nearest to ``free`` (m,), in the norm of the stiffness, that leave every vertex outside.
 
         ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about ``start`` (m,)

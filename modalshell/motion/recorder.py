@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -170,7 +170,8 @@ class Recorder:
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
         outcome, message = self.verdict()
-        shell, contacts = self.motion.shell, {}
+        shell = self.motion.shell
+        contacts: dict[str, Any] = {}
         if self.touched:
             names = "contact_forces", "in_contact", "deepest"
             contacts = {name: np.array(each) for name, each in zip(names, zip(*self.touched, strict=True), strict=True)}

@@ -122,7 +122,7 @@ class Trajectory(Drawn):
     @classmethod
     def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
         """One frame at time 0: a static answer under the loads, its outcome the solver's."""
-        contacts = {}
+        contacts: dict[str, Any] = {}
         if answer.in_contact.size:
             forces, touches = answer.contact_forces[None], answer.in_contact[None]
             contacts = {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}

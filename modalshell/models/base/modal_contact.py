@@ -48,7 +48,9 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
     def positions(q: Array) -> Array:
         return model.warped_positions(q)
 
-    return ModalContacts(given, model.basis, positions, model.contact_rows, turns=not model.straight, shape=model.contact_shape)
+    return ModalContacts(
+        given, model.basis, positions, model.contact_rows, turns=not model.straight, shape=model.contact_shape
+    )
 
 
 def equilibrium_on_modal_contacts(

@@ -117,11 +117,11 @@ class Stepper(ABC):
         """Positions (n, 3) [m] in the frame of the states on which loads do their work."""
         return self.own_positions(state)
 
-    def further_energy(self, state: MotionState) -> float:  # noqa: ARG002
+    def further_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of a state besides the model's own."""
         return 0.0
 
-    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:  # noqa: ARG002
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
         return None
 
