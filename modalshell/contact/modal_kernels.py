@@ -184,7 +184,7 @@ def warp_slope(w, u, n, out):  # type: ignore[no-untyped-def]
 
 @_kernel
 def _reached(shape, near, bodies, q, local, begin):  # type: ignore[no-untyped-def]
-    """Gaps (k,) at q with displacements (k, 3) in the axes at rest, turned in place; and the move [m] from ``begin``."""
+    """Gaps (k,) at q with displacements (k, 3) in the axes at rest, turned in place; the move [m] from ``begin``."""
     rest, modes, rotations, turns = shape
     vertices, contact_of = near
     gaps, move = np.empty(vertices.size), 0.0

@@ -109,6 +109,7 @@ class Stepper(ABC):
         return self.in_world(self.own_positions(state), time)
 
     def in_world(self, own: Array, time: float) -> Array:
+        """Positions (n, 3) [m] of the frame of the states in the world at ``time`` [s]."""
         if self._frame is not None:
             own = self._frame.at(time).to_world(own)
         return own + self.origin if self._off_centre else own

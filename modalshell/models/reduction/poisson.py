@@ -109,7 +109,7 @@ class PoissonFit:
         return out
 
     def green(self, vertex: int) -> Array:
-        """Displacement (N,) of a vertex per unit of each row of a right side, of shells whose supports hold vertices."""
+        """Displacement (N,) of a vertex per unit of each row of a right side, where supports hold vertices."""
         unit = np.zeros((self.rows - 1, 1))
         unit[self._kept == vertex] = 1.0
         return np.asarray(self.factor.solve(unit)[:, 0])
