@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 from paper_figures.model_colors import model_color

@@ -218,7 +218,7 @@ def test_derivatives_of_answers_with_contacts_are_refused():
 
 
 @pytest.fixture(scope="module")
-def draped():
+def strip_over_a_cylinder():
     """Half a strip over a cylinder: how far its tip hangs from the elastica's, and the shells of some cells."""
     flexure, length, radius = 1e9 * 1e-9 / 12.0, 3.0, 1.0
     sheet = ms.Isotropic(young=1e9, poisson=0.0, thickness=1e-3, density=flexure / (9.81 * 1e-3))
@@ -238,8 +238,8 @@ def draped():
     return shell, {"gravity": (0, 0, -9.81), "contacts": contacts}, off
 
 
-def test_a_coarse_answer_starts_a_drape_that_then_takes_few_iterations(draped):
-    shell, given, off = draped
+def test_a_coarse_answer_starts_a_drape_that_then_takes_few_iterations(strip_over_a_cylinder):
+    shell, given, off = strip_over_a_cylinder
     fine = shell(45)
     first = ms.CoarseDiscreteShell(fine, shell(15)).equilibrium(**given)
     assert first.converged
@@ -254,8 +254,8 @@ def test_a_coarse_answer_starts_a_drape_that_then_takes_few_iterations(draped):
     assert off(state, fine) < 2e-4
 
 
-def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(draped):
-    shell, given, _ = draped
+def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(strip_over_a_cylinder):
+    shell, given, _ = strip_over_a_cylinder
     fine = shell(24)
     model = ms.CoarseDiscreteShell(fine, shell(12))
     with pytest.raises(ms.OptionError, match="coarse DS takes contacts in equilibrium alone"):
