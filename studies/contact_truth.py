@@ -352,7 +352,8 @@ def table(result: StudyResult) -> str:
         markdown(
             "mesh | cells | end | height [l_g] | iterations, coarse | fine | force error [%] | drawn-in error [%] | "
             "free length error [l_g]",
-            "{mesh} | {cells} | {end} | {height:g} | {coarse} | {iterations} | {force:100*.3f} | {drawn:100*.2f} | {free:.3f}",
+            "{mesh} | {cells} | {end} | {height:g} | {coarse} | {iterations} | {force:100*.3f} | {drawn:100*.2f} | "
+            "{free:.3f}",
             found["lifted"],
         ),
         "Half a strip over a cylinder:",
