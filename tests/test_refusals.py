@@ -81,6 +81,13 @@ def _one_nan(value):
 
 
 @functools.cache
+def made_with_crease():
+    """A strip with one crease."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(4, 1))
+    sheet = ms.Isotropic(young=1e9, poisson=0.3, thickness=1e-3, density=1000.0)
+    return ms.Shell(mesh, sheet, clamped="x < 0.1", creases=[ms.Crease("abs(x - 0.5) < 1e-6", 1.0)])
+
+
 def methods():
     """Sound calls of methods that the fuzzer does not know by their own name."""
     rest = part("shell", "rest_positions").then(np.array)
@@ -96,6 +103,7 @@ def methods():
         Target("Shell.support_reactions", part("shell", "support_reactions"), {"positions": moved, "force": vectors}),
         Target("Shell.total_load", part("shell", "total_load"), {"gravity": gravity, "force": vectors}),
         Target("Shell.loading", part("shell", "loading"), {"gravity": gravity, "force": vectors}),
+        Target("Shell.creased", made_with_crease().creased, {"state": np.array([0.1])}),
         Target("Shell.checked_positions", part("shell", "checked_positions"), {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", model("ds", "lowest_eigenvalue"), {"positions": rest}),
         Target("EquilibriumPath.crossings", path.then(lambda found: found.crossings), {"factor": 0.5}),
