@@ -81,11 +81,10 @@ def _one_nan(value):
 
 
 @functools.cache
-def made_with_crease():
-    """A strip with one crease."""
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(4, 1))
-    sheet = ms.Isotropic(young=1e9, poisson=0.3, thickness=1e-3, density=1000.0)
-    return ms.Shell(mesh, sheet, clamped="x < 0.1", creases=[ms.Crease("abs(x - 0.5) < 1e-6", 1.0)])
+def creased(shell):
+    """The method of a shell with one crease."""
+    ends = shell.mesh.edges[shell.mesh.hinge_edges[:1]]
+    return ms.Shell(shell.mesh, shell.material, clamped=shell.clamped, creases=[ms.Crease(ends, 1.0)]).creased
 
 
 def methods():
@@ -103,7 +102,7 @@ def methods():
         Target("Shell.support_reactions", part("shell", "support_reactions"), {"positions": moved, "force": vectors}),
         Target("Shell.total_load", part("shell", "total_load"), {"gravity": gravity, "force": vectors}),
         Target("Shell.loading", part("shell", "loading"), {"gravity": gravity, "force": vectors}),
-        Target("Shell.creased", made_with_crease().creased, {"state": np.array([0.1])}),
+        Target("Shell.creased", part("shell").then(creased), {"state": np.array([0.1])}),
         Target("Shell.checked_positions", part("shell", "checked_positions"), {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", model("ds", "lowest_eigenvalue"), {"positions": rest}),
         Target("EquilibriumPath.crossings", path.then(lambda found: found.crossings), {"factor": 0.5}),

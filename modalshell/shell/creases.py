@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.core.errors import LoadError, MaterialError, OptionError
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
@@ -118,6 +119,7 @@ def _edges_of_pairs(pairs: Index, mesh: TriangleMesh) -> Index:
 
 
 @final
+@short_repr
 @dataclass(frozen=True, eq=False)
 class CreaseState(ReadOnlyArrays):
     """What creases keep.
