@@ -128,10 +128,6 @@ class ModalWarping(UnstretchedModel):
         work = rotations.warped_work(w, linear, load, averaged, slope)
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
 
-    def on_basis(self, basis: Basis) -> ModalWarping:
-        """The same model on another basis of its shell."""
-        return ModalWarping(basis, consistent_force=self.consistent_force)
-
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
         return self.warped_work(q, weights)[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -32,7 +31,7 @@ from modalshell.models.base.stepper import Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
-from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
+from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
 
@@ -68,10 +67,6 @@ class ModalModel(ModalMotion):
         cause at rest, in the frame of the modes' own elastic forces.
         """
         return ModalTangent(self, state).derivative(wrt, of)
-
-    def on_basis(self, basis: Basis) -> ModalModel:
-        """The same model on another basis of its shell."""
-        return type(self)(basis)
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer from the model's own :meth:`_free_statics`."""
@@ -158,9 +153,22 @@ class ModalModel(ModalMotion):
             return Outcome.WOUND_UP
         return Outcome.DISTORTED if self._distortion.of(positions) else None
 
-    @abstractmethod
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
-        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
+        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any.
+
+        The minimum of the potential where the force has one, else the balance by Newton along a growing load.
+        """
+        if self.conservative:
+            return least_potential(self, load, start)
+
+        def force(q: Array, share: float) -> Array:
+            return self.modal_force(q, share * load)
+
+        def slope(q: Array, share: float) -> Array:
+            return self.modal_force_jacobian(q, share * load)
+
+        basis = self.basis
+        return balance(force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, start)
 
     def _constrained_answer(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Least modal energy under the constraints, the modal force iterated until it settles."""
