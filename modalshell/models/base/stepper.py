@@ -119,7 +119,7 @@ class Stepper(ABC):
         return self.own_positions(state)
 
     def further_energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of a state besides the model's own."""
+        """Elastic energy [J] of a state in addition to the model's own."""
         return 0.0
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
