@@ -85,7 +85,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     findings: dict[str, Any] = {kind: [] for kind, _ in cases}
     fine = 24 if quick else 80
     answers: dict[str, Callable[[Any], list[dict[str, Any]]]] = {
-        "lifted": lambda case: lifted(*case, list(LEVEL if case[2] else LIFTED)[::every]),
+        "lifted": lambda case: lifted(case[0], case[1], case[2], list(LEVEL if case[2] else LIFTED)[::every]),
         "draped": lambda case: [draped(case[0], case[1], 30 if quick else 60)],
         "rings": lambda case: [ring(case[0], case[1], fine)],
         "bent": lambda case: [bent(case[0], fine)],
