@@ -265,11 +265,6 @@ class ModalMotion(ModalShape, FrameModel):
             return self.warped_rows(q, vertices)
         return self.frames.rows(q, vertices, self.warped_rows, self.warped_positions)
 
-    @property
-    def contact_shape(self) -> tuple[Array, Array, Array, bool] | None:
-        """Positions at rest (n, 3), modes and rotations (3n, m), and whether these turn; None without a closed form."""
-        return None
-
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
         return position_rows(self.raw_displacement, q, vertices, self.basis.rotations)
@@ -355,10 +350,3 @@ class ModalMotion(ModalShape, FrameModel):
         if self.frames is not None:
             return self.frames.kinetic_energy(state, self.warped_positions)
         return float(0.5 * state.rates @ state.rates)
-
-
-def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array, bool]:
-    """What compiled contacts need of a warp in closed form; see :attr:`ModalMotion.contact_shape`."""
-    own = [np.array(part, dtype=np.float64, order="C") for part in (basis.shell.rest_positions, basis.modes)]
-    rotations = np.array(basis.rotations, dtype=np.float64, order="C") if turns else np.empty((0, basis.count))
-    return own[0], own[1], rotations, turns
