@@ -178,10 +178,7 @@ class ModalContactMotion:
         if not (before.memory[LOCAL].any() or pressing.touches(free.coordinates)):
             return MotionState(free.coordinates, free.rates, free.memory | {LOCAL: none}), True
         eigenvalues, q = model.basis.eigenvalues, before.coordinates
-        if "force" in before.memory:
-            ahead = model.euler_step(before, dt, force, self._damping)
-        else:
-            ahead = MotionState(*EULER.step(q, before.rates, lambda _: force, eigenvalues, self._damp, dt), free.memory)
+        ahead = model.euler_step(before, dt, force, self._damping)
         compliance = EULER.impulse(eigenvalues, self._damp, dt)[0]
         pressed = pressing.press(ahead.coordinates, compliance, ahead.coordinates)
         return MotionState(pressed.q, (pressed.q - q) / dt, ahead.memory | {LOCAL: pressed.local}), pressed.solved

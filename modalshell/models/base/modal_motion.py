@@ -19,7 +19,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.model import FrameModel, probes
@@ -274,14 +274,10 @@ class ModalMotion(Warp, FrameModel):
         return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
 
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
-        q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
-        after = MotionState(*EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt))
-        gain, none = force - state.memory["force"], np.zeros_like(q)
-        error = 0.5 * dt * (after.rates - v)
-        cost = [part @ part for part in (error, after.rates - v, after.coordinates - q)]
-        keeps = {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: np.array(cost)}
-        return MotionState(after.coordinates, after.rates, keeps)
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
+        damp = self._modal_damping(damping)
+        after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
+        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
