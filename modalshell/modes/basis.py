@@ -320,10 +320,12 @@ def _solved(
     shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
-    if shell.rest_shape is not None:
+    shell.refuse_creases("a modal model")
+    if shell.stressed:
         raise OptionError(
-            "modes about the mesh need a shell without stress there (got one of a prestrain, rest_curvature or "
-            "temperature): find its equilibrium by ms.DiscreteShell, and its modes by solve_modes(shell, about=state)"
+            "modes about the mesh need a shell without stress there (got one of a prestrain, rest_curvature, "
+            "temperature or rest): find its equilibrium by ms.DiscreteShell, and its modes by "
+            "solve_modes(shell, about=state)"
         )
     forces = attached_forces(shell, attachments)
     eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)

@@ -47,6 +47,7 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
+from modalshell.scene.rest import CreaseTable, RestTable, build_creases, rest_content, rest_options
 from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
@@ -69,8 +70,8 @@ class Scene(ABC):
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, energies, loads, motion, output, units
-        The tables; see :mod:`modalshell.scene.tables`. None where not declared.
+    mesh, material, model, supports, energies, loads, motion, output, units, rest, creases
+        The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.rest`. None where not declared.
     """
 
     name: str
@@ -84,6 +85,8 @@ class Scene(ABC):
     motion: tables.MotionTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
     units: tables.Units | None = None
+    rest: RestTable | None = None
+    creases: tuple[CreaseTable, ...] = ()
 
     @abstractmethod
     def require_shell(self) -> ShellScene:
@@ -100,6 +103,9 @@ class Scene(ABC):
             with located(self.file, "material", self.material):
                 values = material_values(self.material, self.file.parent)
             content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
+        # Results of scenes without these tables keep their digests.
+        content |= {} if self.rest is None else {"rest": rest_content(self.file, self.rest)}
+        content |= {"creases": [table.plain() for table in self.creases]} if self.creases else {}
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
@@ -107,6 +113,11 @@ class Scene(ABC):
         content = json.dumps(self.content(), sort_keys=True).encode()
         arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
         return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
+
+    @property
+    def unit_system(self) -> UnitSystem:
+        """Units of the scene's numbers, and of its results."""
+        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
 
     @property
     def _of_theory(self) -> bool:
@@ -120,7 +131,7 @@ class Scene(ABC):
             if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
                 split = self._of_theory
                 demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
-            return build_mesh(self.mesh, self.file.parent)
+            return build_mesh(self.mesh, self.file.parent, self.unit_system.metres)
 
     def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
         """The shell with its mesh (``mesh`` if that is built already), material and supports.
@@ -146,8 +157,12 @@ class Scene(ABC):
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):
                 energies.append(entry.build())
-        with located(self.file, "material", self.material):
-            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts)
+        options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None))
+        if self.creases:
+            options["creases"] = build_creases(self.file, self.creases, mesh)
+        place = ("rest", self.rest) if self.rest is not None else ("material", self.material)
+        with located(self.file, *place):
+            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts, **options)
 
     def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
         """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""
@@ -258,11 +273,6 @@ class ShellScene(Scene):
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
         moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} s."
         return effective[worst], " ".join(filter(None, (moved, note)))
-
-    @property
-    def unit_system(self) -> UnitSystem:
-        """Units of the scene's numbers, and of its results."""
-        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
         """Build path of the supports, dead forces (n, 3) [N] without gravity, loads and constraints on ``shell``.
