@@ -17,7 +17,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.model import FrameModel, probes
@@ -227,18 +227,10 @@ class ModalMotion(ModalShape, FrameModel):
         return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
 
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
         damp = self._modal_damping(damping)
         after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return MotionState(*after, self.kept_of_euler(state, *after, force, dt))
-
-    @staticmethod
-    def kept_of_euler(before: MotionState, q: Array, rates: Array, force: Array, dt: float) -> dict[str, Array]:
-        """What a rule that keeps forces keeps of a step of implicit Euler to q and ``rates`` (m,)."""
-        gain, none, faster = force - before.memory["force"], np.zeros_like(q), rates - before.rates
-        error, way = 0.5 * dt * faster, q - before.coordinates
-        cost = np.array([part @ part for part in (error, faster, way)])
-        return {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: cost}
+        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
