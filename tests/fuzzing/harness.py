@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis.strategies import SearchStrategy
+from numba.core import event
 
 from modalshell.core.errors import ModalShellError
 
@@ -79,6 +80,53 @@ class LongWork(Exception):
     """Raised out of accepted input that asks for much work, as it may: an answer, in bits that a suite has time for."""
 
 
+class _Compilation(event.Listener):
+    """Seconds of processor time and of wall time that numba has compiled in this process.
+
+    An input that is the first to run a kernel compiles it, which says nothing of the input.
+    """
+
+    def __init__(self) -> None:
+        self.worked = self.waited = 0.0
+        self._begun: list[tuple[float, float]] = []
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - the signature of a listener
+        self._begun.append((time.process_time(), time.perf_counter()))
+
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002 - the signature of a listener
+        worked, waited = self._begun.pop()
+        if not self._begun:  # kernels that a kernel calls are compiled within it
+            self.worked += time.process_time() - worked
+            self.waited += time.perf_counter() - waited
+
+    def seconds(self) -> tuple[float, float]:
+        """So far, with the compilation that is under way."""
+        worked, waited = self.worked, self.waited
+        if self._begun:
+            worked += time.process_time() - self._begun[0][0]
+            waited += time.perf_counter() - self._begun[0][1]
+        return worked, waited
+
+
+_COMPILATION = _Compilation()
+event.register("numba:compile", _COMPILATION)
+
+
+class _Clock:
+    """Processor time and wall time since it was made, without those of compilation."""
+
+    def __init__(self) -> None:
+        self._start = self._now()
+
+    @staticmethod
+    def _now() -> tuple[float, float]:
+        worked, waited = _COMPILATION.seconds()
+        return time.process_time() - worked, time.perf_counter() - waited
+
+    def read(self) -> tuple[float, float]:
+        return tuple(now - start for now, start in zip(self._now(), self._start, strict=True))  # type: ignore[return-value]
+
+
 class _TimeUp(BaseException):
     """Raised by the timer; no Exception, so that ``except Exception`` does not take it for a damaged file."""
 
@@ -96,7 +144,7 @@ class Input:
 
 def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
     """``"answer"`` or ``"refused"``; a FuzzFinding for anything else."""
-    worked, waited = time.process_time(), time.perf_counter()
+    clock = _Clock()
     answer, found = None, "answer"
     try:
         with warnings.catch_warnings(), _time_limit(limit):
@@ -114,7 +162,7 @@ def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
         raise Hang(f"no answer within {limit:g} s of work and {PATIENCE * limit:g} s in all") from None
     except Exception as error:
         raise UncaughtException(f"{type(error).__name__}: {error}"[:500]) from error
-    worked, waited = time.process_time() - worked, time.perf_counter() - waited
+    worked, waited = clock.read()
     if worked > limit or waited > PATIENCE * limit:  # native code, or something that swallowed the timer's exception
         raise Hang(f"{found} after {worked:.1f} s of work and {waited:.1f} s in all, above {limit:g} s of work")
     place = next(not_finite(answer), None)
@@ -171,6 +219,7 @@ class _time_limit:
         )
 
     def __enter__(self) -> None:
+        self._clock = _Clock()
         self._before = [signal.signal(number, self._stop) for _, number, _ in self._timers]
         # Again and again: the first may fall into a callback that swallows every exception.
         for timer, _, seconds in self._timers:
@@ -184,9 +233,10 @@ class _time_limit:
         for (_, number, _), before in zip(self._timers, self._before, strict=True):
             signal.signal(number, before)
 
-    @staticmethod
-    def _stop(*_: object) -> None:
-        raise _TimeUp
+    def _stop(self, *_: object) -> None:
+        worked, waited = self._clock.read()
+        if worked > 0.99 * self._seconds or waited > 0.99 * PATIENCE * self._seconds:  # else it compiled kernels
+            raise _TimeUp
 
 
 def few_steps(done: int, _total: int) -> None:
