@@ -125,7 +125,8 @@ def main(target: Path = FAMILY) -> Path:
         shell = cloth(mesh, float(length))
         states.append(min(pair, key=lambda positions: potential(shell, positions)))
     shares = [coefficient(state, mesh.faces) for state in states]
-    missed, scatter = [], []
+    missed: list[list[float]] = []
+    scatter: list[list[float]] = []
     for number, length in enumerate(np.sqrt(lengths[1:] * lengths[:-1])):
         expected = coefficient_between(float(length), lengths.tolist(), shares)
         runs = [(missed, 0.5 * (states[number] + states[number + 1]))] + [(scatter, flat)] * (number % 2)
