@@ -38,7 +38,7 @@ def say(*lines: object, sep: str = " ") -> None:
 def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], None]]:
     """A progress bar with the time left, as a callback of (done, total); it is shown after ``delay`` [s].
 
-    Where standard error is no terminal, as in a log, it is one line every :data:`LOG_EVERY` seconds, and one at the end.
+    Where standard error is no terminal, as in a log, it is one line every :data:`LOG_EVERY` seconds, and a last one.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
