@@ -90,6 +90,9 @@ def tradeoff(
     ] = None,
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
     engines: Annotated[bool, Parameter(help="Ask other engines, too: CalculiX, MuJoCo, Newton.", negative="")] = False,
+    quick: Annotated[
+        bool, Parameter(negative="", help="By error bars: DS is solved only where one is void, and nothing is trained.")
+    ] = False,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Measure every model that a scene allows: its error against DS (discrete shells) and its cost per frame.
@@ -101,7 +104,7 @@ def tradeoff(
     _spare_measurements(scene, out)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
-        measured = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
+        measured = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, quick=quick, on_step=on_step)
     say(measured.table(), *measured.save(out), sep="\n")
 
 

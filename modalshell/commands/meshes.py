@@ -51,7 +51,7 @@ _SAME = "young poisson thickness density component join modes gravity duration d
 _OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp", "name": "--model"}
 """Options by the keys and parameters that they become."""
 
-MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
+MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF, glTF or USD file.")]
 
 
 @Parameter(name="*")
@@ -77,7 +77,7 @@ class _MeshOptions:
     ] = None
     up: Annotated[
         Up | None,
-        Parameter(help="Axis of the file that points up, rotated to z; y for glTF and z for others if omitted."),
+        Parameter(help="Axis of the file that points up, rotated to z; by default as USD states, y of glTF, else z."),
     ] = None
 
     def mesh(self, path: Path, repair: bool) -> ms.TriangleMesh:

@@ -16,6 +16,7 @@ import modalshell as ms
 from modalshell.commands.terminal import progress, say
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
+from modalshell.export.usd import save_usd
 from modalshell.files.atomic_io import write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
@@ -37,11 +38,14 @@ def export(
         Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
+    up: Annotated[Literal["y", "z"], Parameter(help="Axis that points up in a USD file.")] = "z",
 ) -> None:
     """Convert a saved motion or basis to a format of other programs.
 
     Example: modalshell export results/leaf.npz --to usd
     """
+    if up != "z" and to != "usd":
+        raise ms.OptionError(f"--up goes with --to usd; {to} files have their own axis")
     result = _result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
     checked_target("--out", target, (_SUFFIXES[to],), result)
@@ -69,7 +73,10 @@ def export(
         say(_played(run, result.stem).save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
-        say(ms.save_trajectory(run, target, on_frame=on_frame))
+        if up == "y":
+            say(save_usd(run, target, on_frame, up))
+        else:
+            say(ms.save_trajectory(run, target, on_frame=on_frame))
     if target.suffix in (".pc2", ".mdd"):
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         say(rest)

@@ -12,6 +12,7 @@ from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import Tradeoff
 from modalshell.core.outcome import Outcome
 from modalshell.scene.write import toml_table
+from modalshell.statics.error_bar import ErrorEstimator
 
 NEAR_TIE = 1.25
 """Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
@@ -24,7 +25,7 @@ def advice_text(
 ) -> str:
     """Explanation of a choice: the first of the ``ties`` at nearly the cheapest frame, if there are any."""
     if ties:
-        text = _chosen_text(ties[0], error, fps)
+        text = [*_chosen_text(ties[0], error, fps), *_bar_text(measured, ties[0])]
         if (table := ties[0].candidate.model_table) is not None:
             text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
     else:
@@ -46,6 +47,22 @@ def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
         f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing.",
         *([f"Its motion: {row.motion}."] if row.motion != Outcome.COMPLETED else []),
     ]
+
+
+def _bar_text(measured: Tradeoff, row: Measurement) -> list[str]:
+    """What the error bar of the row's answer under the whole load says, and what a trained model knows."""
+    case, text = measured.case, []
+    if row.candidate.spec.needs == "coarse training":
+        text.append(
+            "It was trained on this load, which the preprocessing holds; frames under loads unlike it go to its "
+            f"coarse shell of {row.candidate.size} by themselves, and cost more."
+        )
+    elif row.candidate.spec.needs == "training":
+        text.append("It was trained on this load; loads unlike it need a training of their own.")
+    if not row.is_truth and row.converged:
+        bar = ErrorEstimator(case.shell).bar(row.positions, case.load)
+        text.append(f"Its error bar under the whole load, which needs no answer of DS (bar = true in a scene): {bar}.")
+    return text
 
 
 def _none_text(allowed: list[Measurement], error: float, fps: float) -> list[str]:

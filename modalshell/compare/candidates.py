@@ -11,7 +11,7 @@ from modalshell.compare.case import Case
 from modalshell.core.errors import ModalShellWarning
 from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
-from modalshell.models.registry import ModelSpec, models
+from modalshell.models.registry import TRUTH, ModelSpec, models
 from modalshell.scene.models import model_tables
 
 MODES = (4, 8, 16)
@@ -91,3 +91,23 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
         else:
             chosen.append(Candidate(spec))
     return chosen, left_out
+
+
+def quick_candidates(
+    chosen: Sequence[Candidate], left_out: Mapping[str, str]
+) -> tuple[list[Candidate], dict[str, str]]:
+    """Those of the ``chosen`` that a quick comparison runs, and why others are left out.
+
+    It runs what is ready in a second: no training, no search by motion, and no implicit steps of whole shells, whose
+    kernels take most of a first comparison to compile.
+    """
+    kept, reasons = list[Candidate](), dict(left_out)
+    for one in chosen:
+        spec = one.spec
+        if spec.key == TRUTH:
+            reasons[spec.name] = "quick comparisons take its answers from error bars where these hold"
+        elif spec.on_coarse_mesh or spec.needs == "training" or not spec.bends:
+            reasons[spec.name] = "quick comparisons leave out what is trained, found by motion or on a coarse shell"
+        else:
+            kept.append(one)
+    return kept, reasons

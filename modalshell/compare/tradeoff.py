@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.compare.bar_reference import path_by_bars
 from modalshell.compare.bifurcation import first_bifurcation
-from modalshell.compare.candidates import MODES, candidates, case_factory
+from modalshell.compare.candidates import MODES, Candidate, candidates, case_factory, quick_candidates
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes, on_front
 from modalshell.compare.engine_runs import engine_lines, engine_rows
@@ -30,6 +31,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
 from modalshell.models import CoarseMesh
+from modalshell.models.registry import TRUTH, models
 from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.shell import Material, Shell
@@ -130,7 +132,9 @@ class Tradeoff:
         written = StudyResult(stem, self.findings(), arrays, run_record({"case": self.case.name})).save(folder)
         written.append(write_text(Path(folder) / f"{stem}.md", f"# {self.case.name}\n\n{self.table()}\n"))
         written.append(self.plot().save(Path(folder) / f"{stem}.png"))
-        shapes = {row.label: row.positions for row in self.rows}
+        shapes = {models()[TRUTH].name: self.path.answers[-1].positions} | {
+            row.label: row.positions for row in self.rows
+        }
         faces = self.case.shell.mesh.faces
         written.append(draw_shapes([(self.findings(), shapes, faces)], Path(folder) / f"{stem}_shapes.png"))
         return written
@@ -146,6 +150,7 @@ def tradeoff(
     loads: Sequence[float] = LOADS,
     truth: ArrayLike | str | os.PathLike[str] | None = None,
     engines: bool = False,
+    quick: bool = False,
     on_step: Progress | None = None,
 ) -> Tradeoff:
     """Run every rung that a scene allows, at several mode counts, against DS over the load range.
@@ -175,6 +180,10 @@ def tradeoff(
         Whether other engines answer the whole load, too, each in a process of its own: CalculiX, MuJoCo's flex and
         Newton's VBD, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this one. What is
         missing is named, with how to get it.
+    quick : bool
+        Whether errors are measured against what error bars (:class:`modalshell.ErrorBar`) say that DS would answer;
+        DS itself is solved only where a bar is void. Models that are trained, found by motion or on coarse shells are
+        left out, and DS is not timed.
     on_step : callable, optional
         Called with the models done and their total.
 
@@ -196,8 +205,12 @@ def tradeoff(
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
     asked = checked_kind("engines", engines, bool)
-    warm_up()
-    measured = _measured(case, modes, factors, outside, on_step)
+    if by_bars := checked_kind("quick", quick, bool):
+        if asked:
+            raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
+    else:
+        warm_up()
+    measured = _measured(case, modes, factors, outside, on_step, by_bars)
     if not asked:
         return measured
     path = measured.path
@@ -206,9 +219,16 @@ def tradeoff(
 
 
 def _measured(
-    case: Case, modes: Sequence[int], factors: Sequence[float], outside: Array | None, on_step: Progress | None
+    case: Case,
+    modes: Sequence[int],
+    factors: Sequence[float],
+    outside: Array | None,
+    on_step: Progress | None,
+    quick: bool = False,
 ) -> Tradeoff:
     chosen, left_out = candidates(case, modes)
+    if quick:
+        chosen, left_out = quick_candidates(chosen, left_out)
     total, done = len(factors) + len(chosen), 0
 
     def advance() -> None:
@@ -217,7 +237,12 @@ def _measured(
         if on_step is not None:
             on_step(done, total)
 
-    path = follow_loads(case.shell, case.load, factors, advance)
+    factory = case_factory(case)
+    if quick:
+        path, note = path_by_bars(_most_exact(chosen).build(factory)[0], case.load, factors, advance)
+        case = replace(case, note=" ".join(filter(None, (note, case.note))))
+    else:
+        path = follow_loads(case.shell, case.load, factors, advance)
     if not path.known:
         first = path.answers[0]
         raise SolverError(
@@ -228,7 +253,6 @@ def _measured(
     last = path.answers[path.known[-1]].positions
     tip = int(np.argmax(np.linalg.norm(last - case.shell.rest_positions, axis=1)))
     rows = []
-    factory = case_factory(case)
     for candidate in chosen:
         try:
             rows.append(measure_row(candidate, case, factory, path, tip, outside))
@@ -236,7 +260,14 @@ def _measured(
             left_out[candidate.label] = str(error)
         advance()
     rows.sort(key=lambda row: row.cost)  # stable: of equals the simpler one, first on the ladder
-    return Tradeoff(case, path, rows, left_out, tip, outside, first_bifurcation(case))
+    # Where every bar holds no branch ends, and none crosses: the margin is that of the stiffness.
+    barred = all(answer.bar is not None for answer in path.answers)
+    return Tradeoff(case, path, rows, left_out, tip, outside, None if barred else first_bifurcation(case))
+
+
+def _most_exact(chosen: Sequence[Candidate]) -> Candidate:
+    """The candidate from whose answers bars lead to DS: the last on modes, which is the dearest and most exact."""
+    return [one for one in chosen if one.spec.on_modes][-1]
 
 
 def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:

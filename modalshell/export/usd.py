@@ -1,8 +1,9 @@
-"""USD files of a mesh with time-sampled points, in the unit of length that they name, z up."""
+"""USD files of a mesh with time-sampled points, in the unit of length and with the axis up that they name."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -11,38 +12,52 @@ from modalshell.export.near_origin import centred
 from modalshell.files.atomic_io import replacing
 from modalshell.motion import Trajectory
 
-_RATE = 30.0
-"""Time codes a second of a single frame."""
+RATE = 24.0
+"""Frames, and time codes, a second: what programs play that do not take the rate from the file, as Blender.
+
+Frames of the motion lie between whole time codes, where they have their own times; players interpolate.
+"""
 
 
-def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
-    """Write a USD stage (``.usdc`` binary, ``.usda`` text) with the mesh ``/Shell``."""
+def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: Literal["y", "z"] = "z") -> Path:
+    """Write a USD stage (``.usdc`` binary, ``.usda`` text) with the mesh ``/Shell``, at real speed.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Times and positions in its units.
+    path : Path
+        The file.
+    on_frame : callable, optional
+        Called with the frames done and their total.
+    up : {"y", "z"}
+        Axis of the file that points up; positions of the run, whose z is up, are turned to it.
+    """
     from pxr import Gf, Usd, UsdGeom, Vt
 
     run, centre = centred(run)
     times = run.units.seconds * run.times
-    steps = np.diff(times)
-    rate = float(1.0 / steps[0]) if len(steps) else _RATE
+    order, signs = ([0, 2, 1], [1.0, 1.0, -1.0]) if up == "y" else ([0, 1, 2], [1.0, 1.0, 1.0])
     with replacing(path) as temporary:
         stage = Usd.Stage.CreateNew(str(temporary))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y if up == "y" else UsdGeom.Tokens.z)
         UsdGeom.SetStageMetersPerUnit(stage, run.units.metres)
-        stage.SetTimeCodesPerSecond(rate)
-        stage.SetFramesPerSecond(rate)
-        stage.SetStartTimeCode(float(times[0]) * rate)
-        stage.SetEndTimeCode(float(times[-1]) * rate)
+        stage.SetTimeCodesPerSecond(RATE)
+        stage.SetFramesPerSecond(RATE)
+        stage.SetStartTimeCode(float(times[0]) * RATE)
+        stage.SetEndTimeCode(float(times[-1]) * RATE)
         shell = UsdGeom.Mesh.Define(stage, "/Shell")
         stage.SetDefaultPrim(shell.GetPrim())
         if centre.any():
-            shell.AddTranslateOp().Set(Gf.Vec3d(*map(float, centre)))
+            shell.AddTranslateOp().Set(Gf.Vec3d(*map(float, centre[order] * signs)))
         shell.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         shell.CreateDoubleSidedAttr(True)
         shell.CreateFaceVertexCountsAttr(Vt.IntArray(len(run.faces), 3))
         shell.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(run.faces.astype(np.int32).ravel()))
         points, extent = shell.CreatePointsAttr(), shell.CreateExtentAttr()
         for index, time in enumerate(times):
-            frame = np.ascontiguousarray(run.positions[index], dtype=np.float32)
-            code = float(time) * rate
+            frame = np.ascontiguousarray(run.positions[index][:, order] * signs, dtype=np.float32)
+            code = float(time) * RATE
             points.Set(Vt.Vec3fArray.FromNumpy(frame), code)
             corners = [Gf.Vec3f(*map(float, corner)) for corner in (frame.min(axis=0), frame.max(axis=0))]
             extent.Set(Vt.Vec3fArray(corners), code)

@@ -27,18 +27,20 @@ from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.unjoined import warn_of_unjoined
+from modalshell.mesh.usd_files import USD, read_usd, usd_up
 from modalshell.mesh.welding import drop_unused, weld_arrays
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
-READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", *USD)
 POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
 """Readers of formats that hold polygons."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
 Up = Literal["x", "y", "z"]
 """Axes of a file that may point up."""
 _GLTF = (".glb", ".gltf")
-_WELDED = (".stl", *_GLTF)
+_WELDED = (".stl", *_GLTF, *USD)
 """Formats in which triangles may each have vertices of their own."""
 _TURNED: dict[str, tuple[list[int], list[float]]] = {
     "x": ([2, 1, 0], [-1.0, 1.0, 1.0]),
@@ -48,36 +50,45 @@ _TURNED: dict[str, tuple[list[int], list[float]]] = {
 
 
 def up_axis(path: str | os.PathLike[str], up: Up | None = None) -> Up:
-    """The axis of a mesh file that points up: ``up`` if it is given, by definition y in glTF, and z in other formats.
+    """The axis of a mesh file that points up: ``up`` if it is given, by definition y in glTF, as stated in USD, else z.
 
-    OptionError for another axis.
+    OptionError for another axis; MeshError for a USD file that cannot be read.
     """
     if up is not None:
         checked_choice("up", up, ("x", "y", "z"))
         return up
+    file = Path(path)
+    if file.suffix.lower() in USD and file.is_file():  # of a missing file the reader says so
+        try:
+            return "y" if usd_up(file) == "y" else "z"
+        except MeshError as error:
+            raise _located(file, error) from error
     return "y" if Path(path).suffix.lower() in _GLTF else "z"
 
 
 def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
     """The axis that points up, as text."""
     axis = up_axis(path, up)
-    return "z is up" if axis == "z" else f"{axis} is up in the file and was rotated to z"
+    if axis == "z":
+        return "z is up" if up or up_axis(path) != "z" else "z is up (`--up y` for files of Blender and its like)"
+    return f"{axis} is up in the file and was rotated to z"
 
 
 def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> TriangleMesh:
-    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB or glTF file.
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB, glTF or USD file.
 
     Polygons are split into triangles and the parts of a scene are joined. Materials, normals and texture coordinates
-    are ignored, so texture seams of an OBJ do not cut the shell. Coincident vertices of STL and glTF are merged.
+    are ignored, so texture seams of an OBJ do not cut the shell. Coincident vertices of STL, glTF and USD are merged.
     Vertices in no face are dropped with a warning.
 
     Parameters
     ----------
     path : path
-        The file; its suffix names the format. Coordinates are taken as metres.
+        The file; its suffix names the format. Coordinates are taken as metres; those of USD are converted to metres
+        from the unit that the file states.
     up : str, optional
         Axis of the file that points up, "x", "y" or "z", which is rotated to z; by default y for glTF, as it is
-        defined, else z.
+        defined, that which a USD file states, else z.
 
     Returns
     -------
@@ -98,9 +109,11 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
         vertices, faces = _without_unused(file, vertices, faces)
         if file.suffix.lower() in _WELDED:
             vertices, faces = _weld(file, vertices, faces)
-        return TriangleMesh(vertices, faces)
+        mesh = TriangleMesh(vertices, faces)
     except MeshError as error:
         raise _located(file, error, split=bool((polygons.sizes > 3).any())) from error
+    warn_of_unjoined(mesh, str(file))
+    return mesh
 
 
 def repair_mesh(
@@ -115,9 +128,11 @@ def repair_mesh(
     file = checked_folder("path", path)
     polygons = read_polygons(file, up)
     try:
-        return repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
+        mesh, report = repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
         raise _located(file, error, split=True) from error
+    warn_of_unjoined(mesh, str(file))
+    return mesh, report
 
 
 def read_polygons(file: Path, up: Up | None = None) -> Polygons:
@@ -144,6 +159,8 @@ def _read_as_stored(file: Path) -> Polygons:
     if not data.strip():
         raise MeshError(f"{file}: the file is empty; write or download the mesh again")
     try:
+        if suffix in USD:
+            return read_usd(file)
         if suffix in POLYGONS:
             return POLYGONS[suffix](data)
         if suffix == ".stl" and (plain := read_binary_stl(data)) is not None:

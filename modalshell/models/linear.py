@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -10,6 +11,7 @@ from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.modal_motion import contact_shape
 from modalshell.models.base.model import FrameModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
@@ -66,6 +68,11 @@ class LinearModal(ModalModel):
     def warped_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""
         return self._patch_rows(self.basis.modes, vertices)
+
+    @cached_property
+    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+        """See :attr:`ModalMotion.contact_shape`."""
+        return contact_shape(self.basis, turns=False)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""

@@ -13,6 +13,7 @@ from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -129,19 +130,24 @@ class Motion:
         """Vertex positions (n, 3) [m] in the world."""
         return self.stepper.positions(self.state, self.time)
 
+    def touched(self) -> TouchedFrame | None:
+        """What touches now, with contacts; else None."""
+        return self.stepper.touched(self.state, self.time)
+
     def place(self, positions: Array) -> None:
         """Put every vertex at ``positions`` (n, 3) [m] at rest, as far as the model can."""
         self.state = self.stepper.state_at(positions, self.time)
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
-        own = self.stepper.own_positions(self.state)
+        own = self.stepper.loaded_positions(self.state)
         moved = np.subtract(own, self.model.shell.rest_positions, out=self._moved)
         model, state, loading = self.present_model, self.state, self.setup.loading
         potential = -float(np.vdot(self.load, moved))
         if loading.live:
-            potential += loading.live_energy(self.positions(), self.time)
-        return np.array([model.kinetic_energy(state), model.elastic_energy(state), potential])
+            potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
+        elastic = model.elastic_energy(state) + self.stepper.further_energy(state)
+        return np.array([model.kinetic_energy(state), elastic, potential])
 
     def fault(self) -> Outcome | None:
         """What is wrong with the state, if the model cannot describe it."""

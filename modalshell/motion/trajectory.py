@@ -71,6 +71,13 @@ class Trajectory(Drawn):
         Plastic fold [rad] of every crease in each frame, of shells with creases; else no columns.
     crease_heat : ndarray, shape (F,)
         Heat [J] that creases have made by then; empty without creases.
+    contact_forces : ndarray, shape (F, n, 3)
+        Force of the colliders on every vertex [N] along their normals; empty without contacts, as the next two. Of
+        explicit rules it is what the vertices' change of speed there needs, friction with it.
+    in_contact : ndarray of bool, shape (F, n)
+        Vertices that are pushed.
+    deepest : ndarray, shape (F,)
+        Depth of the deepest vertex in a collider [m].
     bars : Bars or None
         Error bars of some frames, where these were asked for.
     units : UnitSystem
@@ -93,6 +100,9 @@ class Trajectory(Drawn):
     levels: tuple[str, ...] = ()
     crease_angles: Array = field(default_factory=lambda: np.empty((0, 0)))
     crease_heat: Array = field(default_factory=lambda: np.empty(0))
+    contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
+    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+    deepest: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
     units: UnitSystem = SI
 
@@ -120,6 +130,9 @@ class Trajectory(Drawn):
         """One frame at time 0: a static answer under the loads, its outcome the solver's."""
         shell = shell if answer.creases is None else shell.creased(answer.creases)
         kept: dict[str, Any] = {} if answer.creases is None else _kept(answer.creases)
+        if answer.in_contact.size:
+            forces, touches = answer.contact_forces[None], answer.in_contact[None]
+            kept |= {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
         energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),

@@ -72,6 +72,12 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
         "duration": float(run.times[-1]),
         **peaks(shell, run, scene),
     }
+    if run.deepest.size:
+        numbers["contact"] = {
+            "force": run.contact_forces[-1].sum(axis=0).tolist(),
+            "vertices": int(run.in_contact[-1].sum()),
+            "deepest": float(run.deepest.max()),
+        }
     numbers |= _balance(scene, shell, run)
     numbers["frequencies"] = _attempt(lambda: _frequencies(shell))
     numbers["buckling"] = _attempt(lambda: _buckling(scene, shell)) if scene.motion is None else None

@@ -116,6 +116,12 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
     ]
     if numbers["bar"] is not None:
         rows.append(("Error bar", numbers["bar"]))
+    if (contact := numbers.get("contact")) is not None:
+        rows.append((
+            "Contact, in the last frame",
+            f"{contact['vertices']} vertices touch, force {_vector(contact['force'])} {of('N')}; "
+            f"deepest of all frames {contact['deepest']:.2g} {length}",
+        ))  # fmt: skip
     if numbers["load"] is not None:
         rows += [
             ("Resultant of the load", f"{_vector(numbers['load'])} {of('N')}"),

@@ -20,6 +20,7 @@ from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
 from modalshell.mesh.selection import selected
+from modalshell.mesh.usd_files import USD
 from modalshell.motion import SupportPath
 from modalshell.scene.index_files import read_numbers
 from modalshell.scene.sheets import MaterialTable, SheetTable
@@ -49,16 +50,26 @@ SHAPES: dict[str, type[Shape]] = {
 """Every shape by its name."""
 
 
-def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
-    """Build the mesh; files are searched in ``folder``, then among the bundled ones."""
+def build_mesh(table: MeshFile | Shape, folder: Path, metres: float = 1.0) -> TriangleMesh:
+    """Build the mesh; files are searched in ``folder``, then among the bundled ones.
+
+    ``metres`` is the scene's unit of length [m]: USD files alone state theirs, others are read as in the scene's.
+    """
     if isinstance(table, Shape):
         return table.build()
     file = found_file(table.file, folder)
+    mesh = _read_mesh(table, file)
+    if file.suffix.lower() not in USD or metres == 1.0:
+        return mesh
+    return TriangleMesh(mesh.vertices / metres, mesh.faces)
+
+
+def _read_mesh(table: MeshFile, file: Path) -> TriangleMesh:
     if not (table.repair or table.split):
         return chosen_part(load_mesh(file, up=table.up), table.component, table.join)
     mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split, up=table.up)
     if report.changed:
-        warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
+        warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=3)
     return mesh
 
 

@@ -115,6 +115,11 @@ class Scene(ABC):
         return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
 
     @property
+    def unit_system(self) -> UnitSystem:
+        """Units of the scene's numbers, and of its results."""
+        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
+
+    @property
     def _of_theory(self) -> bool:
         """Whether the shell is one of shell theory, with fold shares."""
         return isinstance(self.material, SheetTable) or not getattr(self.material, "calibrated", True)
@@ -126,7 +131,7 @@ class Scene(ABC):
             if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
                 split = self._of_theory
                 demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
-            return build_mesh(self.mesh, self.file.parent)
+            return build_mesh(self.mesh, self.file.parent, self.unit_system.metres)
 
     def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
         """The shell with its mesh (``mesh`` if that is built already), material and supports.
@@ -268,11 +273,6 @@ class ShellScene(Scene):
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
         moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} s."
         return effective[worst], " ".join(filter(None, (moved, note)))
-
-    @property
-    def unit_system(self) -> UnitSystem:
-        """Units of the scene's numbers, and of its results."""
-        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
         """Build path of the supports, dead forces (n, 3) [N] without gravity, loads and constraints on ``shell``.

@@ -84,7 +84,7 @@ class Crease(ReadOnlyArrays):
             object.__setattr__(self, "angle", value)
 
     def hinges(self, mesh: TriangleMesh) -> Index:
-        """Hinges of the mesh that are its creases; OptionError if it has none, or one at a junction."""
+        """Hinges of the mesh that are its creases; OptionError if there is none, or at a junction."""
         if not isinstance(self.sel, str) and np.ndim(self.sel) == 2:
             chosen = _edges_of_pairs(np.asarray(self.sel), mesh)
         else:

@@ -24,7 +24,7 @@ from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
-from modalshell.shell.mirrored_hinges import MirroredHinges
+from modalshell.shell.mirrored_hinges import MirroredHinges, add_fold_curvatures
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
 from modalshell.shell.rest_folds import RestFolds
 from modalshell.shell.rest_shape import RestShape
@@ -97,7 +97,7 @@ class SplitFoldEnergy(RestFolds):
 
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
-        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        of_folds = self._folds.hinges, self._rest_angles, self._shares, self._folds
         points = self._points(np.array(self._parts[0].vertices) - self._origin)
         return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
 
@@ -298,7 +298,7 @@ class SplitFoldEnergy(RestFolds):
             hinges = self._folds.hinges
             self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
             couples = self._mirrors.without(couples)
-            kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
@@ -310,7 +310,7 @@ class SplitFoldEnergy(RestFolds):
         tables = (folds.stencils, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
-            kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
+            kernels.add_membrane(state.points, *e.as_pairs(place), strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
         return data
 

@@ -1,9 +1,15 @@
-"""Advice by error bars: right against DS, without an answer of DS."""
+"""Advice and comparisons by error bars: right against DS, without an answer of DS."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.compare.advise import choose
+from modalshell.compare.candidates import Candidate
+from modalshell.models.registry import models
 
 SCENE = """
 [mesh]
@@ -71,3 +77,58 @@ def test_the_command_names_it_and_writes_a_scene(tmp_path, capsys):
 def test_an_error_of_nothing_is_refused(shell):
     with pytest.raises(ms.OptionError, match="error must be"):
         ms.quick_advice(shell, gravity=(0.0, 0.0, -1.0), error=0.0)
+
+
+def test_a_quick_comparison_has_the_errors_of_the_full_one(shell, monkeypatch):
+    gravity = (0.0, 2.0, -15.0)
+    monkeypatch.setattr(ms.DiscreteShell, "equilibrium", None)
+    quick = ms.tradeoff(shell, gravity=gravity, modes=(4, 8), loads=(0.5, 1.0), quick=True)
+    monkeypatch.undo()
+    exact = [ms.DiscreteShell(shell).equilibrium(gravity=factor * np.array(gravity)) for factor in (0.5, 1.0)]
+    for answer, true in zip(quick.path.answers, exact, strict=True):
+        assert ms.measure.displacement_error(answer.positions, true.positions, shell) < 1e-4
+        assert answer.bar.valid
+    factory = ms.compare.candidates.case_factory(quick.case)
+    for row in quick.rows:
+        answer = row.candidate.build(factory)[0].equilibrium(gravity=gravity)
+        error = ms.measure.displacement_error(answer.positions, exact[-1].positions, shell)
+        assert row.final_error == pytest.approx(error, rel=0.02, abs=1e-5)
+    assert {row.key for row in quick.rows} == {"rigid", "lma", "mwts", "mwts-consistent", "rsw", "md-rom"}
+    assert "DS was not solved" in quick.table()
+    assert set(quick.left_out) >= {"DS", "hybrid"}
+
+
+def test_advice_says_the_bar_and_the_training_of_the_model_that_it_names(shell):
+    gravity = (0.0, 2.0, -15.0)
+    quick = ms.tradeoff(shell, gravity=gravity, modes=(4,), loads=(1.0,), quick=True)
+    advice = choose(quick, 0.02, 1.0)
+    bar = ms.error_bar(shell, advice.chosen.positions, gravity=gravity)
+    assert f"{bar}." in advice.explanation
+    assert "trained" not in advice.explanation
+    hybrid = replace(advice.chosen, candidate=Candidate(models()["hybrid"], "8x2"))
+    told = choose(replace(quick, rows=[hybrid]), 0.02, 1.0).explanation
+    assert "It was trained on this load" in told
+    assert "coarse shell of 8x2" in told
+
+
+def test_a_quick_comparison_solves_ds_where_a_bar_is_void(shell):
+    quick = ms.tradeoff(shell, gravity=(0.0, 13.0, -48.5), modes=(4,), loads=(0.5, 1.0), quick=True)
+    assert "DS was solved, as no error bar serves at 1 of the load" in quick.table()
+    assert quick.path.snap is not None
+    exact = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 13.0, -48.5))
+    assert ms.measure.displacement_error(quick.path.answers[-1].positions, exact.positions, shell) < 0.01
+
+
+def test_engines_are_not_asked_quickly(shell):
+    with pytest.raises(ms.OptionError, match="leave out quick or engines"):
+        ms.tradeoff(shell, gravity=(0.0, 0.0, -1.0), engines=True, quick=True)
+
+
+def test_the_quick_command_writes_table_and_pictures(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % -15.0)
+    with pytest.raises(SystemExit) as ended:
+        main(["tradeoff", str(scene), "--quick", "--modes", "4", "--out", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    assert "DS was not solved" in capsys.readouterr().out
+    assert {file.suffix for file in (tmp_path / "out").iterdir()} == {".npz", ".json", ".md", ".png"}

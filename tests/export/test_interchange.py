@@ -125,6 +125,34 @@ def test_usd_holds_every_frame_in_metres_with_z_up(run, tmp_path, suffix):
         np.testing.assert_array_equal(np.array(points.Get(code)), frame.astype("f4"))
 
 
+@pytest.mark.parametrize("dt", [0.002, 0.04])
+def test_usd_plays_at_real_speed_whatever_the_step(run, tmp_path, dt):
+    """Programs play one time code a frame, at 24 frames a second unless they are told otherwise."""
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed (pip install 'modalshell[interchange]')")
+    slow = replace(run, times=dt * np.arange(len(run.times)))
+    stage = usd.Stage.Open(str(ms.save_trajectory(slow, tmp_path / "run.usdc")))
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 24.0
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, pytest.approx(24.0 * slow.times[-1]))
+
+
+def test_usd_with_y_up_is_read_back_as_it_was(run, tmp_path, capsys):
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed (pip install 'modalshell[interchange]')")
+    from pxr import UsdGeom
+
+    ms.save_trajectory(run, tmp_path / "run.npz")
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(tmp_path / "run.npz"), "--to", "usd", "--up", "y"])
+    assert ended.value.code == 0, capsys.readouterr().err
+    assert UsdGeom.GetStageUpAxis(usd.Stage.Open(str(tmp_path / "run.usdc"))) == "Y"
+    mesh = ms.load_mesh(tmp_path / "run.usdc")
+    np.testing.assert_allclose(mesh.vertices, run.positions[0], atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, run.faces)
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(tmp_path / "run.npz"), "--to", "gltf", "--up", "y"])
+    assert ended.value.code == 2
+    assert "--up goes with --to usd" in capsys.readouterr().err
+
+
 def read_glb(path):
     """Document and binary part of a .glb file."""
     data = path.read_bytes()
@@ -266,10 +294,11 @@ def fresh():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.scene.render.fps = 30
 
-def compare(first):
+def compare(first, step=1.0):
     (shell,) = [thing for thing in bpy.data.objects if thing.type == "MESH"]
     for frame in (0, 7, 30):
-        bpy.context.scene.frame_set(first + frame)
+        place = first + frame * step
+        bpy.context.scene.frame_set(int(place + 1e-9), subframe=max(place - int(place + 1e-9), 0.0))
         seen = shell.evaluated_get(bpy.context.evaluated_depsgraph_get())
         points = np.array([seen.matrix_world @ vertex.co for vertex in seen.to_mesh().vertices])
         print(np.abs(points - expected[frame]).max())
@@ -283,8 +312,10 @@ fresh()
 bpy.ops.import_scene.gltf(filepath=folder + "/run.glb")
 compare(0)
 fresh()
+bpy.context.scene.render.fps = 24  # as Blender starts, which takes no rate from a file: a time code is a frame
 bpy.ops.wm.usd_import(filepath=folder + "/run.usdc")
-compare(0)
+assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (0, 24), "the motion of 1 s"
+compare(0, 24 / 30)
 for kind in ("PC2", "MDD"):
     fresh()
     bpy.ops.wm.obj_import(filepath=folder + "/run_rest.obj", forward_axis="Y", up_axis="Z")

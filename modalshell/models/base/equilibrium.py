@@ -61,7 +61,7 @@ class Equilibrium(Drawn):
     deepest : float
         Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
     creases : CreaseState or None
-        What creases have kept, of a shell that has them: ``shell.creased(state.creases)`` is the shell then.
+        What creases have kept, of a shell that has them: ``shell.creased(state.creases)`` resumes there.
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity

@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from typing import Any, final
 
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
@@ -60,6 +61,10 @@ class FullStepper(Stepper):
         """What a message says of the contacts' friction."""
         return "" if self.contacts is None else self.contacts.steps.told(self.setup.dt)
 
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None if self.contacts is None else self.contacts.steps.frame(state.coordinates, time)
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
         state = super().state_at(positions, time)
@@ -100,7 +105,7 @@ class FullStepper(Stepper):
         body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
         if self.contacts is not None:
-            after = self.contacts.after_explicit(body, after, begin + dt)
+            after = self.contacts.after_explicit(body, after, begin + dt, dt)
         return after, solved
 
     def _at(
