@@ -182,3 +182,40 @@ def test_what_modal_models_do_not_take_is_refused_by_name(shell, basis):
         ms.ModalWarping(ms.solve_modes(free, count=12)).equilibrium(contacts=[FLOOR])
     with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
         ms.RigidShell(shell).equilibrium(contacts=[FLOOR])
+
+
+@pytest.fixture(scope="module")
+def strips():
+    """A limp and a stiff strip, their modes, and DS under their weight."""
+
+    def made(young):
+        mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))
+        shell = ms.Shell(
+            mesh, ms.Isotropic(young=young, poisson=0.3, thickness=1e-3, density=900.0), clamped="x < 0.001"
+        )
+        return shell, ms.solve_modes(shell, count=12)
+
+    return {"limp": made(5e7), "stiff": made(2e9)}
+
+
+@pytest.mark.parametrize(("model", "error"), [(ms.RotationStrain, 0.01), (ms.LinearModal, 0.3)])
+def test_more_vertices_than_modes_may_touch_at_rest(strips, model, error):
+    shell, basis = strips["limp"]
+    given = {"gravity": (0, 0, -9.81), "contacts": [ms.Contact(ms.Plane((0, 0, 1), -0.1))]}
+    state, truth = model(basis).equilibrium(**given), ms.DiscreteShell(shell).equilibrium(**given)
+    assert state.converged
+    assert state.iterations <= 15
+    assert state.in_contact.sum() > 90
+    assert state.deepest < 1e-10
+    assert ms.measure.displacement_error(state.positions, truth.positions, shell) < error
+
+
+@pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
+def test_statics_of_modes_do_not_pass_through_a_box(strips, model):
+    shell, basis = strips["stiff"]
+    box = ms.Contact(ms.Box((0.45, 0.07, -0.15), (0.08, 0.2, 0.08), rounding=0.01))
+    given = {"gravity": (0, 0, -9.81), "contacts": [box]}
+    state, truth = model(basis).equilibrium(**given), ms.DiscreteShell(shell).equilibrium(**given)
+    assert state.converged
+    assert state.positions[:, 2].min() > -0.08
+    assert ms.measure.displacement_error(state.positions, truth.positions, shell) < 0.1
