@@ -19,7 +19,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.modal_motion import EULER, ModalMotion
+from modalshell.models.base.modal_motion import EULER, ModalMotion, kept_of_euler
 from modalshell.statics.continuation import Steps
 
 _PROBLEMS = 40
@@ -220,7 +220,7 @@ class ModalContactMotion:
         pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
         memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
         if "force" in before.memory:
-            memory |= model.kept_of_euler(before, free, (free - q) / dt, force, dt)
+            memory |= kept_of_euler(before, free, (free - q) / dt, force, dt)
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
 
     def _compliance(self, dt: float) -> Array:

@@ -46,6 +46,14 @@ EULER = ImplicitEuler()
 """What steps a shell that a drag stops."""
 
 
+def kept_of_euler(before: MotionState, q: Array, rates: Array, force: Array, dt: float) -> dict[str, Array]:
+    """What a rule that keeps forces keeps of a step of implicit Euler to q and ``rates`` (m,)."""
+    gain, none, faster = force - before.memory["force"], np.zeros_like(q), rates - before.rates
+    error, way = 0.5 * dt * faster, q - before.coordinates
+    cost = np.array([part @ part for part in (error, faster, way)])
+    return {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: cost}
+
+
 class ModalMotion(Warp, FrameModel):
     """A model of m modal coordinates q in motion; :class:`modalshell.models.base.modal.ModalModel` has its statics.
 
@@ -277,15 +285,7 @@ class ModalMotion(Warp, FrameModel):
         """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
         damp = self._modal_damping(damping)
         after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return MotionState(*after, self.kept_of_euler(state, *after, force, dt))
-
-    @staticmethod
-    def kept_of_euler(before: MotionState, q: Array, rates: Array, force: Array, dt: float) -> dict[str, Array]:
-        """What a rule that keeps forces keeps of a step of implicit Euler to q and ``rates`` (m,)."""
-        gain, none, faster = force - before.memory["force"], np.zeros_like(q), rates - before.rates
-        error, way = 0.5 * dt * faster, q - before.coordinates
-        cost = np.array([part @ part for part in (error, faster, way)])
-        return {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: cost}
+        return MotionState(*after, kept_of_euler(state, *after, force, dt))
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
