@@ -45,6 +45,7 @@ BETWEEN_PARTS = {
     "velocity",
     "largest_move",
     "surfaces",
+    "body",
     "local_error",
     "stops",
     "euler_step",
