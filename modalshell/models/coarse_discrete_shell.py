@@ -39,7 +39,7 @@ class CoarseDiscreteShell(ImplicitModel):
     Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
     sharp folds; loads are restricted with the same weights. A step of implicit Euler runs in one compiled function,
     with a profile factorisation, where the coarse shell has no further energies and its supports hold whole vertices;
-    else as that of :class:`DiscreteShell`, some ten times slower.
+    else as that of :class:`DiscreteShell`, six to ten times slower.
 
     Parameters
     ----------
