@@ -79,6 +79,8 @@ from modalshell.plot import plot
 from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import (
+    Crease,
+    CreaseState,
     Fabric,
     Isotropic,
     Laminate,
@@ -133,6 +135,8 @@ __all__ = [
     "Clamp",
     "CoarseDiscreteShell",
     "Contact",
+    "Crease",
+    "CreaseState",
     "Crowd",
     "Cylinder",
     "Damping",

@@ -256,7 +256,7 @@ class ActiveSet:
             step = fluid.iterate(x, active, loose, shell.predicted_stresses(x, present))
             iterations += step.iterations
             reached = self._potential(step.point)[0] if step.converged else np.inf
-            if not reached <= value + method.HIGHER * abs(value):
+            if not reached <= value + method.HIGHER * abs(value) or self.touching.crossed(x, step.point):
                 drag, failures = drag * _RISE, failures + 1
                 if failures == _FAILURES:
                     break
@@ -271,7 +271,7 @@ class ActiveSet:
             last = self.iterate(x, active, plain, shell.predicted_stresses(x, present))
             iterations += last.iterations
             reached = self._potential(last.point)[0] if last.converged else np.inf
-            if reached <= value + method.HIGHER * abs(value):
+            if reached <= value + method.HIGHER * abs(value) and not self.touching.crossed(x, last.point):
                 last = self.settled(last)
                 if last.stable:
                     return replace(last, iterations=iterations)

@@ -14,6 +14,9 @@ from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Vector
 
+PLANE, ROUND, CYLINDER, BOX = range(4)
+"""Kinds of colliders with a compiled gap."""
+
 Gap = tuple[Array, Array, Array]
 """Signed distances (n,) [m], unit normals (n, 3), and second derivatives (n, 3, 3) [1/m] of the distance."""
 
@@ -57,6 +60,10 @@ class Collider(ReadOnlyArrays, ABC):
     @abstractmethod
     def surface(self, corners: Array) -> Surface:
         """Triangles of the surface, for pictures, as far as they matter to what has ``corners`` (k, 3) [m]."""
+
+    def packed(self) -> tuple[int, Array] | None:
+        """Its kind and numbers for compiled gaps; None for colliders that have none, and are asked by :meth:`gap`."""
+        return None
 
     @property
     def smallest_radius(self) -> float:

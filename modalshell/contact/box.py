@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from modalshell.contact.base import Collider, Gap, point, rounded_gap
+from modalshell.contact.base import BOX, Collider, Gap, point, rounded_gap
 from modalshell.contact.surfaces import Surface, ball
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import OptionError
@@ -65,6 +65,11 @@ class Box(Collider, key="box"):
             normal[within], curvature[within] = normals, 0.0
         turn = self._turn
         return gap, normal @ turn.T, turn @ curvature @ turn.T
+
+    def packed(self) -> tuple[int, Array]:
+        """See :meth:`Collider.packed`."""
+        core = self.half - self.rounding
+        return BOX, np.array([*self.center, *self._turn.ravel(), *core, self.rounding])
 
     def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
         """See :meth:`Collider.surface`."""

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.contact.base import Collider, Gap, axis_of, point, rounded_gap
+from modalshell.contact.base import ROUND, Collider, Gap, axis_of, point, rounded_gap
 from modalshell.contact.surfaces import Surface, tube
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
@@ -42,6 +42,10 @@ class Capsule(Collider, key="capsule"):
         beside = (along > 0.0) & (along < self._length)
         free = np.eye(3) - beside[:, None, None] * np.outer(self._axis, self._axis)
         return rounded_gap(offset, free, self.radius)
+
+    def packed(self) -> tuple[int, Array]:
+        """See :meth:`Collider.packed`."""
+        return ROUND, np.array([*self.a, *self._axis, self._length, self.radius])
 
     def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
         """See :meth:`Collider.surface`."""

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.contact.base import Collider, Gap, axis_of, point, rounded_gap
+from modalshell.contact.base import CYLINDER, Collider, Gap, axis_of, point, rounded_gap
 from modalshell.contact.surfaces import Surface, tube
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
@@ -61,6 +61,10 @@ class Cylinder(Collider, key="cylinder"):
             curvature[rim] = turn[:, :, None] * turn[:, None, :] / far[:, None, None]
             curvature[rim] += ring[:, None, None] * around[:, :, None] * around[:, None, :]
         return gap, normal, curvature
+
+    def packed(self) -> tuple[int, Array]:
+        """See :meth:`Collider.packed`."""
+        return CYLINDER, np.array([*self.a, *self._axis, self._length, self.radius])
 
     def surface(self, corners: Array) -> Surface:
         """See :meth:`Collider.surface`."""

@@ -13,31 +13,38 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from modalshell.contact.complementarity import complementary, local_shape, residual_compliance
+from modalshell.contact import modal_kernels as kernels
+from modalshell.contact.complementarity import complementary
 from modalshell.contact.contact import Contact
+from modalshell.contact.gap_kernels import gaps_of
+from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.touching import EXACT_GAP, Touching
-from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
-from modalshell.modes import Basis, Factoriser, condensed_factor
-from modalshell.shell import GAUSS_NEWTON
+from modalshell.kernels.rotations import rotate
+from modalshell.modes import Basis
 
 CANDIDATES = 50
 """Vertices that may touch in a frame at most: the nearest."""
 _NEAR = 0.02
 """Gap, as a share of the shell's size, up to which a vertex is a candidate."""
-_KEPT = 2e8
-"""Bytes of local shapes that are kept."""
 _SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a frame is solved."""
 _MOVED = 1e-3
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
 _PASSES = 12
 """Linearisations of a frame at most."""
+_CORRECTIONS = 8
+"""Corrections of one by the gaps that it leads to, at most."""
+_NO_TURNS = np.empty((0, 3))
+
+_RENEWED = 4
+"""Times that vertices are taken in which a frame's end would leave inside."""
 
 Rows = Callable[[Array, Index], Array]
 """Derivatives (k, 3, m) of some vertices' positions by the coordinates (m,)."""
+Shape = tuple[Array, Array, Array, bool]
+"""Positions at rest (n, 3), modes and modal rotations (3n, m), and whether these turn the modes."""
 
 
 @final
@@ -55,12 +62,18 @@ class Pressed:
         Forces [N] along the normals, of all rows.
     solved : bool
         Whether the gaps of all rows met their tolerance.
+    positions : ndarray or None, shape (n, 3)
+        Positions [m] at q, without what is beyond the modes, where they are known.
+    energy : float
+        Elastic energy [J] of what is beyond the modes.
     """
 
     q: Array
     local: Array
     pushes: Array
     solved: bool
+    positions: Array | None = None
+    energy: float = 0.0
 
 
 @final
@@ -79,6 +92,8 @@ class ModalContacts:
         Their derivatives at some vertices.
     turns : bool
         Whether vertices turn with the modal rotations.
+    shape : tuple, optional
+        Of warps in closed form, whose frames are compiled: positions at rest, modes, rotations, and ``turns``.
 
     Attributes
     ----------
@@ -94,145 +109,160 @@ class ModalContacts:
         rows: Rows,
         *,
         turns: bool = True,
+        shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self._turns = basis, positions, rows, turns
-        count = len(basis.shell.rest_positions)
-        self._places, self._used = np.full(count, -1, np.int64), 0
-        self._store = np.empty((0, count, 3, 3))
-        self._solve: Callable[[Array], Array] | None = None
-        self._most = max(CANDIDATES, int(_KEPT / (72.0 * count)))
+        self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
+        self._shapes = LocalShapes(basis, CANDIDATES)
+        self._moving = any(contact.motion is not None for contact in self.touching.contacts)
+        self._bodies = self.touching.packed()
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
-        self.touching = self.touching.at(time)
+        if self._moving or self._bodies is None:
+            self.touching = self.touching.at(time)
+        if self._moving:
+            self._bodies = self.touching.packed()
 
-    def _slots(self, vertices: Index) -> Index:
-        """Places (k,) of the local shapes of vertices, which are found where they are not kept."""
-        missing = [int(vertex) for vertex in np.unique(vertices) if self._places[vertex] < 0]
-        if len(missing) + self._used > self._most:
-            self._places[:], self._used = -1, 0
-            missing = [int(vertex) for vertex in np.unique(vertices)]
-        for vertex in missing:
-            if self._used == len(self._store):  # twice as large
-                room = min(self._most, max(CANDIDATES, 2 * self._used)) - self._used
-                self._store = np.concatenate([self._store, np.empty((room, *self._store.shape[1:]))])
-            self._store[self._used] = self._shape(vertex)
-            self._places[vertex] = self._used
-            self._used += 1
-        return self._places[vertices]
-
-    def _shape(self, vertex: int) -> Array:
-        """Displacements (n, 3, 3) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
-        basis, shell = self._basis, self._basis.shell
-        if self._solve is None:
-            self._solve = _static_solver(basis)
-        loads = np.zeros((shell.rest_positions.size, 3))
-        loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
-        whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
-        by_modes = basis.modes @ ((basis.modes.T @ loads) / basis.eigenvalues[:, None])
-        return np.asarray((whole - by_modes).reshape(-1, 3, 3))
+    def gaps(self, x: Array) -> Array:
+        """Gaps (r,) [m] of all rows at positions x (n, 3)."""
+        touching = self.touching
+        if self._bodies is None:
+            return touching.distances(x)
+        gaps = np.empty(touching.vertices.size)
+        gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
+        return gaps
 
     def _rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors (n, 3) [rad] of the vertices at q."""
         if not self._turns:
-            return np.zeros_like(self._basis.shell.rest_positions)
-        return np.asarray(self._basis.rotations @ q).reshape(-1, 3)
+            return _NO_TURNS
+        return np.asarray(self._spin @ q).reshape(-1, 3)
 
     def _own(self, vertices: Index, normals: Array, turns: Array) -> Array:
         """Normals (k, 3) in the axes of their vertices at rest."""
         if not self._turns:
             return normals
-        return np.ascontiguousarray(Rotation.from_rotvec(turns[vertices]).apply(normals, inverse=True))
+        own = np.empty(normals.shape)
+        rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)
+        return own
 
-    def candidates(self, gaps: Array) -> Index:
-        """Rows (k,) of the nearest vertices."""
-        near = np.flatnonzero(gaps < _NEAR * self.touching.size)
-        if near.size > CANDIDATES:
-            near = near[np.argpartition(gaps[near], CANDIDATES)[:CANDIDATES]]
-        return np.sort(near)
+    def candidates(self, gaps: Array, pushes: Array) -> Index:
+        """Rows (k,) of the nearest vertices, and of those that are pushed."""
+        return np.asarray(kernels.candidates(gaps, pushes, _NEAR * self.touching.size, CANDIDATES))
 
-    def touches(self, q: Array, local: Array | float = 0.0) -> bool:
-        """Whether a vertex touches at coordinates q, or is inside."""
-        deep = EXACT_GAP * self.touching.size
-        return bool((self.touching.distances(self._positions(q) + local) <= deep).any())
+    def touched(self, gaps: Array) -> bool:
+        """Whether a row of some gaps (r,) touches, or is inside."""
+        return bool((gaps <= EXACT_GAP * self.touching.size).any())
 
-    def press(self, free: Array, compliance: Array, start: Array) -> Pressed:
+    def press(self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]) -> Pressed:
         """The coordinates nearest to ``free`` (m,), in the norm of the stiffness, that leave every vertex outside.
 
-        ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about ``start`` and
-        again where that leads. ``compliance`` is G, (m,) or (m, m).
+        ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about ``start`` (m,)
+        and again where that leads. ``compliance`` is G, (m,).
+
+        Parameters
+        ----------
+        free, compliance, start : ndarray, shape (m,)
+            As above.
+        gaps : ndarray, shape (r,)
+            Gaps [m] of all rows before, which choose the candidates.
+        before : tuple
+            Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before.
         """
-        pressed = Pressed(start, np.zeros_like(self._basis.shell.rest_positions), self._no_pushes(), False)
+        local, pushes = before
+        if self._shape is None or self._bodies is None:
+            return self._press_by_rows(free, compliance, start, gaps, before)
+        touching, size, shapes = self.touching, self.touching.size, self._shapes
+        limits = _NEAR * size, CANDIDATES, _SETTLED * size, _MOVED * size, 1e-12 * size
+        step = free, compliance, start
+        for _ in range(_RENEWED):
+            while True:
+                rows_of = touching.vertices, touching.contact_of, shapes.places, shapes.blocks
+                found = kernels.press(self._shape, rows_of, self._bodies, step, (gaps, pushes, local), limits)
+                if found[2].size:
+                    break
+                shapes.slots(touching.vertices[found[0]])
+            _, slots, q, pushes, forces, energy, solved = found
+            shape, turns = np.empty_like(local), self._rotation_vectors(q)
+            kernels.local_shape(shapes.store, slots, forces, turns, shape)
+            base = self._positions(q)
+            after = self.gaps(base + shape)
+            if not solved or after.min() >= -limits[2]:
+                break
+            gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
+        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[2]), base, energy)
+
+    def _press_by_rows(
+        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]
+    ) -> Pressed:
+        """The same of models and colliders whose frames are not compiled: their gaps and rows are asked for."""
+        local, pushes = before
+        pressed = Pressed(start, local, pushes, False, self._positions(start))
         for _ in range(_PASSES):
-            pressed = self.press_once(free, compliance, pressed.q, pressed.pushes)
+            rows = self.candidates(gaps, pressed.pushes)
+            pressed, after = self._newton(free, compliance, pressed, rows, _CORRECTIONS)
             if pressed.solved:
                 break
+            gaps = np.minimum(gaps, after)  # what entered is taken in, too
         return pressed
 
     def press_once(self, free: Array, compliance: Array, q: Array, pushes: Array) -> Pressed:
-        """The same to first order about ``q`` (m,) with ``pushes`` (r,) [N]; solved if its end meets the gaps."""
-        touching, size = self.touching, self.touching.size
-        gaps = touching.distances(self._positions(q) + self._local(q, pushes))
-        rows = np.union1d(self.candidates(gaps), np.flatnonzero(pushes)).astype(np.int64)
-        if rows.size:
-            after, pushes, move = self._linearised(q, free, compliance, rows, pushes)
-        else:
-            after, move = free, 0.0
-        local = self._local(after, pushes)
-        gaps = touching.distances(self._positions(after) + local)
-        held = float(np.abs(gaps[pushes > 0.0]).max(initial=0.0))
-        met = float(gaps.min(initial=0.0)) >= -_SETTLED * size and held <= _SETTLED * size
-        return Pressed(after, local, pushes, met and move <= _MOVED * size)
+        """The same to first order about ``q`` (m,) with ``pushes`` (r,) [N]; solved if its end meets the gaps.
 
-    def _no_pushes(self) -> Array:
-        return np.zeros(self.touching.vertices.size)
+        ``compliance`` is G, (m,) or (m, m).
+        """
+        base = self._positions(q)
+        begin = Pressed(q, self._local(q, pushes, base), pushes, False, base)
+        rows = self.candidates(self.gaps(base + begin.local), pushes)
+        return self._newton(free, compliance, begin, rows, 1)[0]
 
-    def _local(self, q: Array, pushes: Array) -> Array:
-        """Displacements (n, 3) [m] beyond the modes, under forces along the normals."""
-        local = np.zeros_like(self._basis.shell.rest_positions)
+    def _local(self, q: Array, pushes: Array, base: Array) -> Array:
+        """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
-        if rows.size:
-            vertices, turns = self.touching.vertices[rows], self._rotation_vectors(q)
-            own = self._own(vertices, self.touching.gaps(self._positions(q), rows)[1], turns)
-            slots = self._slots(vertices)
-            local_shape(self._store, slots, pushes[rows, None] * own, turns, local)
+        vertices, turns = self.touching.vertices[rows], self._rotation_vectors(q)
+        own = self._own(vertices, self.touching.gaps(base, rows)[1], turns)
+        return self._shape_under(vertices, pushes[rows, None] * own, turns)
+
+    def _shape_under(self, vertices: Index, forces: Array, turns: Array) -> Array:
+        """Displacements (n, 3) [m] beyond the modes under forces (k, 3) [N] in the axes at rest, turned."""
+        local, slots = np.empty_like(self._basis.shell.rest_positions), self._shapes.slots(vertices)
+        kernels.local_shape(self._shapes.store, slots, forces, turns, local)
         return local
 
-    def _linearised(
-        self, q: Array, free: Array, compliance: Array, rows: Index, before: Array
-    ) -> tuple[Array, Array, float]:
-        """Coordinates and forces of all rows of the problem linearised at q, and the move [m] there."""
-        touching = self.touching
-        vertices = touching.vertices[rows]
-        gap, normals, _ = touching.gaps(self._positions(q), rows)
+    def _newton(
+        self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int
+    ) -> tuple[Pressed, Array]:
+        """The problem of some rows linearised at ``begin``, corrected by the gaps it leads to; and these gaps (r,)."""
+        touching, size, q = self.touching, self.touching.size, begin.q
+        vertices, base = touching.vertices[rows], self._positions(q) if begin.positions is None else begin.positions
+        gap, normals, _ = touching.gaps(base + begin.local, rows)
         moves = self._rows(q, vertices)
-        along = np.einsum("kim,ki->km", moves, normals)
+        along = (normals[:, None, :] @ moves)[:, 0]
         softened = along * compliance if compliance.ndim == 1 else along @ compliance.T
         own = self._own(vertices, np.ascontiguousarray(normals), self._rotation_vectors(q))
-        slots, between = self._slots(vertices), np.empty((rows.size, rows.size))
-        residual_compliance(self._store, slots, vertices, own, between)
-        matrix = along @ softened.T + between
-        matrix[np.diag_indices(rows.size)] += 1e-9 * np.trace(matrix) / rows.size
-        offset = gap + along @ (free - q)
-        forces = before[rows].copy()
-        accuracy = 1e-12 * touching.size
-        complementary(np.ascontiguousarray(matrix), offset, forces, accuracy)
-        pushes = np.zeros_like(before)
+        slots, matrix = self._shapes.slots(vertices), np.empty((rows.size, rows.size))
+        kernels.residual_compliance(self._shapes.blocks, slots, own, matrix)
+        beyond = matrix.copy()
+        matrix += along @ softened.T
+        matrix[np.diag_indices(rows.size)] += 1e-9 * np.trace(matrix) / max(rows.size, 1)
+        columns = np.ascontiguousarray(matrix.T)
+        offset = gap - np.sum(normals * begin.local[vertices], axis=1) + along @ (free - q)
+        forces, pushes = begin.pushes[rows], np.zeros_like(begin.pushes)
+        for _ in range(corrections):
+            complementary(columns, offset, forces, 1e-12 * size, compliance.ndim == 1)
+            after = free + softened.T @ forces
+            local = self._shape_under(vertices, forces[:, None] * own, self._rotation_vectors(after))
+            base = self._positions(after)
+            gaps = self.gaps(base + local)
+            held = float(np.abs(gaps[rows[forces > 0.0]]).max(initial=0.0))
+            near = max(held, -float(gaps[rows].min(initial=0.0)))
+            if not _SETTLED * size < near < np.inf:
+                break
+            offset = offset + gaps[rows] - (offset + matrix @ forces)
         pushes[rows] = forces
-        after = free + softened.T @ forces
-        move = np.abs(moves @ (after - q)).max(initial=0.0)
-        return after, pushes, float(move)
-
-
-def _static_solver(basis: Basis) -> Callable[[Array], Array]:
-    """Static solutions of a shell at rest under forces on its free unknowns."""
-    shell = basis.shell
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-    internal = shell.pattern.internal
-    try:
-        factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
-    except SolverError as error:
-        raise SolverError(f"contacts of a modal model need a shell that its supports hold: {error}") from error
-    solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
-    return lambda loads: solve(loads)
+        move = float(np.abs(moves @ (after - q)).max(initial=0.0))
+        met = max(near, -float(gaps.min(initial=0.0))) <= _SETTLED * size
+        energy = 0.5 * float(forces @ beyond @ forces)
+        return Pressed(after, local, pushes, met and move <= _MOVED * size, base, energy), gaps

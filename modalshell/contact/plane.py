@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.contact.base import Collider, Gap, direction
+from modalshell.contact.base import PLANE, Collider, Gap, direction
 from modalshell.contact.surfaces import Surface, square
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
@@ -38,6 +38,10 @@ class Plane(Collider, key="plane"):
         count = len(x)
         normals = np.broadcast_to(self.normal, (count, 3))
         return x @ self.normal - self.offset, normals, np.broadcast_to(np.zeros((3, 3)), (count, 3, 3))
+
+    def packed(self) -> tuple[int, Array]:
+        """See :meth:`Collider.packed`."""
+        return PLANE, np.append(self.normal, self.offset)
 
     def surface(self, corners: Array) -> Surface:
         """See :meth:`Collider.surface`."""

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.contact.base import Collider, Gap, point, rounded_gap
+from modalshell.contact.base import ROUND, Collider, Gap, point, rounded_gap
 from modalshell.contact.surfaces import Surface, ball
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array, Vector
@@ -40,6 +40,10 @@ class Sphere(Collider, key="sphere"):
     def distance(self, x: Array, t: float = 0.0) -> Array:  # noqa: ARG002
         """See :meth:`Collider.distance`."""
         return np.asarray(np.linalg.norm(x - self.center, axis=1) - self.radius)
+
+    def packed(self) -> tuple[int, Array]:
+        """See :meth:`Collider.packed`."""
+        return ROUND, np.array([*self.center, 0.0, 0.0, 0.0, 0.0, self.radius])
 
     def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)
         """See :meth:`Collider.surface`."""

@@ -21,9 +21,9 @@ _FIRST_STEP = 0.125
 def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Rest:
     """Minimum of a potential outside the contacts' colliders, from ``start`` (n, 3) [m].
 
-    The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum the shell
-    moves from the start in a thick fluid. A start inside colliders that push out is led out in steps: the surfaces come
-    from where they touch its deepest vertices.
+    The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one
+    that lies behind a collider, the shell moves from the start in a thick fluid. A start inside colliders that push out
+    is led out in steps: the surfaces come from where they touch its deepest vertices.
 
     Raises
     ------
@@ -53,9 +53,10 @@ def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Re
 
 
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
-    """Where Newton's steps with active sets lead from a start."""
+    """Where Newton's steps with active sets lead from a start; not stable where they lead through a collider."""
     solver = ActiveSet(problem, touching, problem.measure(problem.push))
-    return solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
+    rest = solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
+    return replace(rest, stable=False) if rest.stable and touching.crossed(start, rest.point) else rest
 
 
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:

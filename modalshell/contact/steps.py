@@ -10,8 +10,9 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import SLIP, Friction
-from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.shell import Shell
 from modalshell.statics.newton import rules_of
@@ -58,6 +59,7 @@ class TouchingSteps:
     def __init__(self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float) -> None:
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
+        self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._deep = EXACT_GAP * self.now.size
         corners = np.stack([shell.rest_positions.min(axis=0), shell.rest_positions.max(axis=0)]) + origin
@@ -125,13 +127,18 @@ class TouchingSteps:
             # What touches for the first time has no force of the step before: it takes that of this one.
             lagged, chosen = np.where(new, self.pushes, lagged), rest.active
 
-    def projected(self, x: Array, rates: Array, time: float) -> tuple[Array, Array]:
+    def frame(self, x: Array, time: float) -> TouchedFrame:
+        """What touches at x (n, 3) and ``time`` [s], the end of the last step."""
+        return touched_frame(self.now.at(time), x, self.pushes, self._stopping)
+
+    def projected(self, x: Array, rates: Array, time: float, dt: float) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
 
         Its speed inward is turned round by the restitution, or removed, and friction lessens the speed
-        along the surface by its coefficient times that change, at most to nothing.
+        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s].
         """
         touching = self.now = self.now.at(time)
+        self._stopping, given = None, rates
         rows = np.flatnonzero(touching.distances(x) < 0.0)
         rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
         if not rows.size:
@@ -149,6 +156,7 @@ class TouchingSteps:
                 slip = float(np.linalg.norm(along))
                 kept = max(0.0, 1.0 - contact.friction * change / slip) if slip > 0.0 else 0.0
                 rates[vertex] = carried + kept * along + contact.restitution * inward * normal
+        self._stopping = touching.shell.mass[:, None] * (rates - given) / dt
         return x, rates
 
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.gap_kernels import Packed, packed
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
 from modalshell.supports import VertexUnknowns
@@ -23,6 +25,10 @@ _FREE = 1e-6
 """Square of the part of a unit normal in a vertex's free unknowns below which supports alone decide its gap."""
 _PASSABLE = 0.5
 """Way into a collider, in its smallest radius, that an iteration may take a vertex."""
+_PASSED = 0.1
+"""Depth, in a collider's smallest radius, at which a straight way leads through it: vertices slide along curves."""
+_LOOKS = 64
+"""Places at most at which a straight way is looked at."""
 _SWEEPS = 20
 """Moves onto curved or several surfaces at most."""
 _ON = 1e-14
@@ -132,6 +138,10 @@ class Touching:
             gap[begin:end] = contact.distance(points if self._origin is None else points + self._origin, self.time)
         return gap if self.bounds is None else gap - self.bounds
 
+    def packed(self) -> Packed | None:
+        """The colliders as they are now, for compiled gaps; None where one has no compiled form."""
+        return packed(self.contacts, self.time, self._origin)
+
     def deepest_by_contact(self, x: Array) -> Array:
         """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
         gap, deepest = self.distances(x), np.zeros(self.vertices.size)
@@ -180,6 +190,22 @@ class Touching:
                     allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
                     part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
         return part
+
+    def crossed(self, x: Array, moved: Array) -> bool:
+        """Whether the straight way from x to ``moved``, both (n, 3), leads a vertex through a collider."""
+        for index, contact in enumerate(self.contacts):
+            vertices = self.vertices[self.of_contact(index)]
+            radius = contact.collider.smallest_radius
+            if not (np.isfinite(radius) and vertices.size):
+                continue
+            begin, way = x[vertices], moved[vertices] - x[vertices]
+            longest = float(np.linalg.norm(way, axis=1).max())
+            looks = min(_LOOKS, int(longest / (_PASSABLE * radius)))
+            for share in np.arange(1, looks + 1) / (looks + 1):
+                points = begin + share * way if self._origin is None else begin + share * way + self._origin
+                if contact.distance(points, self.time).min() < -_PASSED * radius:
+                    return True
+        return False
 
     def movable(self, rows: Index, normals: Array) -> Array:
         """Whether supports leave the rows' vertices a motion along the normals."""
@@ -231,6 +257,17 @@ class Touching:
                     f"vertex {self.vertices[rows][worst]} begins {-own[worst]:.3g} m inside contact {index} ({kind}): "
                     "move the shell or the collider, or let it be pushed out (push_out= of ms.Contact, in m/s)"
                 )
+
+
+def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:
+    """What touches at positions x (n, 3), of forces (r,) [N] along the normals and ``further`` ones (n, 3) [N]."""
+    bare = touching.with_bounds(None)
+    forces, touches = bare.forces(x, pushes), np.zeros(len(x), dtype=bool)
+    if further is not None:
+        forces += further
+        touches |= further.any(axis=1)
+    touches[bare.vertices[pushes > 0.0]] = True
+    return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 
 
 def _unknowns_of(shell: Shell) -> tuple[Index, Index, Array]:

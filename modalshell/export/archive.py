@@ -67,6 +67,15 @@ _BARS = {
 """Error bars, of trajectories that have them."""
 _LEVELS = {"levels": Field("U", ("F",))}
 """Models of the frames, of trajectories of a model that switches itself."""
+_CREASES = {"crease_angles": Field("f", ("F", "C"), "rad"), "crease_heat": Field("f", ("F",), "J")}
+"""What creases keep, of trajectories of shells that have them."""
+_CONTACTS = {
+    "contact_forces": Field("f", ("F", "n", 3), "N"),
+    "in_contact": Field("b", ("F", "n")),
+    "deepest": Field("f", ("F",), "m"),
+}
+"""What touches, of trajectories with contacts."""
+_FURTHER = _BARS | _LEVELS | _CREASES | _CONTACTS
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -82,7 +91,11 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
         values |= {name: getattr(run.bars, name.removeprefix(_BAR)) for name in _BARS}
     if run.levels:
         values["levels"] = np.array(run.levels)
-    arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES | _BARS | _LEVELS)
+    if run.crease_angles.size:
+        values |= {name: getattr(run, name) for name in _CREASES}
+    if run.deepest.size:
+        values |= {name: getattr(run, name) for name in _CONTACTS}
+    arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES | _FURTHER)
     positions = arrays.pop("positions")
     return write_atomically(path, lambda file: _write(file, arrays, positions))
 
@@ -128,7 +141,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     with readable(_TRAJECTORY.kind, file):
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             stored = {name.removesuffix(".npy") for name in archive.namelist()}
-            further = {name: field for name, field in (_TRIANGLES | _BARS | _LEVELS).items() if name in stored}
+            further = {name: field for name, field in (_TRIANGLES | _FURTHER).items() if name in stored}
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
             positions = _mapped(file, archive, verify)
@@ -147,8 +160,10 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         fields = {name.removeprefix(_FIELD): data[name] for name in further if name in _TRIANGLES}
         if _BARS.keys() & further.keys():
             values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS})
+        values |= {name: data[name] for name in _CONTACTS if name in further}
         if "levels" in further:
             values["levels"] = tuple(str(name) for name in data["levels"])
+        values |= {name: data[name] for name in _CREASES if name in further}
         return Trajectory(positions=positions, fields=fields, units=units, **values)
 
 

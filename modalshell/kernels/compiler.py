@@ -35,6 +35,8 @@ _usable_thread_count()  # before numba reads it
 import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
+from modalshell.kernels import ahead  # noqa: E402
+
 _REFERENCE = 14.0, 4.0e-4
 """Seconds that the kernels of a long command take to compile, and this file, by Python, on one machine."""
 
@@ -59,6 +61,7 @@ class _Notice(event.Listener):
         """Say it before a kernel of this package is compiled."""
         if not _is_own(event):
             return
+        ahead.begin(event.data["dispatcher"], event.data["args"], cache_folder())
         if self.due:
             self.due = False
             self._most = _most_seconds()

@@ -45,48 +45,48 @@ def coefficients(x, y, z):  # type: ignore[no-untyped-def]
     return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)
 
 
-@_kernel
-def _apply(w, vector, linear, quadratic, out):  # type: ignore[no-untyped-def]
-    """``out = vector + linear w x vector + quadratic w x (w x vector)`` for one vertex."""
-    cx = w[1] * vector[2] - w[2] * vector[1]
-    cy = w[2] * vector[0] - w[0] * vector[2]
-    cz = w[0] * vector[1] - w[1] * vector[0]
-    out[0] = vector[0] + linear * cx + quadratic * (w[1] * cz - w[2] * cy)
-    out[1] = vector[1] + linear * cy + quadratic * (w[2] * cx - w[0] * cz)
-    out[2] = vector[2] + linear * cz + quadratic * (w[0] * cy - w[1] * cx)
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _apply(w, vector, linear, quadratic):  # type: ignore[no-untyped-def]
+    """``vector + linear w x vector + quadratic w x (w x vector)`` for one vertex, of tuples: slices compile slowly."""
+    x, y, z = w
+    vx, vy, vz = vector
+    cx, cy, cz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+    return (
+        vx + linear * cx + quadratic * (y * cz - z * cy),
+        vy + linear * cy + quadratic * (z * cx - x * cz),
+        vz + linear * cz + quadratic * (x * cy - y * cx),
+    )
 
 
 @_kernel
 def rotate(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
     """``out_i = R(sign w_i) v_i``; all (n, 3). ``sign`` = -1 applies the transpose."""
     for i in range(vectors.shape[0]):
-        w = rotation_vectors[i]
+        w = rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2]
         first, second, _ = coefficients(w[0], w[1], w[2])
-        _apply(w, vectors[i], sign * first, second, out[i])
+        v = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        out[i, 0], out[i, 1], out[i, 2] = _apply(w, v, sign * first, second)
 
 
 @_kernel
 def warp(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
     """``out_i = Rt(sign w_i) v_i``; all (n, 3). Rt is the average of the rotations from 0 to w [choi2007, eq. 17]."""
     for i in range(vectors.shape[0]):
-        w = rotation_vectors[i]
+        w = rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2]
         _, second, third = coefficients(w[0], w[1], w[2])
-        _apply(w, vectors[i], sign * second, third, out[i])
+        v = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        out[i, 0], out[i, 1], out[i, 2] = _apply(w, v, sign * second, third)
 
 
 @_kernel
 def averages(rotation_vectors, out):  # type: ignore[no-untyped-def]
     """``out_i = Rt(w_i)`` (n, 3, 3)."""
-    unit = np.empty(3)
-    column = np.empty(3)
     for i in range(rotation_vectors.shape[0]):
-        w = rotation_vectors[i]
+        w = rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2]
         _, second, third = coefficients(w[0], w[1], w[2])
         for axis in range(3):
-            unit[:] = 0.0
-            unit[axis] = 1.0
-            _apply(w, unit, second, third, column)
-            out[i, :, axis] = column
+            unit = 1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
+            out[i, 0, axis], out[i, 1, axis], out[i, 2, axis] = _apply(w, unit, second, third)
 
 
 @_kernel
@@ -94,8 +94,8 @@ def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
     """Largest |w_i| over all vertices [rad]."""
     largest = 0.0
     for i in range(rotation_vectors.shape[0]):
-        w = rotation_vectors[i]
-        largest = max(largest, w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        x, y, z = rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2]
+        largest = max(largest, x * x + y * y + z * z)
     return math.sqrt(largest)
 
 
@@ -110,24 +110,20 @@ def largest_turn(positions, displacements, faces):  # type: ignore[no-untyped-de
 @_kernel
 def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no-untyped-def]
     """``jacobians_i = d(R(w_i)^T f_i)/dw_i = [R^T f] Rt(-w)``, written into (n, 3, 3)."""
-    rotated = np.empty(3)
-    unit = np.empty(3)
-    column = np.empty(3)
     for i in range(load.shape[0]):
-        w = rotation_vectors[i]
+        w = rotation_vectors[i, 0], rotation_vectors[i, 1], rotation_vectors[i, 2]
         first, second, third = coefficients(w[0], w[1], w[2])
-        _apply(w, load[i], -first, second, rotated)
+        x, y, z = _apply(w, (load[i, 0], load[i, 1], load[i, 2]), -first, second)
         for axis in range(3):
-            unit[:] = 0.0
-            unit[axis] = 1.0
-            _apply(w, unit, -second, third, column)
-            jacobians[i, 0, axis] = rotated[1] * column[2] - rotated[2] * column[1]
-            jacobians[i, 1, axis] = rotated[2] * column[0] - rotated[0] * column[2]
-            jacobians[i, 2, axis] = rotated[0] * column[1] - rotated[1] * column[0]
+            unit = 1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
+            a, b, c = _apply(w, unit, -second, third)
+            jacobians[i, 0, axis] = y * c - z * b
+            jacobians[i, 1, axis] = z * a - x * c
+            jacobians[i, 2, axis] = x * b - y * a
 
 
 @_kernel
-def _slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
+def slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
     """``(dc2/dphi) / phi`` and ``(dc3/dphi) / phi`` at phi^2 = ``squared``, given c1, c2 and c3 there."""
     if squared < 1.0:
         # sum (-1)^k 2k phi^(2k-2) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
@@ -146,7 +142,7 @@ def _slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
 def _warp_slope(w, v, jacobian):  # type: ignore[no-untyped-def]
     """``d(Rt(w) v)/dw`` at fixed v for one vertex, into (3, 3)."""
     first, second, third = coefficients(w[0], w[1], w[2])
-    slope_second, slope_third = _slopes(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], first, second, third)
+    slope_second, slope_third = slopes(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], first, second, third)
     cx = w[1] * v[2] - w[2] * v[1]
     cy = w[2] * v[0] - w[0] * v[2]
     cz = w[0] * v[1] - w[1] * v[0]
@@ -184,7 +180,8 @@ def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: igno
     for i in range(vectors.shape[0]):
         w, v, f = rotation_vectors[i], vectors[i], load[i]
         _, second, third = coefficients(w[0], w[1], w[2])
-        _apply(w, f, -second, third, averaged[i])  # Rt(w)^T = Rt(-w)
+        turn, force = (w[0], w[1], w[2]), (f[0], f[1], f[2])
+        averaged[i, 0], averaged[i, 1], averaged[i, 2] = _apply(turn, force, -second, third)  # Rt(w)^T = Rt(-w)
         _warp_slope(w, v, jacobian)
         for axis in range(3):
             total += averaged[i, axis] * v[axis]
@@ -194,7 +191,7 @@ def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: igno
 
 @_kernel
 def _curvatures(squared, slope_second, slope_third, second, third):  # type: ignore[no-untyped-def]
-    """``(d/dphi) / phi`` of both :func:`_slopes` at phi^2 = ``squared``, given these, c2 and c3 there."""
+    """``(d/dphi) / phi`` of both :func:`slopes` at phi^2 = ``squared``, given these, c2 and c3 there."""
     if squared < 1.0:
         # sum (-1)^k 2k (2k-2) phi^(2k-4) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
         term = -1.0 / 24.0
@@ -220,7 +217,7 @@ def warped_work_curvature(rotation_vectors, vectors, load, mixed, curvature):  #
         _warp_slope(-w, f, mixed[i])  # Rt(w)^T = Rt(-w)
         squared = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
         first, second, third = coefficients(w[0], w[1], w[2])
-        slope_second, slope_third = _slopes(squared, first, second, third)
+        slope_second, slope_third = slopes(squared, first, second, third)
         curve_second, curve_third = _curvatures(squared, slope_second, slope_third, second, third)
         slope_a = (v[1] * f[2] - v[2] * f[1], v[2] * f[0] - v[0] * f[2], v[0] * f[1] - v[1] * f[0])
         fw, vw, fv = 0.0, 0.0, 0.0
@@ -253,27 +250,26 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
     line have no rotation and do not count.
     """
     count = np.zeros(positions.shape[0])
-    arm = np.empty(3)
     out[:] = 0.0
     for face in range(faces.shape[0]):
         xx = yy = zz = xy = xz = yz = bx = by = bz = 0.0
+        i, j, h = faces[face, 0], faces[face, 1], faces[face, 2]
+        mx = (positions[i, 0] + positions[j, 0] + positions[h, 0]) / 3.0
+        my = (positions[i, 1] + positions[j, 1] + positions[h, 1]) / 3.0
+        mz = (positions[i, 2] + positions[j, 2] + positions[h, 2]) / 3.0
         for k in range(3):
             v = faces[face, k]
-            for axis in range(3):
-                total = 0.0
-                for corner in range(3):
-                    total += positions[faces[face, corner], axis]
-                arm[axis] = positions[v, axis] - total / 3.0
-            d = displacements[v]
-            xx += arm[1] * arm[1] + arm[2] * arm[2]
-            yy += arm[0] * arm[0] + arm[2] * arm[2]
-            zz += arm[0] * arm[0] + arm[1] * arm[1]
-            xy -= arm[0] * arm[1]
-            xz -= arm[0] * arm[2]
-            yz -= arm[1] * arm[2]
-            bx += arm[1] * d[2] - arm[2] * d[1]
-            by += arm[2] * d[0] - arm[0] * d[2]
-            bz += arm[0] * d[1] - arm[1] * d[0]
+            x, y, z = positions[v, 0] - mx, positions[v, 1] - my, positions[v, 2] - mz
+            dx, dy, dz = displacements[v, 0], displacements[v, 1], displacements[v, 2]
+            xx += y * y + z * z
+            yy += x * x + z * z
+            zz += x * x + y * y
+            xy -= x * y
+            xz -= x * z
+            yz -= y * z
+            bx += y * dz - z * dy
+            by += z * dx - x * dz
+            bz += x * dy - y * dx
         cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         determinant = xx * cxx + xy * cxy + xz * cxz

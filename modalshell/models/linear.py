@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -11,6 +12,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import FrameModel
+from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
 from modalshell.statics.path import Followable
@@ -66,6 +68,11 @@ class LinearModal(ModalModel):
     def warped_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""
         return self._patch_rows(self.basis.modes, vertices)
+
+    @cached_property
+    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+        """See :attr:`Warp.contact_shape`."""
+        return contact_shape(self.basis, turns=False)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, final
+from typing import NamedTuple, Self, final
 
 import numpy as np
 import scipy.linalg
@@ -14,7 +14,6 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.frame import TILE
 from modalshell.loads.surface_kernels import APART
-from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
@@ -129,7 +128,7 @@ class ReducedRotationStrain(TurnedTriangles):
         errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
         self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
 
-    def on_basis(self, basis: Basis) -> ModalModel:
+    def on_basis(self, basis: Basis) -> Self:
         """OptionError: its training is that of one basis."""
         raise OptionError(f"{self.name} is trained on one material: take RSW for derivatives by its constants")
 

@@ -5,6 +5,7 @@ See theory 9, eq. 1 to 4.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TypeVar, final
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_read
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels.frame import TILE
 from modalshell.loads.surface_kernels import APART
@@ -24,6 +25,8 @@ from modalshell.models.reduction.patched_work import PatchedWork
 from modalshell.models.reduction.poisson import PoissonFit
 from modalshell.modes import Basis
 
+_GREEN = 512
+"""Vertices whose displacements per right side are kept, at most."""
 _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
 
@@ -63,6 +66,8 @@ class RotationStrain(TurnedTriangles):
         self._fit = fit
         modes = basis.modes.reshape(-1, 3, basis.count)
         centres = [np.tensordot(share, modes[part], 1) for part, share in fit.floating]
+        self._green = np.empty((0, fit.rows - 1))
+        self._places = np.full(len(basis.shell.rest_positions), -1, np.int64)
         self._centres = np.array(centres).reshape(-1, 3, basis.count)
         height, foot, length = fit.sides.T
         shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
@@ -75,6 +80,31 @@ class RotationStrain(TurnedTriangles):
         right_side = np.empty((self._fit.rows, 3))
         kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right_side)
         return self._fit.displacement(right_side, self._centres @ q)
+
+    def contact_rows(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions by the coordinates; exact where supports hold vertices."""
+        fit = self._fit
+        if fit.coupled or fit.floating:
+            return super().contact_rows(q, vertices)
+        columns, frames, sides, slots = self._by_triangle
+        right = np.empty((fit.rows, 3, q.size))
+        kernel.spread_rows(columns, frames, sides, slots, q, right)
+        places = self._places[vertices]
+        if places.size and places.min() < 0:
+            missing = np.unique(vertices[places < 0])
+            if missing.size + len(self._green) > max(_GREEN, missing.size):
+                self._green, self._places[:], missing = self._green[:0], -1, np.unique(vertices)
+            self._places[missing] = len(self._green) + np.arange(missing.size)
+            self._green = np.concatenate([self._green, [fit.green(int(vertex)) for vertex in missing]])
+            places = self._places[vertices]
+        return (self._green[places] @ right[:-1].reshape(fit.rows - 1, -1)).reshape(vertices.size, 3, q.size)
+
+    @cached_property
+    def _by_triangle(self) -> tuple[Array, Array, Array, Index]:
+        """Turns and strains (T, 6, m), frames, sides and rows of all triangles."""
+        columns = self.turns_and_strains(np.arange(len(self.shell.mesh.faces))).transpose(0, 2, 1)
+        fit = self._fit
+        return np.ascontiguousarray(columns), np.array(fit.frames), np.array(fit.sides), np.array(fit.slots)
 
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""

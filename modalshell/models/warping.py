@@ -14,6 +14,7 @@ from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
+from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
@@ -89,6 +90,11 @@ class ModalWarping(UnstretchedModel):
         moved, rows = self._moved_rows(q, vertices)
         return (self.shell.rest_positions[vertices] + moved).mean(axis=0), rows.mean(axis=0)
 
+    @cached_property
+    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+        """See :attr:`Warp.contact_shape`."""
+        return contact_shape(self.basis, turns=True)
+
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""
         return self._moved_rows(q, vertices)[1]
@@ -121,10 +127,6 @@ class ModalWarping(UnstretchedModel):
         averaged, slope = np.empty_like(load), np.empty_like(load)
         work = rotations.warped_work(w, linear, load, averaged, slope)
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
-
-    def on_basis(self, basis: Basis) -> ModalWarping:
-        """The same model on another basis of its shell."""
-        return ModalWarping(basis, consistent_force=self.consistent_force)
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""

@@ -50,8 +50,9 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: S
     if not missing:
         return run
     frames = []
-    for time, positions in zip(run.times, run.positions, strict=True):
+    for frame, (time, positions) in enumerate(zip(run.times, run.positions, strict=True)):
         x = np.asarray(positions, dtype=np.float64)
-        frames.append(shell.fields(x if supports is None else supports.at(float(time)).to_shell(x)))
+        own = shell.creased(run.crease_angles[frame]) if run.crease_angles.size else shell
+        frames.append(own.fields(x if supports is None else supports.at(float(time)).to_shell(x)))
     found = {name: np.stack([fields.values(name) for fields in frames]) for name in missing}
     return replace(run, fields={**run.fields, **found})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -11,7 +11,9 @@ from numpy.typing import DTypeLike, NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Progress
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion.stepping import Motion
@@ -87,6 +89,10 @@ class Recorder:
         What was left to each constraint's target.
     levels : list of int
         Number of the model of each, of a model that switches itself; else empty.
+    creases, heat : list
+        Plastic folds (C,) [rad] of creases, and the heat [J] that they have made, in each; empty without creases.
+    touched : list of TouchedFrame
+        What touches in each, with contacts; else empty.
     fault : Outcome or None
         The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
@@ -108,6 +114,9 @@ class Recorder:
         self.energies: list[Array] = []
         self.residuals: list[Array] = []
         self.levels: list[int] = []
+        self.creases: list[Array] = []
+        self.heat: list[float] = []
+        self.touched: list[TouchedFrame] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
         self._watch, self._seconds_before = Stopwatch(), 0.0
@@ -155,8 +164,13 @@ class Recorder:
         self.times.append(motion.time)
         self.energies.append(motion.energies())
         self.residuals.append(motion.constraint_residuals)
+        if (touched := motion.touched()) is not None:
+            self.touched.append(touched)
         if motion.model.level_names:
             self.levels.append(int(motion.state.memory["level"][0]))
+        if CREASES in motion.state.memory:
+            self.creases.append(motion.state.memory[CREASES])
+            self.heat.append(float(motion.state.memory[HEAT][0]))
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
@@ -165,6 +179,10 @@ class Recorder:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
         outcome, message = self.verdict()
         shell = self.motion.shell
+        contacts: dict[str, Any] = {}
+        if self.touched:
+            names = "contact_forces", "in_contact", "deepest"
+            contacts = {name: np.array(each) for name, each in zip(names, zip(*self.touched, strict=True), strict=True)}
         return Trajectory(
             times=np.array(self.times),
             positions=positions,
@@ -179,6 +197,9 @@ class Recorder:
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             levels=tuple(self.motion.model.level_names[level] for level in self.levels),
+            crease_angles=np.array(self.creases) if self.creases else np.empty((0, 0)),
+            crease_heat=np.array(self.heat),
+            **contacts,
         )
 
     def verdict(self) -> tuple[Outcome, str]:

@@ -13,6 +13,7 @@ from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -129,19 +130,24 @@ class Motion:
         """Vertex positions (n, 3) [m] in the world."""
         return self.stepper.positions(self.state, self.time)
 
+    def touched(self) -> TouchedFrame | None:
+        """What touches now, with contacts; else None."""
+        return self.stepper.touched(self.state, self.time)
+
     def place(self, positions: Array) -> None:
         """Put every vertex at ``positions`` (n, 3) [m] at rest, as far as the model can."""
         self.state = self.stepper.state_at(positions, self.time)
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
-        own = self.stepper.own_positions(self.state)
+        own = self.stepper.loaded_positions(self.state)
         moved = np.subtract(own, self.model.shell.rest_positions, out=self._moved)
         model, state, loading = self.present_model, self.state, self.setup.loading
         potential = -float(np.vdot(self.load, moved))
         if loading.live:
-            potential += loading.live_energy(self.positions(), self.time)
-        return np.array([model.kinetic_energy(state), model.elastic_energy(state), potential])
+            potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
+        elastic = model.elastic_energy(state) + self.stepper.further_energy(state)
+        return np.array([model.kinetic_energy(state), elastic, potential])
 
     def fault(self) -> Outcome | None:
         """What is wrong with the state, if the model cannot describe it."""
@@ -160,7 +166,10 @@ class Motion:
         """Take a step as long as it is; whether it was solved."""
         dt, before = self.setup.dt, self.state
         after, converged = self.stepper.advance(self.time, dt, before, self.load)
-        self._go_on(after, dt, self.errors.of_step(before, after, dt))
+        cost = self.errors.of_step(before, after, dt)
+        if self._go_on(after, cost):
+            self.errors.see(after)
+            self.errors.add(dt, cost)
         return converged
 
     def _divided_step(self) -> bool:
@@ -179,23 +188,22 @@ class Motion:
                 errors.halvings += 1
                 continue
             place, solved = place + part, solved and converged
-            self._go_on(after, dt, cost)
-            if not self.finite:
+            if not self._go_on(after, cost):
                 break
+            errors.add(dt, cost)
             # Twice the step has eight times the error, and may have twice as much.
             if part < _PARTS and error <= _EASY * allowed and place % (2 * part) == 0:
                 errors.halvings -= 1
         return solved
 
-    def _go_on(self, after: MotionState, dt: float, cost: tuple[float, float, float]) -> None:
+    def _go_on(self, after: MotionState, cost: tuple[float, float, float]) -> bool:
+        """Take a step's end; whether it is finite."""
         self.state = after
         squares = cost[1] + cost[2]
         if COST not in after.memory or self.errors.looks:
             squares = float(np.vdot(after.coordinates, after.coordinates) + np.vdot(after.rates, after.rates))
         self.finite = squares < _FARTHEST**2  # False for NaN, too
-        if self.finite:
-            self.errors.see(after)
-            self.errors.add(dt, cost)
+        return self.finite
 
     @property
     def remarks(self) -> list[str]:

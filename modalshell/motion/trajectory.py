@@ -20,7 +20,7 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
 from modalshell.motion.bars import Bars
-from modalshell.shell import Shell
+from modalshell.shell import CreaseState, Shell
 
 WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
 """What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""
@@ -67,6 +67,17 @@ class Trajectory(Drawn):
         Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
     levels : tuple of str
         The model of each frame, of a model that switches itself; else empty.
+    crease_angles : ndarray, shape (F, C)
+        Plastic fold [rad] of every crease in each frame, of shells with creases; else no columns.
+    crease_heat : ndarray, shape (F,)
+        Heat [J] that creases have made by then; empty without creases.
+    contact_forces : ndarray, shape (F, n, 3)
+        Force of the colliders on every vertex [N] along their normals; empty without contacts, as the next two. Of
+        explicit rules it is what the vertices' change of speed there needs, friction with it.
+    in_contact : ndarray of bool, shape (F, n)
+        Vertices that are pushed.
+    deepest : ndarray, shape (F,)
+        Depth of the deepest vertex in a collider [m].
     bars : Bars or None
         Error bars of some frames, where these were asked for.
     units : UnitSystem
@@ -87,6 +98,11 @@ class Trajectory(Drawn):
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
     fields: dict[str, Array] = field(default_factory=dict)
     levels: tuple[str, ...] = ()
+    crease_angles: Array = field(default_factory=lambda: np.empty((0, 0)))
+    crease_heat: Array = field(default_factory=lambda: np.empty(0))
+    contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
+    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+    deepest: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
     units: UnitSystem = SI
 
@@ -112,6 +128,11 @@ class Trajectory(Drawn):
     @classmethod
     def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
         """One frame at time 0: a static answer under the loads, its outcome the solver's."""
+        shell = shell if answer.creases is None else shell.creased(answer.creases)
+        kept: dict[str, Any] = {} if answer.creases is None else _kept(answer.creases)
+        if answer.in_contact.size:
+            forces, touches = answer.contact_forces[None], answer.in_contact[None]
+            kept |= {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
         energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),
@@ -125,6 +146,7 @@ class Trajectory(Drawn):
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             bars=None if answer.bar is None else Bars.still(answer.bar),
+            **kept,
         )
 
     def save(self, path: str | os.PathLike[str], *, on_frame: Progress | None = None) -> Path:
@@ -133,3 +155,8 @@ class Trajectory(Drawn):
         if target.suffix not in WRITERS:
             raise OptionError(f"a trajectory is saved as {', '.join(WRITERS)} (got {target.name!r})")
         return WRITERS[target.suffix](self, target, on_frame)
+
+
+def _kept(state: CreaseState) -> dict[str, Any]:
+    """What creases have kept, as of one frame."""
+    return {"crease_angles": state.angles[None], "crease_heat": np.array([state.dissipated])}

@@ -117,7 +117,7 @@ class Sides:
     @classmethod
     def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> Sides:
         """Sides of the faces (T, 3) at ``vertices`` (n, 3)."""
-        points, seen = np.ascontiguousarray(vertices, dtype=np.float64), np.empty(len(faces), np.int64)
+        points, seen = np.require(vertices, np.float64, ("C", "W")), np.empty(len(faces), np.int64)
         flat, smooth = normals(points, faces)
         kernel.seen_faces(points, faces, flat, camera.position, seen)
         return cls(flat, smooth, seen)
@@ -126,7 +126,8 @@ class Sides:
 def normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unit normals of the faces (T, 3), zero without area, and at the vertices (n, 3), averaged by area."""
     flat, smooth = np.empty((len(faces), 3)), np.empty((len(vertices), 3))
-    kernel.unit_normals(np.ascontiguousarray(vertices, dtype=np.float64), faces, flat, smooth)
+    # A read-only array would compile the kernel once more.
+    kernel.unit_normals(np.require(vertices, np.float64, ("C", "W")), faces, flat, smooth)
     return flat, smooth
 
 

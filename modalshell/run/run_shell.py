@@ -15,9 +15,11 @@ from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.core.memory import demand_disk
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Equilibrium
 from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion, Trajectory
@@ -35,6 +37,8 @@ from modalshell.statics.buckling import ADVICE, buckles
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
+_TOUCHED = "contact_forces", "in_contact", "deepest"
+"""Names in a record of what touches."""
 _SNAPSHOT = "snapshot_"
 
 
@@ -187,6 +191,8 @@ def _move(
         values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
         values |= {"time": motion.time, "positions": motion.positions(), "energies": recorder.energies[-1]}
         values |= {"fault": str(recorder.fault or "").encode(), "fault_time": recorder.fault_time}
+        if recorder.touched:
+            values |= dict(zip(_TOUCHED, recorder.touched[-1], strict=True))
         file.append(values | {"seconds": recorder.seconds})
     return recorder.trajectory(file.records()["positions"]), resumed
 
@@ -201,6 +207,10 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("fault_time", "<f8"),
         ("positions", np.dtype(precision).newbyteorder("<").str, motion.shell.rest_positions.shape),
     ]
+    if motion.setup.contacts:
+        count = len(motion.shell.rest_positions)
+        shapes = ("<f8", (count, 3)), ("?", (count,)), ("<f8",)
+        fields += [(name, *shape) for name, shape in zip(_TOUCHED, shapes, strict=True)]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
 
 
@@ -233,6 +243,12 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
         )
     if motion.model.level_names:
         recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
+    if f"{_SNAPSHOT}state_{CREASES}" in (records.dtype.names or ()):
+        recorder.creases = [np.array(angles) for angles in records[f"{_SNAPSHOT}state_{CREASES}"]]
+        recorder.heat = records[f"{_SNAPSHOT}state_{HEAT}"][:, 0].tolist()
+    if motion.setup.contacts:
+        each = zip(*(np.array(records[name]) for name in _TOUCHED), strict=True)
+        recorder.touched = [TouchedFrame(forces, touches, float(deep)) for forces, touches, deep in each]
     fault = bytes(last["fault"]).decode()
     recorder.resume(
         np.array(records["time"]),

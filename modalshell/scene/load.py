@@ -18,13 +18,26 @@ from modalshell.scene.index_files import with_index_files
 from modalshell.scene.kinds import KINDS
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
-from modalshell.scene.read import checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
+from modalshell.scene.read import T, checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
+from modalshell.scene.rest import CreaseTable, RestTable
 from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
-_OPTIONAL = ("supports", "energies", "loads", "constraints", "contacts", "motion", "path", "output", "units")
+_OPTIONAL = (
+    "supports",
+    "energies",
+    "loads",
+    "constraints",
+    "contacts",
+    "creases",
+    "rest",
+    "motion",
+    "path",
+    "output",
+    "units",
+)
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -63,9 +76,6 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = checked_name(file, raw)
-    entries = raw.get("constraints", [])
-    if not isinstance(entries, list):
-        raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
     further: tuple[tuple[str, Any], ...] = tuple((key, kind.table) for key, kind in KINDS.items())
     optional: dict[str, Any] = {
         key: checked_table(file, key, raw[key], kind)
@@ -75,6 +85,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             ("motion", tables.MotionTable),
             ("units", tables.Units),
             ("path", tables.PathTable),
+            ("rest", RestTable),
             ("output", tables.Output),
             *further,
         )
@@ -95,9 +106,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         "material": checked_table(file, "material", sheet, _material_kind(file, sheet)),
         "model": checked_table(file, "model", raw["model"], model),
     }
-    declared["constraints"] = tuple(
-        checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
-    )
+    declared["constraints"] = _listed(file, raw, "constraints", tables.Constrained)
+    declared["creases"] = _listed(file, raw, "creases", CreaseTable)
     if "contacts" in raw:
         from modalshell.scene.contacts import contact_tables  # not without contacts
 
@@ -108,6 +118,14 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             raise SceneError(f"{file}: bar: only scenes of one shell have error bars; leave it out")
         declared["bar"] = True
     return ShellScene(**declared) if own is None else own.builder(declared)
+
+
+def _listed(file: Path, raw: dict[str, Any], key: str, kind: type[T]) -> tuple[T, ...]:
+    """The tables of a list, ``[[key]]``."""
+    entries = raw.get(key, [])
+    if not isinstance(entries, list):
+        raise SceneError(f"{file}: {key}: must be a list of tables, [[{key}]] (got {entries!r:.60})")
+    return tuple(checked_table(file, f"{key}[{index}]", entry, kind) for index, entry in enumerate(entries))
 
 
 def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:
@@ -121,7 +139,7 @@ def pickled_scene(scene: Scene) -> tuple[Any, ...]:
     """What a scene is pickled as: its tables as plain dicts and lists, whose types are made as the scene is read."""
     raw = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name != "file"}
     plain = {name: msgspec.to_builtins(value) for name, value in raw.items() if value is not None}
-    for key in ("constraints", "contacts"):
+    for key in ("constraints", "contacts", "creases"):
         if key in plain:
             plain[key] = list(plain[key])
     if not plain.get("contacts"):

@@ -57,7 +57,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path, metres: float = 1.0) -> Tr
     """
     if isinstance(table, Shape):
         return table.build()
-    file = _found(table.file, folder)
+    file = found_file(table.file, folder)
     mesh = _read_mesh(table, file)
     if file.suffix.lower() not in USD or metres == 1.0:
         return mesh
@@ -73,7 +73,8 @@ def _read_mesh(table: MeshFile, file: Path) -> TriangleMesh:
     return mesh
 
 
-def _found(name: str, folder: Path) -> Path:
+def found_file(name: str, folder: Path) -> Path:
+    """A file of a scene in ``folder``, or among the bundled meshes."""
     file = folder / name
     return repository_file(name) if not file.exists() and name.startswith("meshes/") else file
 
@@ -82,7 +83,7 @@ def input_files(scene: Any) -> list[Path]:
     """Files that a scene reads: its own, that of its mesh, and those of its material's fields."""
     folder = scene.file.parent
     names = [getattr(scene.material, name, None) for name in ("young", "poisson", "thickness", "density")]
-    names.append(getattr(scene.mesh, "file", None))
+    names += [getattr(scene.mesh, "file", None), *(scene.rest.files if scene.rest else ())]
     return [scene.file, *(folder / name for name in names if isinstance(name, str))]
 
 
@@ -106,7 +107,7 @@ def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
     values = {name: getattr(table, name) for name in ("young", "poisson", "thickness", "density")}
     for name, value in values.items():
         if isinstance(value, str):
-            values[name] = _numbers(name, _found(value, folder))
+            values[name] = _numbers(name, found_file(value, folder))
     return values
 
 

@@ -47,6 +47,7 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
+from modalshell.scene.rest import CreaseTable, RestTable, build_creases, rest_content, rest_options
 from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
@@ -69,8 +70,8 @@ class Scene(ABC):
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, energies, loads, motion, output, units
-        The tables; see :mod:`modalshell.scene.tables`. None where not declared.
+    mesh, material, model, supports, energies, loads, motion, output, units, rest, creases
+        The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.rest`. None where not declared.
     """
 
     name: str
@@ -84,6 +85,8 @@ class Scene(ABC):
     motion: tables.MotionTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
     units: tables.Units | None = None
+    rest: RestTable | None = None
+    creases: tuple[CreaseTable, ...] = ()
 
     @abstractmethod
     def require_shell(self) -> ShellScene:
@@ -100,6 +103,9 @@ class Scene(ABC):
             with located(self.file, "material", self.material):
                 values = material_values(self.material, self.file.parent)
             content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
+        # Results of scenes without these tables keep their digests.
+        content |= {} if self.rest is None else {"rest": rest_content(self.file, self.rest)}
+        content |= {"creases": [table.plain() for table in self.creases]} if self.creases else {}
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
@@ -151,8 +157,12 @@ class Scene(ABC):
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):
                 energies.append(entry.build())
-        with located(self.file, "material", self.material):
-            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts)
+        options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None))
+        if self.creases:
+            options["creases"] = build_creases(self.file, self.creases, mesh)
+        place = ("rest", self.rest) if self.rest is not None else ("material", self.material)
+        with located(self.file, *place):
+            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts, **options)
 
     def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
         """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""

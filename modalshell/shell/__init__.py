@@ -1,6 +1,7 @@
 """Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
 from modalshell.shell.cards import card, cards
+from modalshell.shell.creases import Crease, CreaseState
 from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 from modalshell.shell.fabric import Fabric
 from modalshell.shell.fields import ShellFields
@@ -17,6 +18,8 @@ __all__ = [
     "GAUSS_NEWTON",
     "MIXED",
     "PROJECTED",
+    "Crease",
+    "CreaseState",
     "Fabric",
     "Isotropic",
     "Laminate",

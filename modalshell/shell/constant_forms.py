@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, final
 
 import scipy.sparse as sps
 
 from modalshell.core.typing import Array, Index
+from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.smoothed_membrane import MembraneElements
+from modalshell.shell.split_folds import SplitFolds
 
 
 @final
@@ -23,8 +24,10 @@ class ConstantForms(NamedTuple):
         Hinges of the folds, on the points.
     angles : ndarray, shape (H,)
         Fold angles at rest [rad].
-    couples : callable
-        Second derivatives by fold angles [N m], times angles (H,) or (H, k).
+    shares : FoldShares
+        Second derivatives by fold angles [N m], and fold shares at the minimum.
+    folds : SplitFolds
+        Their pairs of triangles.
     edges : ndarray of int64, shape (E, 2)
         Edges of the mesh.
     half_squares : ndarray, shape (E,)
@@ -38,7 +41,8 @@ class ConstantForms(NamedTuple):
     points: Array
     hinges: Index
     angles: Array
-    couples: Callable[[Array], Array]
+    shares: FoldShares
+    folds: SplitFolds
     edges: Index
     half_squares: Array
     membrane: list[MembraneElements]

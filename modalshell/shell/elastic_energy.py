@@ -81,6 +81,22 @@ class ElasticEnergy(ABC):
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
 
     @abstractmethod
+    def with_rest_angles(self, angles: Array) -> ElasticEnergy:
+        """The same energy with ``angles`` (H,) [rad] added to the rest angles of the mesh's hinges."""
+
+    @abstractmethod
+    def fold_couples(self, x: Array, hinges: Index) -> Array:
+        """Derivatives (C,) [N m] of the energy at ``x`` by the fold angles of some hinges of the mesh."""
+
+    @abstractmethod
+    def fold_stiffness(self, hinges: Index) -> Array:
+        """Derivatives (C, C) [N m/rad] of these couples by those angles: constant."""
+
+    @abstractmethod
+    def rest_angle_pulls(self, x: Array, hinges: Index) -> Array:
+        """Derivatives (C, n, 3) [N/rad] of the gradient at ``x`` by the rest angles of some hinges of the mesh."""
+
+    @abstractmethod
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
 
@@ -98,6 +114,10 @@ class ElasticEnergy(ABC):
 
     def resting(self, shape: Any) -> ElasticEnergy:  # noqa: ARG002 (of those of sheets)
         """The same energy, least at a RestShape in place of the mesh's own."""
+        return self
+
+    def anchored(self, mesh: TriangleMesh) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
+        """The same energy with clamped edges that keep the slope of another mesh than that at rest."""
         return self
 
     def posed(self, place: Callable[[Array], Array]) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)

@@ -22,6 +22,7 @@ from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy, Part
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.kernels.generated import flexure, shear, stretch
+from modalshell.shell.kernels.split_folds import fold_angles
 from modalshell.shell.material import Material
 from modalshell.shell.mirrored_hinges import MirroredFlexure
 from modalshell.shell.pattern import SparsePattern, build_pattern
@@ -229,12 +230,50 @@ class ElementSum(ElasticEnergy):
 
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angles of the hinges, the third set."""
+        bending = ElementSum([self._hinges()], self._vertex_count)
+        ahead, here = (bending.linear_stresses(x, step)[0] for step in (weights, np.zeros_like(x)))
+        return here - ahead
+
+    def _hinges(self) -> ElementSet:
+        """The set of the mesh's hinges, the third; OptionError for springs."""
         hinges = self.elements[2:3]
         if not hinges or hinges[0].name != "flexure":
             raise OptionError("springs have no rest angles: take a model of the shell's own energies, such as DS")
-        bending = ElementSum(hinges, self._vertex_count)
-        ahead, here = (bending.linear_stresses(x, step)[0] for step in (weights, np.zeros_like(x)))
-        return here - ahead
+        return hinges[0]
+
+    def with_rest_angles(self, angles: Array) -> ElementSum:
+        """The same energy with ``angles`` (H,) [rad] added to the rest angles of the mesh's hinges."""
+        hinges = self._hinges()
+        turned = replace(hinges, rest=hinges.rest + angles)
+        return ElementSum([*self.elements[:2], turned, *self.elements[3:]], self._vertex_count)
+
+    def _folded(self, x: Array, hinges: Index) -> tuple[ElementSet, Array, Array]:
+        """Some of the mesh's hinges, with the changes of their angles (C,) at x and the slopes (C, 9) of these."""
+        e = self._hinges()
+        own = replace(
+            e, stencils=np.ascontiguousarray(e.stencils[hinges]), rest=e.rest[hinges], weight=e.weight[hinges]
+        )
+        change, slopes = np.empty(own.rest.size), np.empty((own.rest.size, 9))
+        fold_angles(x, own.stencils, own.rest, change, slopes)
+        return own, change, slopes
+
+    def fold_couples(self, x: Array, hinges: Index) -> Array:
+        """Derivatives (C,) [N m] of the energy at ``x`` by the fold angles of some hinges of the mesh."""
+        own, change, _ = self._folded(x, hinges)
+        return np.asarray(2.0 * own.weight * change)
+
+    def fold_stiffness(self, hinges: Index) -> Array:
+        """Derivatives (C, C) [N m/rad] of these couples by those angles."""
+        return np.diag(2.0 * self._hinges().weight[hinges])
+
+    def rest_angle_pulls(self, x: Array, hinges: Index) -> Array:
+        """Derivatives (C, n, 3) [N/rad] of the gradient at ``x`` by the rest angles of some hinges of the mesh."""
+        own, _, slopes = self._folded(x, hinges)
+        pulls = np.zeros((own.rest.size, *x.shape))
+        for pull, stencil, slope, weight in zip(pulls, own.stencils, slopes, own.weight, strict=True):
+            pull[stencil[1:]] = -2.0 * weight * slope.reshape(3, 3)
+            pull[stencil[0]] = -pull[stencil[1:]].sum(axis=0)
+        return pulls
 
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] in extended precision."""

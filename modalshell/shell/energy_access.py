@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.creases import CreaseSet, CreaseState
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.energies_of import gradient_by_constant
 from modalshell.shell.extended import Extended
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern
+from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 
@@ -23,6 +28,10 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     """Energy, gradient, Hessian and damping of a shell, whose attributes a subclass sets."""
 
     mesh: TriangleMesh
+    rest_mesh: TriangleMesh
+    rest_shape: RestShape | None
+    creases: CreaseSet | None
+    crease_state: CreaseState | None
     material: Material | Sheet
     rest_positions: Array
     clamped: NDArray[np.bool_]
@@ -35,6 +44,36 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     def elastic_energy(self) -> ElasticEnergy:
         """The elastic energy itself."""
         return self._energy
+
+    @property
+    def stressed(self) -> bool:
+        """Whether the mesh is under stress: the shape without it is another one."""
+        return self.rest_shape is not None or self.rest_mesh is not self.mesh
+
+    def creased(self, state: CreaseState | ArrayLike) -> Self:
+        """The same shell whose creases have kept the plastic folds of ``state``, or those of an array (C,) [rad].
+
+        OptionError for a shell without creases, LoadError for another number of folds.
+        """
+        if self.creases is None or self.crease_state is None:
+            raise OptionError("this shell has no creases to keep a state: pass creases=[ms.Crease(...)]")
+        state = state if isinstance(state, CreaseState) else CreaseState(self.creases.checked(state))
+        further = self.creases.checked(state.angles) - self.crease_state.angles
+        other = copy.copy(self)
+        other._energy = self._energy.with_rest_angles(self.creases.on_mesh(further))
+        other.crease_state = state
+        return other
+
+    def refuse_rest(self, name: str) -> None:
+        """OptionError where the shell has creases, or is without stress in another shape than its mesh."""
+        self.refuse_creases(name)
+        if self.stressed:
+            raise OptionError(f"{name} knows no prestrain, rest_curvature, temperature or rest: take ms.DiscreteShell")
+
+    def refuse_creases(self, name: str) -> None:
+        """OptionError where the shell has creases, which ``name`` does not know."""
+        if self.creases is not None:
+            raise OptionError(f"{name} knows no creases: take ms.DiscreteShell, or leave creases out")
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
@@ -59,7 +98,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
 
     def rates_by_constant(self, name: str, x: Array, step: Array | None = None) -> Array:
         """Derivative (n, 3) of the gradient at ``x``, or of the first part of the Hessian times ``step``."""
-        of = self._energy, self.mesh, self.material, self._slopes, self.clamped
+        of = self._energy, self.rest_mesh, self.material, self._slopes, self.clamped
         return gradient_by_constant(*of, name, x, step)
 
     def held_slopes(self) -> Index:

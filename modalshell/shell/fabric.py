@@ -31,7 +31,7 @@ class Fabric(Sheet, kind="fabric"):
     .. math:: \begin{pmatrix} C_1 & C_{12} & 0 \\ C_{12} & C_2 & 0 \\ 0 & 0 & G \end{pmatrix} , \qquad
               \begin{pmatrix} B_1 & B_{12}' & 0 \\ B_{12}' & B_2 & 0 \\ 0 & 0 & B_{12} \end{pmatrix}
 
-    (theory 5, eq. 8). Bent to a cylinder at an angle :math:`\theta` to axis 1, a sheet without coupling has the
+    (theory 15, eq. 2). Bent to a cylinder at an angle :math:`\theta` to axis 1, a sheet without coupling has the
     stiffness :math:`B_1 \cos^4 \theta + B_2 \sin^4 \theta + 4 B_{12} \cos^2 \theta \sin^2 \theta`: of a measurement at
     45 degrees, :math:`B_{12} = B_{45} - (B_1 + B_2) / 4`. Each number may be one value per triangle, or a function of
     the triangles' centroids (T, 3) [m].

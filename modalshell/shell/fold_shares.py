@@ -68,6 +68,11 @@ class FoldShares:
             kept = values > _SLACK * values.max(initial=0.0)
             self._fields = fields @ (vectors[:, kept] / np.sqrt(values[kept]))
 
+    @property
+    def factor(self) -> tuple[Any, ...] | None:
+        """Factor of :attr:`stiffness` as :func:`solve_factorised` takes it; None where there are no shares."""
+        return self._factor() if self.stiffness.shape[0] else None
+
     def solve(self, right_side: Array) -> Array:
         """Shares (m,) or (m, k) under loads of that shape."""
         if self._fields is not None:

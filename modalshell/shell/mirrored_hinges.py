@@ -17,6 +17,15 @@ from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 
 
+def add_fold_curvatures(
+    points: Array, hinges: Index, couples: Array, projected: bool, slots: Index, strides: Index, data: Array
+) -> None:
+    """Add ``sum couple Hess theta`` to the CSR values ``data``, or its positive semi-definite part if ``projected``."""
+    if couples.any():  # else, as at rest, neither kernel need be compiled
+        add = kernels.add_convex_fold_curvatures if projected else kernels.add_fold_curvatures
+        add(points, hinges, couples, slots, strides, data)
+
+
 @final
 class MirroredHinges:
     """The last hinges of a list, each with the mirror image of its third vertex for a fourth.
@@ -70,7 +79,7 @@ class MirroredHinges:
         if count:
             own, blocks = np.ascontiguousarray(points[self._hinges].reshape(-1, 3)), _Blocks(count)
             half = 0.5 * couples[self.places]
-            kernels.add_fold_curvatures(own, blocks.hinges, half, projected, *blocks.place)
+            add_fold_curvatures(own, blocks.hinges, half, projected, *blocks.place)
             blocks.scatter(self._reflections, self._hinges[:, :3], slots[self.places], strides, data)
 
 

@@ -29,7 +29,7 @@ class Orthotropic(Sheet, kind="orthotropic"):
     .. math:: Q = \frac{1}{1 - \nu_{12} \nu_{21}} \begin{pmatrix} E_1 & \nu_{12} E_2 & 0 \\ \nu_{12} E_2 & E_2 & 0 \\
               0 & 0 & G_{12} (1 - \nu_{12} \nu_{21}) \end{pmatrix},
 
-    the membrane has h Q and bending :math:`h^3 / 12\, Q` (theory 5, eq. 8). Each constant may be one number, one value
+    the membrane has h Q and bending :math:`h^3 / 12\, Q` (theory 15, eq. 3). Each constant may be one number, one value
     per triangle, or a function of the triangles' centroids (T, 3) [m].
 
     Parameters

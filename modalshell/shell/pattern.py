@@ -208,6 +208,9 @@ def block_slots(rows: Index, columns: Index, blocks: sps.csr_array, lead: int, s
     """
     kind: Any = np.int32 if size < 2**31 else np.int64
     slots: Index = np.empty((*rows.shape, columns.shape[1]), kind)
+    rows, columns = (
+        np.require(a, requirements=("C", "W")) for a in (rows, columns)
+    )  # a read-only one compiles it again
     find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
     return slots
 

@@ -2,7 +2,7 @@ r"""Rest shapes that are not those of the mesh: strains and curvatures at which 
 
 A curvature :math:`\kappa_0` at which triangle T has no moment is one by its folds, :math:`\gamma_{0,k}` with
 :math:`\sum_k (l_k / A_T) \gamma_{0,k} n_k n_k^T = \kappa_0`. As the share of a fold is free, only the sum over the
-triangles at an edge counts: it is added to the rest angle (theory 4, eq. 13). A strain :math:`E_0` without force
+triangles at an edge counts: it is added to the rest angle (theory 15, eq. 5). A strain :math:`E_0` without force
 changes half the squared length of an edge d by :math:`d \cdot E_0 d`, the mean over its triangles: strains that do not
 fit together are those of the edges.
 """
@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import LARGEST, as_array, checked_number, shown
-from modalshell.core.errors import MaterialError
+from modalshell.core.errors import MaterialError, MeshError, SupportError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fields import triangle_axes
 from modalshell.shell.sheet import Sheet
+from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import SplitFolds
 from modalshell.shell.triangle_pairs import moment_tensors
 
@@ -140,6 +141,32 @@ def rest_shape(
     edges = mesh.face_edges.ravel()
     squares = np.bincount(edges, own.ravel(), len(mesh.edges)) / np.bincount(edges, minlength=len(mesh.edges))
     return RestShape(folds, squares)
+
+
+def mesh_at_rest(mesh: TriangleMesh, rest: TriangleMesh | ArrayLike | None) -> TriangleMesh:
+    """The mesh of the shape without stress: ``mesh`` itself for None; MeshError for one with other triangles."""
+    if rest is None or rest is mesh:
+        return mesh
+    if not isinstance(rest, TriangleMesh):
+        vertices = as_array("rest", rest, "a TriangleMesh or its vertices (n, 3)", MeshError)
+        if vertices.shape != mesh.vertices.shape:
+            raise MeshError(
+                f"rest must have the {len(mesh.vertices)} vertices of the mesh (got shape {vertices.shape})"
+            )
+        rest = TriangleMesh(vertices, mesh.faces)
+    if not np.array_equal(rest.faces, mesh.faces):
+        raise MeshError(
+            f"rest must have the triangles of the mesh, vertex by vertex (got {len(rest.faces)} triangles on "
+            f"{len(rest.vertices)} vertices against {len(mesh.faces)} on {len(mesh.vertices)}): move the vertices of "
+            "one mesh to make the other"
+        )
+    return rest
+
+
+def refuse_mirrors(slopes: HeldSlopes) -> None:
+    """SupportError where planes of symmetry hold the slope of a shell with another mesh at rest."""
+    if slopes.mirrored.size:
+        raise SupportError("rest does not go with planes of symmetry: take a mesh of the whole surface")
 
 
 def _tensors(name: str, given: Tensor, mesh: TriangleMesh) -> Array:

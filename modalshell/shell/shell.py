@@ -17,6 +17,7 @@ from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
+from modalshell.shell.creases import Crease, CreaseSet, CreaseState
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
@@ -24,7 +25,8 @@ from modalshell.shell.energies_of import energy_of
 from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.material import Material
-from modalshell.shell.rest_shape import Temperature, Tensor, rest_shape
+from modalshell.shell.rest_folds import RestFolds
+from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, refuse_mirrors, rest_shape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -66,6 +68,11 @@ class Shell(EnergyAccess):
         equilibrium: modes are those about a state.
     temperature : Temperature, optional
         A change of temperature, which strains the sheet and, where it changes through the thickness, bends it.
+    rest : TriangleMesh or array_like, shape (n, 3), optional
+        Another mesh with the same triangles, or its vertices: the shape without stress, from which lengths, areas, fold
+        angles and masses are taken. The mesh itself is then under stress; clamped edges keep its slope.
+    creases : sequence of Crease, optional
+        Edges that yield under a moment and keep a part of their fold; see :attr:`crease_state` and :meth:`creased`.
 
     Attributes
     ----------
@@ -82,6 +89,12 @@ class Shell(EnergyAccess):
         Vertices that cannot move.
     free : ndarray of int
         Vertices that can.
+    rest_mesh : TriangleMesh
+        The shape without stress: the mesh itself, unless ``rest`` is another one.
+    creases : CreaseSet or None
+        Hinges that yield, and when.
+    crease_state : CreaseState or None
+        What they have kept.
 
     Raises
     ------
@@ -106,9 +119,12 @@ class Shell(EnergyAccess):
         prestrain: Tensor | None = None,
         rest_curvature: Tensor | None = None,
         temperature: Temperature | None = None,
+        rest: TriangleMesh | ArrayLike | None = None,
+        creases: Sequence[Crease] = (),
     ) -> None:
         self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
+        self.rest_mesh = mesh_at_rest(mesh, rest)
         if not isinstance(material, Material | Sheet):
             raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(material)})")
         self.material = material
@@ -122,12 +138,23 @@ class Shell(EnergyAccess):
         self.energies = tuple(energies)
         if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
             warn_of_two_way_bending(mesh, unknowns.supported)
-        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
-        self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
-        self._rest = {"prestrain": prestrain, "rest_curvature": rest_curvature, "temperature": temperature}
-        self.rest_shape = rest_shape(mesh, material, prestrain, rest_curvature, temperature)
+        self.mass = read_only(masses_of(self.rest_mesh, material, unknowns.held, self.supports))
+        self._energy = energy_of(self.rest_mesh, material, self._slopes, self.energies, unknowns.held)
+        if self.rest_mesh is not mesh:
+            refuse_mirrors(self._slopes)
+            self._energy = self._energy.anchored(mesh)
+        self._rest = {
+            "rest": rest,
+            "prestrain": prestrain,
+            "rest_curvature": rest_curvature,
+            "temperature": temperature,
+        }
+        self.rest_shape = rest_shape(self.rest_mesh, material, prestrain, rest_curvature, temperature)
         if self.rest_shape is not None:
             self._energy = self._energy.resting(self.rest_shape)
+        self._given_creases = tuple(creases) if isinstance(creases, list | tuple) else creases
+        self.creases = CreaseSet.of(self._given_creases, mesh)
+        self.crease_state = None if self.creases is None else CreaseState(np.zeros(self.creases.hinges.size))
         self._support(unknowns)
 
     def _support(self, unknowns: Unknowns) -> None:
@@ -135,7 +162,7 @@ class Shell(EnergyAccess):
         self.clamped = unknowns.held
         self.free = read_only(np.flatnonzero(~self.clamped))
         self.pattern, self._slots = self._energy.pattern(unknowns)
-        self._folds: SplitFoldEnergy | None = None  # of discrete shells: what fields take the curvature from
+        self._folds: RestFolds | None = None  # of discrete shells: what fields take the curvature from
 
     @property
     def free_unknowns(self) -> Index:
@@ -184,7 +211,7 @@ class Shell(EnergyAccess):
 
     def with_material(self, material: Material | Sheet) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest}
+        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest, "creases": self._given_creases}
         return Shell(self.mesh, material, None, self.supports, **own)  # type: ignore[arg-type]
 
     @property
@@ -267,11 +294,11 @@ class Shell(EnergyAccess):
             For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
         """
         x = self.checked_positions(positions)
-        mesh, energy = self.mesh, self._energy
+        mesh, energy = self.rest_mesh, self._energy
         refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
-        if not isinstance(energy, SplitFoldEnergy):
+        if not isinstance(energy, RestFolds):
             if self._folds is None:
-                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
+                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped).anchored(self.mesh)
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density, self.rest_shape)

@@ -24,8 +24,9 @@ from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
-from modalshell.shell.mirrored_hinges import MirroredHinges
+from modalshell.shell.mirrored_hinges import MirroredHinges, add_fold_curvatures
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, block_slots, build_pattern
+from modalshell.shell.rest_folds import RestFolds
 from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
@@ -35,7 +36,7 @@ from modalshell.supports import Unknowns
 
 
 @final
-class SplitFoldEnergy(ElasticEnergy):
+class SplitFoldEnergy(RestFolds):
     """Bending by split folds and smoothed membrane of a sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
     Parameters
@@ -68,6 +69,7 @@ class SplitFoldEnergy(ElasticEnergy):
         self._parts = mesh, material, slopes, further
         self._held_vertices = held
         self._origin, self._rest_shape = np.zeros(3), cast("RestShape | None", None)
+        self._plastic, self._anchor = cast("Array | None", None), cast("TriangleMesh | None", None)
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
@@ -95,7 +97,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
-        of_folds = self._folds.hinges, self._rest_angles, self._shares.couples
+        of_folds = self._folds.hinges, self._rest_angles, self._shares, self._folds
         points = self._points(np.array(self._parts[0].vertices) - self._origin)
         return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
 
@@ -125,11 +127,6 @@ class SplitFoldEnergy(ElasticEnergy):
         state = self._measured(x)
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
         return self._gradient(state, *self._constants.stresses(name, self._shares, folds, stretches))
-
-    def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
-        """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
-        couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
-        return self._folds.of_hinges(-couples)
 
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
@@ -301,7 +298,7 @@ class SplitFoldEnergy(ElasticEnergy):
             hinges = self._folds.hinges
             self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
             couples = self._mirrors.without(couples)
-            kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
 
@@ -313,7 +310,7 @@ class SplitFoldEnergy(ElasticEnergy):
         tables = (folds.stencils, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
-            kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
+            kernels.add_membrane(state.points, *e.as_pairs(place), strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
         return data
 
@@ -361,16 +358,12 @@ class SplitFoldEnergy(ElasticEnergy):
         return self._again(held)
 
     def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
-        again = SplitFoldEnergy(*self._parts, held, halved=halved)
-        return (again if self._rest_shape is None else again.resting(self._rest_shape)).shifted(self._origin)
-
-    def resting(self, shape: RestShape) -> SplitFoldEnergy:
-        """The same energy, least at a rest shape in place of the mesh's own."""
-        other = copy.copy(self)
-        other._rest_shape = shape
-        other._rest_angles = self._rest_angles + shape.offsets(self._parts[0], self._folds)
-        other._rest_squares = self._rest_squares + shape.squares
-        return other
+        mesh, material, slopes, further = self._parts
+        again: RestFolds = SplitFoldEnergy(mesh, material, slopes, further, held, halved=halved)
+        again = again if self._anchor is None else again.anchored(self._anchor)
+        again = again if self._rest_shape is None else again.resting(self._rest_shape)
+        again = again if self._plastic is None else again.with_rest_angles(self._plastic)
+        return cast("SplitFoldEnergy", again.shifted(self._origin))
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -257,7 +257,7 @@ def split_folds(
         moments = weight[:, :, None] * moments * weight[:, None, :]
     mirrored = pairs.edges[pairs.kinds == EdgeKind.MIRRORED]
     return SplitFolds(
-        ghosts=_mirror_images(mesh.vertices, start, end, apex),
+        ghosts=mirror_images(mesh.vertices, start, end, apex),
         reflections=slopes.reflections()[np.searchsorted(slopes.mirrored, mirrored)],
         hinges=np.ascontiguousarray(hinges),
         faces=pairs.faces,
@@ -376,7 +376,7 @@ def _share_factors(share_index: Index, gains: NDArray[np.bool_], moments: Array,
     return factors
 
 
-def _mirror_images(points: Array, first: Index, second: Index, apex: Index) -> Array:
+def mirror_images(points: Array, first: Index, second: Index, apex: Index) -> Array:
     """Mirror images of the vertices ``apex`` over the lines from ``first`` to ``second``, in the triangles' planes."""
     edge, arm = points[second] - points[first], points[apex] - points[first]
     foot = (np.sum(arm * edge, axis=1) / np.sum(edge**2, axis=1))[:, None] * edge

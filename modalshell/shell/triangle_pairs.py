@@ -184,10 +184,10 @@ def _joined(
         compliances = np.stack(
             [np.linalg.inv(bending.in_axes(mesh, own, *along)) for own, along in zip(faces.T, axes, strict=True)]
         )
-    compliances = compliances * areas[:, :, None, None]
+    compliances = np.ascontiguousarray(compliances * areas[:, :, None, None])
     mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
     of_mean, of_both = np.empty((2, len(faces), 5, 5), dtype=compliances.dtype)
-    quadratic_forms(mean[None], compliances.sum(axis=0)[None], of_mean)
+    quadratic_forms(mean[None], np.ascontiguousarray(compliances.sum(axis=0))[None], of_mean)
     quadratic_forms(tensors, compliances, of_both)
     flexibility = MEAN_WEIGHT * of_mean + (1.0 - MEAN_WEIGHT) * of_both
     kept_pairs = ~free[:, :, None] & ~free[:, None, :]

@@ -7,7 +7,7 @@ wing w about the edge, less that at rest, each wing folds by
 
 :math:`s_w = 1` if the triangle runs along the edge as the hinge does and -1 if against it. That the energy is least for
 f is the moment balance of a rigid joint that is free to turn, :math:`\sum_w s_w m_w = 0`. Two triangles are the case
-k = 2; a seam of a one-sided strip is one with both signs alike (theory 4, eq. 12).
+k = 2; a seam of a one-sided strip is one with both signs alike (theory 15, eq. 1).
 
 A hinge of the mesh runs along its edge as its second wing requires, so that :math:`s_w \delta_w` is its fold angle as
 it is. Where a wing is held the joint cannot turn: every other wing folds against that one.

@@ -150,7 +150,8 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
 
     def register(function: Any) -> Any:
         def choose(problem: Any, *_: Any) -> Any:
-            of_record = isinstance(problem, types.NamedTuple) and problem.instance_class is record
+            named = types.NamedTuple | types.NamedUniTuple  # the latter where all parts are of one kind
+            of_record = isinstance(problem, named) and problem.instance_class is record
             return function if of_record else None
 
         overload(operation, jit_options=options, strict=False)(choose)  # type: ignore[arg-type]

@@ -240,6 +240,12 @@ class Iterate(ABC, Generic[Matrix]):
         self.moves = 0
         self.slots = np.stack([start, start])
         self._keeping = True
+        self._lent: Factored | None = None
+
+    def keep(self, factor: Factored, factored_at: Array) -> None:
+        """Begin with the factor of a Hessian at another place, that of the problem being near it there."""
+        self.factor = self._lent = factor
+        self.factored_at = factored_at
 
     def residual(self) -> float:
         """Out-of-balance force."""
@@ -254,7 +260,8 @@ class Iterate(ABC, Generic[Matrix]):
             self.factor, self._direction = self.problem.direction(self._hessian, self._gradient, kept, accuracy)
         except SolverError:
             return False
-        self._keeping = self._keeping and (kept is None or self.factor is kept)  # no second try once one was in vain
+        # No second try once one of its own was in vain.
+        self._keeping = self._keeping and (kept is None or kept is self._lent or self.factor is kept)
         if self.factor is not kept:
             self.factored_at = self.x.copy()
         return bool(np.isfinite(self._direction).all())

@@ -303,15 +303,15 @@ class _Descent(Iterate[sps.csc_array]):
 
     def __init__(self, problem: Potential, start: Array, scale: float, stresses: list[Array] | None = None) -> None:
         super().__init__(problem, start, scale, stresses)
-        self._free = problem
+        self._free, self._bare = problem, stresses is None
 
     def is_minimum(self) -> bool:
         """Whether the exact Hessian is definite, or with inertia in it the last one on the way.
 
         A kept factor is that of an earlier iterate, since which conjugate gradients have met no direction of negative
-        curvature. The first Hessian may have been without its geometric part, and says nothing of a minimum.
+        curvature. A first Hessian without its geometric part says nothing of a minimum.
         """
-        if self.problem.quadratic is None or self.factor is None or self.moves < 2:
+        if self.problem.quadratic is None or self.factor is None or self.moves < 1 + self._bare:
             self.factor = self.problem.definite_factor(self.problem.linearise(self.x, EXACT)[1])
             self.factored_at = self.x.copy()
         self.stable = self.factor is not None and self.factor.is_definite()
@@ -326,7 +326,7 @@ class _Descent(Iterate[sps.csc_array]):
         """Add a drag about START, or leave it out."""
         self.problem = self._free.dragged(self.slots[method.START].copy(), factor) if factor else self._free
         self.stresses = _present(self.problem.shell, self.x)
-        self.factor, self.factored_at, self.moves, self._keeping = None, None, 0, True
+        self.factor, self.factored_at, self.moves, self._keeping, self._bare = None, None, 0, True, False
 
     def first_drag(self, size: float) -> float:
         """Drag to begin with."""
@@ -356,11 +356,21 @@ def _present(shell: Shell, x: Array) -> list[Array]:
 
 
 def solve(
-    problem: Potential, start: Array, scale: float, goal: float = method.GOAL, stresses: list[Array] | None = None
+    problem: Potential,
+    start: Array,
+    scale: float,
+    goal: float = method.GOAL,
+    stresses: list[Array] | None = None,
+    near: NewtonResult | None = None,
 ) -> NewtonResult:
-    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum."""
+    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
+
+    ``near`` is the result of an earlier step of the same length, whose factor may serve this one, too.
+    """
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
+        if near is not None and near.factor is not None and near.factored_at is not None:
+            state.keep(near.factor, near.factored_at)
         return state.result(method.solve_step(state, rules_of(problem, goal)))
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if is_minimum(problem, result):

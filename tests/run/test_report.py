@@ -136,6 +136,23 @@ def test_a_report_prints_on_two_pages(plate, browser):
     page.close()
 
 
+def test_a_report_says_what_is_too_coarse_and_what_is_not_joined(plate, capsys):
+    coarse = PLATE.replace("cells = [12, 12]", "cells = [4, 4]")
+    assert coarse != PLATE
+    (plate / "coarse.toml").write_text(coarse)
+    assert command("coarse.toml") == 0
+    numbers = json.loads((plate / "results" / "coarse_report.json").read_text())
+    assert any(text.startswith("frequencies: ") and "half wave" in text for text in numbers["warnings"])
+    assert "half wave" in (plate / "results" / "coarse_report.html").read_text()
+    ms.save_mesh(ms.sheet(length=1.0, width=1.0, cells=(4, 4)), plate / "own.obj")
+    start, end = PLATE.index("[mesh]"), PLATE.index("[material]")
+    (plate / "own.toml").write_text(PLATE[:start] + '[mesh]\nfile = "own.obj"\n' + PLATE[end:])
+    capsys.readouterr()
+    assert command("own.toml", "--convergence") == 2
+    assert "one from a file has no coarser one" in capsys.readouterr().err
+    assert not (plate / "results" / "own.npz").exists()
+
+
 def numbers_in(content):
     """Every number in nested lists, tables and texts of JSON."""
     if isinstance(content, dict):

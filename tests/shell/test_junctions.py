@@ -157,6 +157,24 @@ def test_a_box_of_four_cells_twists_by_bredts_formula():
     assert twist == pytest.approx(torque * length / (young / 2.6 * side**3 * thickness), rel=0.01)
 
 
+@pytest.mark.parametrize("family", ["alternating", "jittered"])
+def test_a_box_with_webs_bends_as_a_beam(family):
+    """Tractions c z at its end bend it to the curvature c / (E t), whatever walls and webs it has; nu = 0."""
+    side, length, young, thickness, size = 0.2, 1.0, 1e9, 1e-3, 10.0
+    mesh = cellular_box(side, length, (2, 20), family)
+    shell = ms.Shell(mesh, ms.Isotropic(young, 0.0, thickness, 1000.0), clamped=f"y < {-length / 2 + 1e-9}")
+    rim = mesh.edges[at_end(mesh, length)[mesh.edges].all(axis=1)]
+    force, heights = np.zeros_like(mesh.vertices), mesh.vertices[rim][:, :, 2]
+    lengths = np.linalg.norm(np.diff(mesh.vertices[rim], axis=1)[:, 0], axis=1)
+    for end in (0, 1):
+        shares = lengths / 6.0 * (2.0 * heights[:, end] + heights[:, 1 - end])
+        np.add.at(force[:, 1], rim[:, end], size * shares)
+    state = ms.DiscreteShell(shell).equilibrium(force=force)
+    assert state.converged
+    tip = -(state.positions - mesh.vertices)[at_end(mesh, length) & at(mesh, (0.0, 0.0)), 2].mean()
+    assert tip == pytest.approx(size / (young * thickness) * length**2 / 2.0, rel=0.01)
+
+
 def at_end(mesh, length):
     return np.abs(mesh.vertices[:, 1] - length / 2) < 1e-9
 

@@ -148,3 +148,81 @@ def test_what_is_no_rest_shape_is_refused(given, match):
         ms.Shell(jittered((3, 2), 0.3, 0.2), SHEET, **given)
     with pytest.raises(ms.MaterialError, match="need a sheet such as ms"):
         ms.Shell(jittered((3, 2), 0.3, 0.2), ms.Material(1.0, 1.0, 1.0, 1.0), **given)
+
+
+def bent(mesh, curvature):
+    """A flat mesh bent along x to a circle, without strain along it."""
+    x, y, _ = mesh.vertices.T
+    return np.column_stack([np.sin(curvature * x) / curvature, y, (np.cos(curvature * x) - 1.0) / curvature])
+
+
+@pytest.mark.parametrize("material", [SHEET, ms.Material(stretch=1e5, shear=1e3, flexure=0.05, density=1.0)])
+def test_a_strip_pressed_flat_goes_back_to_its_other_mesh(material):
+    mesh = ms.flat_beam(length=0.5, width=0.06, cells=(20, 3))
+    held = mesh.vertices[:, 0] < 0.03
+    shell = ms.Shell(mesh, material, clamped=held, rest=bent(mesh, 3.0))
+    state = ms.DiscreteShell(shell).equilibrium()
+    assert state.converged
+    assert shell.energy(state.positions) < 2e-2 * shell.energy(mesh.vertices)
+    lengths = np.linalg.norm(np.diff(state.positions[mesh.edges], axis=1), axis=2)[:, 0]
+    free = ~held[mesh.edges].all(axis=1)
+    np.testing.assert_allclose(lengths[free], shell.rest_mesh.edge_lengths[free], rtol=3e-3)
+    # The clamp keeps the mesh's slope, so that the rest of the strip is the arc, turned to it.
+    own, whole = state.positions[~held], shell.rest_mesh.vertices[~held]
+    u, _, v = np.linalg.svd((own - own.mean(axis=0)).T @ (whole - whole.mean(axis=0)))
+    assert np.abs((own - own.mean(axis=0)) @ (u @ v) - (whole - whole.mean(axis=0))).max() < 2e-3
+
+
+def test_a_free_strip_takes_its_other_shape_exactly():
+    mesh = ms.flat_beam(length=0.5, width=0.06, cells=(12, 2))
+    shell = ms.Shell(mesh, SHEET, rest=ms.TriangleMesh(bent(mesh, 4.0), mesh.faces))
+    other = shell.rest_mesh
+    assert shell.energy(other.vertices) < 1e-20
+    fields = shell.fields(other.vertices)
+    assert np.abs(fields.membrane_strain).max() < 1e-12
+    assert np.abs(fields.curvature).max() < 1e-9
+    assert shell.mass.sum() == pytest.approx(SHEET.density * SHEET.thickness * other.area)
+    same = ms.Shell(other, SHEET)
+    x = other.vertices + 1e-3 * np.random.default_rng(0).normal(size=other.vertices.shape)
+    assert shell.energy(x) == same.energy(x)
+    assert np.array_equal(shell.force(x), same.force(x))
+    held = shell.holding([0, 1, 2])
+    assert held.energy(other.vertices) < 1e-20
+    assert np.array_equal(ms.Shell(mesh, SHEET, rest=mesh).force(x), ms.Shell(mesh, SHEET).force(x))
+
+
+def test_a_moving_strip_with_another_rest_shape_keeps_its_energy():
+    mesh = ms.flat_beam(length=0.5, width=0.06, cells=(8, 2))
+    shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest=bent(mesh, 2.0))
+    model = ms.DiscreteShell(shell, integrator="verlet")
+    step = 0.5 * model.stable_step()
+    run = ms.simulate(model, duration=800 * step, dt=step, store_every=20)
+    total = run.energies.sum(axis=1)
+    assert run.energies[:, 0].max() > 0.2 * total[0]
+    assert np.abs(total / total[0] - 1.0).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        (np.zeros((3, 3)), "rest must have the 45 vertices of the mesh"),
+        ("arc.obj", "rest must be"),
+        ((4, 1), "rest must have the triangles of the mesh"),
+    ],
+)
+def test_other_meshes_that_are_refused(rest, words):
+    mesh = ms.flat_beam(length=0.5, width=0.06, cells=(14, 2))
+    rest = ms.flat_beam(length=0.5, width=0.06, cells=rest) if isinstance(rest, tuple) else rest
+    with pytest.raises(ms.MeshError, match=words):
+        ms.Shell(mesh, SHEET, rest=rest)
+
+
+def test_rungs_name_another_rest_shape():
+    mesh = ms.flat_beam(length=0.5, width=0.06, cells=(8, 1))
+    shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest=bent(mesh, 1.0))
+    with pytest.raises(ms.OptionError, match="modes about the mesh need a shell without stress"):
+        ms.solve_modes(shell, 3)
+    state = ms.DiscreteShell(shell).equilibrium()
+    assert ms.solve_modes(shell, 3, about=state).frequencies.min() > 0.0
+    with pytest.raises(ms.SupportError, match="rest does not go with planes of symmetry"):
+        ms.Shell(mesh, SHEET, supports=[ms.Symmetry("x < 1e-9", (1, 0, 0))], rest=bent(mesh, 1.0))

@@ -36,8 +36,9 @@ def engine_case(
     constants = material_constants(shell.material)
     if not isinstance(shell.material, Isotropic) or set(CONSTANTS) - set(constants):
         raise OptionError("engines take one Young's modulus, Poisson's ratio, thickness and density: use ms.Isotropic")
-    if shell.rest_shape is not None:
-        raise OptionError("engines know no prestrain, rest_curvature or temperature")
+    shell.refuse_creases("an engine")
+    if shell.stressed:
+        raise OptionError("engines know no prestrain, rest_curvature, temperature or rest")
     if shell.energies:
         raise OptionError("engines know no energies but the material's")
     if shell.mesh.joints.edges.size:

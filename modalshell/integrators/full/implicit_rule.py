@@ -17,7 +17,12 @@ from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_po
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential, solve
+
+_AT_ONCE, _STRETCHED = 0.1, 10.0
+"""Residual of a guess over that of the state that a step begins at: below the first a guess is all but the answer; from
+the second on it stretches a stiff sheet so much that Newton's method goes better from where the step begins."""
 
 
 @final
@@ -59,6 +64,11 @@ class EulerStart:
     def guess(self) -> MotionState:
         """State expected at its end."""
         return MotionState(self.origin + self.dt * self.rates, self.expected_rates)
+
+    @property
+    def guess_ahead(self) -> Array:
+        """Coordinates to which the rates expected at its end would lead."""
+        return self.origin + self.dt * self.expected_rates
 
     def after(self, coordinates: Array) -> MotionState:
         """State at its end, at ``coordinates``."""
@@ -164,24 +174,29 @@ class ShellSteps(LoadedSteps):
         self._body, self._at, self._damping, self._minimum = body, at, damping, minimum
         self._viscous: tuple[Array, Array] | None = None
         self._felt: tuple[Array, LiveLoads | None] | None = None
+        self._last: tuple[float, NewtonResult] | None = None
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
-        """Minimise the potential of the step, starting from the explicit prediction."""
+        """Minimise the potential of the step, with the factor of an earlier one of this length where that serves."""
         body, load, held = self._at(start)
         self._felt = load, body.live
         shell = body.shell
-        first = hold(shell, start.origin + start.dt * start.rates, held)
         viscosity = self._viscosity(body, start)
         if self._damping.stiffness_factor:
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
+        first = hold(shell, start.origin + start.dt * start.rates, held)
+        if self._minimum is None:
+            first = _first_guess(problem, start, first, held)
         # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
         near = start.near if shell is body.start_shell else first
         stresses = shell.predicted_stresses(near, first - near)
         if self._minimum is not None:
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
             return start.after(point), solved
-        result = solve(problem, first, scale, body.step_tolerance, stresses)
+        kept = self._last[1] if self._last is not None and self._last[0] == start.dt else None
+        result = solve(problem, first, scale, body.step_tolerance, stresses, kept)
+        self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged
 
     def _viscosity(self, body: Body, start: EulerStart) -> Array | None:
@@ -202,6 +217,25 @@ class ShellSteps(LoadedSteps):
         assert self._felt is not None
         load, live = self._felt
         return load if live is None else load + live.force(x)
+
+
+def _first_guess(problem: Potential, start: EulerStart, explicit: Array, held: Array | None) -> Array:
+    """Where Newton's method begins: at a guess, or where the step does.
+
+    In smooth motion the rates expected lead all but to the answer, else the ``explicit`` ones near it. A stiff sheet
+    that turns is stretched by both: then the state at the beginning is better, as warped steps turn it unstretched.
+    """
+
+    def out_of_balance(x: Array) -> float:
+        return problem.measure(problem.residual(x))
+
+    shell = problem.shell
+    near = hold(shell, start.near, held)
+    here = out_of_balance(near)
+    expected = hold(shell, start.guess_ahead, held)
+    if out_of_balance(expected) < _AT_ONCE * here:
+        return expected
+    return explicit if out_of_balance(explicit) < _STRETCHED * here else near
 
 
 class Floating(Protocol):

@@ -13,6 +13,7 @@ from modalshell.statics.live_loads import LiveLoads
 
 def check_bar(shell: Shell, *, constrained: bool = False) -> None:
     """OptionError where answers on a shell have no error bar."""
+    shell.refuse_creases("an error bar")
     if constrained:
         raise OptionError("error bars under position or orientation constraints, or contacts, are not known: drop one")
     if loose := left_free(shell):

@@ -85,9 +85,9 @@ class ContactMotion:
         rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
         return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
 
-    def after_explicit(self, model: Any, after: MotionState, time: float) -> MotionState:
-        """The end of an explicit step at ``time`` [s], with what entered put back."""
-        x, rates = self.steps.projected(after.coordinates, after.rates, time)
+    def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
+        """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back."""
+        x, rates = self.steps.projected(after.coordinates, after.rates, time, dt)
         memory = after.memory
         if "force" in memory and x is not after.coordinates:  # that of where it was
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}

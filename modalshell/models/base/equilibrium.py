@@ -15,6 +15,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
+from modalshell.shell import CreaseState
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import LiveLoads
@@ -59,6 +60,8 @@ class Equilibrium(Drawn):
         Vertices that touch a collider.
     deepest : float
         Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
+    creases : CreaseState or None
+        What creases have kept, of a shell that has them: ``shell.creased(state.creases)`` resumes there.
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
@@ -83,6 +86,7 @@ class Equilibrium(Drawn):
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 3)))
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     deepest: float = 0.0
+    creases: CreaseState | None = field(default=None, compare=False)
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)
     gravity: Array | None = field(default=None, repr=False, compare=False)

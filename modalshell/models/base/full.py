@@ -19,7 +19,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import CREASES, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full_stepper import FullStepper
@@ -33,6 +33,7 @@ from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, reactions_of
 from modalshell.statics.continuation import equilibrium
+from modalshell.statics.creases import equilibrium_with_creases
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
 from modalshell.statics.path import Followable
@@ -118,11 +119,16 @@ class FullModel(Model):
         problem, origin = self.problem(loading)
         shell, live = problem.shell, problem.live
         first = first - origin if origin.any() and first is not None else first
+        kept = shell.crease_state
+        if patches:
+            shell.refuse_creases("an equilibrium under constraints")
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
                 own = Factoriser(self.factoriser.backend)
                 result = continue_boundary(shell, load, first, patches, origin, own, self.costs, live)
+            elif kept is not None:
+                result, kept = equilibrium_with_creases(problem, first)
             else:
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
@@ -138,6 +144,7 @@ class FullModel(Model):
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
             constraint_reactions=reactions_of(shell, constraints, patches, result.point, load, live),
+            creases=kept,
         )
 
     def _solve_touching(
@@ -145,13 +152,15 @@ class FullModel(Model):
     ) -> Equilibrium:
         from modalshell.models.base.touching import equilibrium_on_contacts  # not without contacts
 
+        self.shell.refuse_creases("an equilibrium with contacts")
         problem, origin = self.problem(loading)
         first = None if start is None else hold(self.shell, start)
         return equilibrium_on_contacts(problem, origin, first, contacts, constraints, self.costs)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
-        return self.lowest_eigenvalue(answer.positions)
+        model = self if answer.creases is None else self.with_creases(answer.creases.angles)
+        return model.lowest_eigenvalue(answer.positions)
 
     def lowest_eigenvalue(self, positions: Array) -> float:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""
@@ -198,6 +207,7 @@ class FullModel(Model):
         loading = checked_state(state).loading
         assert loading is not None
         self.shell.checked_positions(state.positions)
+        self.shell.refuse_creases("a derivative of an equilibrium")
         names, weights = checked_names(wrt), checked_weights(of, self.shell)
         tangent = self.tangent(state, loading)
         for name in names:
@@ -214,6 +224,7 @@ class FullModel(Model):
 
     def followable(self, load: Array) -> Followable:
         """The shell about the origin, every vertex an unknown."""
+        self.shell.refuse_creases("a path of equilibria")
         model, origin = self.centred()
         restrict = model.shell.unknowns.restrict
         return Followable(
@@ -242,7 +253,7 @@ class FullModel(Model):
         """Whether the potential has negative curvature; False for a shell without supports."""
         if not self.shell.unknowns.supported.any():
             return False
-        problem = self._statics(np.zeros_like(state.coordinates))
+        problem = self.as_creased(state)._statics(np.zeros_like(state.coordinates))
         hessian = problem.linearise(state.coordinates, EXACT)[1]
         if problem.definite_factor(hessian) is not None:
             return False
@@ -281,6 +292,24 @@ class FullModel(Model):
     def growth(self, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, by the integrator's theory."""
         return self.integrator.growth(oscillation(stiffness, damp, dt))
+
+    def as_creased(self, state: MotionState) -> Self:
+        """The model whose creases have the plastic folds of a state; itself where it has none."""
+        return self.with_creases(state.memory[CREASES]) if CREASES in state.memory else self
+
+    def with_creases(self, angles: Array) -> Self:
+        """The model whose creases have plastic folds (C,) [rad]."""
+        model = copy.copy(self)
+        model.shell = self.shell.creased(angles)
+        if self._start_shell is not None:
+            model._start_shell = self._start_shell.creased(angles)
+        if self._earlier is not None:
+            model._earlier = self._earlier[0].creased(angles), self._earlier[1]
+        return model
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J]."""
+        return self.as_creased(state).shell.raw_energy(self.positions(state))
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""

@@ -6,10 +6,12 @@ from functools import cached_property, partial
 from typing import Any, final
 
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.crease_motion import CreaseMotion
 from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.statics.live_loads import LiveLoads
 
@@ -35,23 +37,40 @@ class FullStepper(Stepper):
             raise OptionError("contacts do not go with supports that move and hold single components only")
         return ContactMotion(self.model.integrator, self.setup, self.model.shell, self.origin)
 
+    @cached_property
+    def creases(self) -> CreaseMotion | None:
+        """What takes the steps with creases; None without."""
+        known = self.model.shell.creases
+        if known is None or not self.model.of_material:
+            return None
+        return CreaseMotion(known, self.setup.damping)
+
     def start(self, positions: Array | None) -> MotionState:
         """State at rest, moved with the supports to where these are at time 0."""
         state = super().start(positions)
         state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
-        return state if self.contacts is None else self.contacts.begin(state)
+        return self._begun(state if self.contacts is None else self.contacts.begin(state))
+
+    def _begun(self, state: MotionState) -> MotionState:
+        """A start that knows what its creases have kept."""
+        kept = self.model.shell.crease_state
+        return state if self.creases is None else self.creases.begin(state, kept.angles, kept.dissipated)
 
     @property
     def note(self) -> str:
         """What a message says of the contacts' friction."""
         return "" if self.contacts is None else self.contacts.steps.told(self.setup.dt)
 
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None if self.contacts is None else self.contacts.steps.frame(state.coordinates, time)
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
         state = super().state_at(positions, time)
         if self._frame is None:
             state.coordinates = positions - self.origin
-        return state
+        return self._begun(state)
 
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
@@ -59,26 +78,41 @@ class FullStepper(Stepper):
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
-        damping, rule = self.setup.damping, self.model.integrator
+        rule, creases = self.model.integrator, self.creases
+        if creases is None:
+            return self._advanced(self.model, begin, dt, state, load)
+        if self.contacts is None and isinstance(rule, ImplicitRule):
+            return creases.advance(self.model, partial(self._at, begin, dt, load=load), state, dt)
+        after, solved = self._advanced(self.model.as_creased(state), begin, dt, state, load)
+        return creases.after(self.model_at(begin + dt), state, after), solved
+
+    def _advanced(
+        self, model: Any, begin: float, dt: float, state: MotionState, load: Array
+    ) -> tuple[MotionState, bool]:
+        """One step of the model's rule by ``model``, whose creases do not yield."""
+        damping, rule = self.setup.damping, model.integrator
+
+        def at(start: EulerStart) -> tuple[Any, Array, Array | None]:
+            return self._at(begin, dt, start, load, model=model)
+
         if self.contacts is not None and isinstance(rule, ImplicitRule):
-            at = partial(self._at, begin, dt, load=load)
-            return self.contacts.advance(self.model, at, begin, dt, state)
+            return self.contacts.advance(model, at, begin, dt, state)
         if isinstance(rule, ImplicitRule):
-            steps = ShellSteps(self.model, lambda start: self._at(begin, dt, start, load), damping)
-            return rule.march(steps_of(steps, self.model.free_parts, damping), state, dt)
+            steps = ShellSteps(model, at, damping)
+            return rule.march(steps_of(steps, model.free_parts, damping), state, dt)
         x, rates = state.coordinates, state.rates
         whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
-        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live)
+        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
         if self.contacts is not None:
-            after = self.contacts.after_explicit(body, after, begin + dt)
+            after = self.contacts.after_explicit(body, after, begin + dt, dt)
         return after, solved
 
     def _at(
-        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False
+        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False, model: Any = None
     ) -> tuple[Any, Array, Array | None]:
         """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
-        model, loading = self.model, self.setup.loading
+        model, loading = self.model if model is None else model, self.setup.loading
         time, path = begin + start.end * dt, self._path or self._frame
         if self._path is not None:
             model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)

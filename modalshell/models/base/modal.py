@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -16,8 +15,10 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
@@ -30,7 +31,7 @@ from modalshell.models.base.stepper import Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
-from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
+from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
 
@@ -66,10 +67,6 @@ class ModalModel(ModalMotion):
         cause at rest, in the frame of the modes' own elastic forces.
         """
         return ModalTangent(self, state).derivative(wrt, of)
-
-    def on_basis(self, basis: Basis) -> ModalModel:
-        """The same model on another basis of its shell."""
-        return type(self)(basis)
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer from the model's own :meth:`_free_statics`."""
@@ -156,9 +153,22 @@ class ModalModel(ModalMotion):
             return Outcome.WOUND_UP
         return Outcome.DISTORTED if self._distortion.of(positions) else None
 
-    @abstractmethod
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
-        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
+        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any.
+
+        The minimum of the potential where the force has one, else the balance by Newton along a growing load.
+        """
+        if self.conservative:
+            return least_potential(self, load, start)
+
+        def force(q: Array, share: float) -> Array:
+            return self.modal_force(q, share * load)
+
+        def slope(q: Array, share: float) -> Array:
+            return self.modal_force_jacobian(q, share * load)
+
+        basis = self.basis
+        return balance(force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, start)
 
     def _constrained_answer(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Least modal energy under the constraints, the modal force iterated until it settles."""
@@ -250,14 +260,31 @@ class ModalStepper(Stepper):
         state = super().start(positions)
         return state if self._contacts is None else self._contacts.begin(state)
 
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
+        state = super().state_at(positions, time)
+        return state if self._contacts is None else self._contacts.clear(state)
+
     def own_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the modes."""
         own = super().own_positions(state)
         return own if self._contacts is None else own + self._contacts.local(state)
 
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, without what contacts press in: loads act on the modes."""
+        return super().own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of what contacts press in beyond the modes."""
+        return 0.0 if self._contacts is None else float(self._contacts.energy(state))
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None if self._contacts is None else self._contacts.frame(state, self.own_positions(state), time)
+
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
-        model, damping = self.model, self.setup.damping
+        model, damping, contacts = self.model, self.setup.damping, self._contacts
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
@@ -265,6 +292,8 @@ class ModalStepper(Stepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
+        if contacts is not None and contacts.touched(state):
+            return self._pressed(state, force, (begin, dt))
         (after, solved), rule = model.march(state, dt, force, damping), model.integrator
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
@@ -275,12 +304,22 @@ class ModalStepper(Stepper):
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-        if self._contacts is not None:
-            pushed = force(state.coordinates, state.rates, 1.0)
-            after, outside = self._contacts.follow(state, after, pushed, begin + dt, dt)
-            if "force" in after.memory:
-                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-            solved = solved and outside
+        if contacts is not None:
+            after = contacts.clear(after)
+            if (gaps := contacts.enters(super().own_positions(after), begin + dt)) is not None:
+                return self._pressed(state, force, (begin, dt), gaps)
+        return after, solved
+
+    def _pressed(
+        self, state: MotionState, force: ForceInTime, when: tuple[float, float], gaps: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """The end of a step that contacts press on, of implicit Euler in the place of the rule's."""
+        pushed = force(state.coordinates, state.rates, 1.0)
+        after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, self.own_positions(state))
+        if own is not None:
+            self._known = [*self._known[-1:], (after, own)]
+        if "force" in after.memory:
+            after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         return after, solved
 
     def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:

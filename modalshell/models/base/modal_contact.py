@@ -11,9 +11,10 @@ import scipy.linalg
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
-from modalshell.contact.touching import checked_contacts
+from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
@@ -29,6 +30,10 @@ _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
 LOCAL = "local"
 """Name in a state's memory of the displacement (n, 3) [m] beyond the modes."""
+BEYOND = "beyond"
+"""Name in a state's memory of the elastic energy (1,) [J] of that displacement."""
+PUSHES = "pushes"
+"""Name in a state's memory of the contact forces (r,) [N] of its step."""
 
 
 def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
@@ -41,9 +46,11 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
             raise OptionError(f"contact {index} has friction or push_out, which {model.name} does not take: take DS")
 
     def positions(q: Array) -> Array:
-        return np.asarray(model.shell.rest_positions + model.raw_displacement(q))
+        return model.warped_positions(q)
 
-    return ModalContacts(given, model.basis, positions, model.contact_rows, turns=not model.straight)
+    return ModalContacts(
+        given, model.basis, positions, model.contact_rows, turns=not model.straight, shape=model.contact_shape
+    )
 
 
 def equilibrium_on_modal_contacts(
@@ -156,32 +163,68 @@ class ModalContactMotion:
         self._model, self._damping = model, setup.damping
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._pressing = modal_contacts(model, setup.contacts)
+        self._impulse = 0.0, self._damp
+        rows = self._pressing.touching.vertices.size
+        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}
 
     def begin(self, state: MotionState) -> MotionState:
         """A start, refused inside a collider."""
         x = self._model.positions(state)
         self._pressing.touching.refuse_inside(x)
-        return MotionState(state.coordinates, state.rates, state.memory | {LOCAL: np.zeros_like(x)})
+        return self.clear(state)
 
     def local(self, state: MotionState) -> Array:
         """Displacement (n, 3) [m] of a state beyond the modes."""
         found = state.memory.get(LOCAL)
         return np.zeros_like(self._model.shell.rest_positions) if found is None else found
 
+    def energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state beyond the modes."""
+        return float(state.memory[BEYOND][0])
+
+    def frame(self, state: MotionState, x: Array, time: float) -> TouchedFrame:
+        """What touches at positions x (n, 3) and ``time`` [s]."""
+        self._pressing.at(time)
+        return touched_frame(self._pressing.touching, x, state.memory[PUSHES])
+
+    def touched(self, state: MotionState) -> bool:
+        """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""
+        return bool(state.memory[PUSHES].any())
+
+    def enters(self, x: Array, time: float) -> Array | None:
+        """Gaps (r,) [m] of a step's end at positions x (n, 3) and ``time`` [s] where something touches, else None."""
+        self._pressing.at(time)
+        gaps = self._pressing.gaps(x)
+        return gaps if self._pressing.touched(gaps) else None
+
+    def clear(self, after: MotionState) -> MotionState:
+        """The end of a step that nothing touches."""
+        return MotionState(after.coordinates, after.rates, after.memory | self._none)
+
     def follow(
-        self, before: MotionState, free: MotionState, force: Array, time: float, dt: float
-    ) -> tuple[MotionState, bool]:
-        """The end, at ``time`` [s], of a step of ``dt`` [s] to ``free`` without contacts; and whether it was solved."""
-        model, pressing = self._model, self._pressing
-        pressing.at(time)
-        none = np.zeros_like(before.memory[LOCAL])
-        if not (before.memory[LOCAL].any() or pressing.touches(free.coordinates)):
-            return MotionState(free.coordinates, free.rates, free.memory | {LOCAL: none}), True
-        eigenvalues, q = model.basis.eigenvalues, before.coordinates
-        if "force" in before.memory:
-            ahead = model.euler_step(before, dt, force, self._damping)
-        else:
-            ahead = MotionState(*EULER.step(q, before.rates, lambda _: force, eigenvalues, self._damp, dt), free.memory)
-        compliance = EULER.impulse(eigenvalues, self._damp, dt)[0]
-        pressed = pressing.press(ahead.coordinates, compliance, ahead.coordinates)
-        return MotionState(pressed.q, (pressed.q - q) / dt, ahead.memory | {LOCAL: pressed.local}), pressed.solved
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, own: Array
+    ) -> tuple[MotionState, bool, Array | None]:
+        """The end of a step under a modal ``force`` (m,); ``when`` it ends, and how long it is [s].
+
+        ``gaps`` (r,) [m] are those near its end, of positions ``own`` (n, 3) [m] at its beginning if they are not
+        known. Also returns whether the contacts were solved, and its positions without what is beyond the modes, if
+        they are known.
+        """
+        model, pressing, (time, dt) = self._model, self._pressing, when
+        if gaps is None:
+            pressing.at(time)
+            gaps = pressing.gaps(own)
+        q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
+        free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
+        kept = before.memory[LOCAL], before.memory[PUSHES]
+        pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
+        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
+        ahead = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, ahead, force, dt).memory
+        return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
+
+    def _compliance(self, dt: float) -> Array:
+        """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
+        if self._impulse[0] != dt:
+            self._impulse = dt, EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
+        return self._impulse[1]

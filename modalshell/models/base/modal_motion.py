@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import copy
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import scipy.linalg.lapack
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
@@ -19,12 +17,12 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.model import FrameModel, probes
+from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
-from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
 from modalshell.statics.modal_balance import differences, position_rows
@@ -46,12 +44,11 @@ EULER = ImplicitEuler()
 """What steps a shell that a drag stops."""
 
 
-class ModalMotion(Warp, FrameModel):
+class ModalMotion(ModalShape, FrameModel):
     """A model of m modal coordinates q in motion; :class:`modalshell.models.base.modal.ModalModel` has its statics.
 
     Free parts fly in frames of their own, of which the coordinates of their rigid modes tell where they are: see
-    :class:`FreeFrames`. A subclass defines what becomes of the other coordinates, :meth:`warped` and
-    :meth:`warped_force`.
+    :class:`FreeFrames`. A subclass defines what becomes of the other coordinates, see :class:`ModalShape`.
 
     Parameters
     ----------
@@ -64,11 +61,7 @@ class ModalMotion(Warp, FrameModel):
     ----------
     frames : FreeFrames or None
         Frames of the parts that no support holds.
-    straight : bool
-        Whether displacements are linear in the coordinates, so that dead loads push the modes as they are.
     """
-
-    straight: ClassVar[bool] = False
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         self.basis = checked_kind("basis", basis, Basis)
@@ -81,8 +74,6 @@ class ModalMotion(Warp, FrameModel):
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
         self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
 
-    # ---- what a subclass defines, free parts in their frames
-
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
         rule: ModalIntegrator = ModalIntegrator.chosen(integrator)
         return rule if self.straight else rule.under_turning_forces()
@@ -92,44 +83,6 @@ class ModalMotion(Warp, FrameModel):
         other = copy.copy(self)
         other.integrator = self._rule(integrator)
         return other
-
-    @abstractmethod
-    def warped(self, q: Array) -> Array:
-        """Displacements (n, 3) [m] at coordinates (m,)."""
-
-    @abstractmethod
-    def warped_force(self, q: Array, load: Array) -> Array:
-        """Modal force (m,) of a load (n, 3) [N], a new array."""
-
-    def warped_positions(self, q: Array) -> Array:
-        """Positions (n, 3) [m] of :meth:`warped`, a new array."""
-        return np.asarray(self.shell.rest_positions + self.warped(q))
-
-    def warped_gradient(self, q: Array, weights: Array) -> Array:
-        """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
-        return super().displacement_gradient(q, weights)
-
-    def warped_jacobian(self, q: Array, load: Array) -> Array:
-        """Derivatives (m, m) of :meth:`warped_force`; by central differences unless overridden."""
-        return super().modal_force_jacobian(q, load)
-
-    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
-        """Work [J] of a load (n, 3) [N] on :meth:`warped`, and its gradient (m,)."""
-        raise NotImplementedError
-
-    def warped_curvature(self, q: Array, load: Array) -> Array:
-        """Second derivatives (m, m) of :meth:`warped_work`."""
-        raise NotImplementedError
-
-    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
-        """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
-        raise self.no_constraints()
-
-    def warped_rows(self, q: Array, vertices: Index) -> Array:
-        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
-        rows = self._patch_rows(self.basis.modes, vertices)
-        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
-        return np.asarray(turns @ rows)
 
     # ---- positions and forces
 
@@ -274,14 +227,10 @@ class ModalMotion(Warp, FrameModel):
         return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
 
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
-        q, v, damp = state.coordinates, state.rates, self._modal_damping(damping)
-        after = MotionState(*EULER.step(q, v, lambda _: force, self.basis.eigenvalues, damp, dt))
-        gain, none = force - state.memory["force"], np.zeros_like(q)
-        error = 0.5 * dt * (after.rates - v)
-        cost = [part @ part for part in (error, after.rates - v, after.coordinates - q)]
-        keeps = {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: np.array(cost)}
-        return MotionState(after.coordinates, after.rates, keeps)
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
+        damp = self._modal_damping(damping)
+        after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
+        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator

@@ -22,7 +22,6 @@ from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.modes import Basis
-from modalshell.statics.least_potential import Statics, least_potential
 
 _PATCHES_KEPT = 16
 """Patches of constraints whose modal data are kept between steps."""
@@ -140,6 +139,3 @@ class TurnedTriangles(UnstretchedModel):
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
-
-    def _free_statics(self, load: Array, start: Array | None) -> Statics:
-        return least_potential(self, load, start)

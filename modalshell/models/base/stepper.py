@@ -10,6 +10,7 @@ import numpy as np
 
 from modalshell.constraints.constraints import HeldPatch
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.shell import Shell
@@ -105,12 +106,25 @@ class Stepper(ABC):
 
     def positions(self, state: MotionState, time: float) -> Array:
         """Positions (n, 3) [m] in the world."""
-        return self._in_world(self.own_positions(state), time)
+        return self.in_world(self.own_positions(state), time)
 
-    def _in_world(self, own: Array, time: float) -> Array:
+    def in_world(self, own: Array, time: float) -> Array:
+        """Positions (n, 3) [m] in the world of ``own`` ones in the frame of the states."""
         if self._frame is not None:
             own = self._frame.at(time).to_world(own)
         return own + self.origin if self._off_centre else own
+
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states on which loads do their work."""
+        return self.own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state in addition to the model's own."""
+        return 0.0
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        return None
 
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
@@ -145,9 +159,9 @@ class Stepper(ABC):
         if turns or loading.by_velocity:
             rates = self.model.velocities(state, own, lead)
         if live:
-            now = last = self._in_world(own, time)
+            now = last = self.in_world(own, time)
             if loading.by_velocity:
-                last = self._in_world(own - lead * rates, time - lead)
+                last = self.in_world(own - lead * rates, time - lead)
                 vertices, slopes = loading.drag(now, (now - last) / lead, time)
                 drag = vertices, slopes if pose is None else pose.rotation.T @ slopes @ pose.rotation
             load = loading.moving_force(load, now, last, 1.0 / lead if loading.by_velocity else 0.0, time)

@@ -13,8 +13,9 @@ from typing import final
 
 import numpy as np
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal import ModalModel
@@ -75,6 +76,12 @@ class HeldEnds:
 
 class UnstretchedModel(ModalModel):
     """A modal model whose energy is that of small displacements, whatever the length of its arcs."""
+
+    def warped_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
+        rows = self._patch_rows(self.basis.modes, vertices)
+        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
+        return np.asarray(turns @ rows)
 
     @cached_property
     def _held_ends(self) -> HeldEnds | None:

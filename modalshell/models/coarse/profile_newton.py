@@ -1,6 +1,7 @@
-"""Compiled Newton solver of implicit Euler for small discrete shells: assembly, factorisation, warped steps.
+"""Compiled Newton solver of implicit Euler for small shells: factorisation, warped steps.
 
-The method is that of :mod:`modalshell.statics.mixed_newton`, on the storage of a profile factorisation.
+The method is that of :mod:`modalshell.statics.mixed_newton`, on the storage of a profile factorisation. What knows the
+elastic energy is a record of its own with five operations, those of :mod:`.profile_elasticity`.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
 from modalshell.kernels.compiler import njit
-from modalshell.linalg.profile import LANES, add_product, factorise, solve, substitute_back
-from modalshell.shell import GAUSS_NEWTON, MIXED
-from modalshell.shell.kernels.generated import flexure, shear, stretch
+from modalshell.linalg.profile import LANES, factorise, solve, substitute_back
+from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import FIRST_MOVE, LARGEST_TURN, MOST, START, Rules, operation_of, solve_step
 
@@ -22,34 +22,25 @@ _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 """First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
-_STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
-
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
 
 
-class Elements(NamedTuple):
-    """Element sets as the kernels take them, and where their blocks go in the profile."""
-
-    stencils: Index
-    rest: Array
-    weight: Array
-    slots: Index
-
-
 class Body(NamedTuple):
-    """What a step needs of a shell; ``free`` are its free vertices in order of elimination."""
+    """What a step needs of a shell; ``free`` are its free vertices in order of elimination, ``rows`` their blocks.
+
+    Further blocks are internal unknowns of the energy, whose part of a residual is zero.
+    """
 
     rest: Array
     size: float
     faces: Index
     mass: Array
     free: Index
+    rows: Index
     first: Index
     starts: Index
     strides: Index
-    triangles: Elements
-    edges: Elements
-    hinges: Elements
+    elastic: Any
 
 
 class Room(NamedTuple):
@@ -69,7 +60,7 @@ class Room(NamedTuple):
     residual: Array
     displacement: Array
     way: Array
-    stresses: tuple[Array, Array, Array]
+    elastic: Any
     numbers: Array
 
 
@@ -80,10 +71,9 @@ def make_room(body: Body) -> Room:
     values, viscous = np.empty((2, int(body.starts[-1])))
     residual, displacement, way = np.empty((3, unknowns))
     own, pivots = np.empty((body.first.size, 3)), np.empty(unknowns + LANES)
-    stresses = np.empty(body.triangles.rest.size), np.empty(body.edges.rest.size), np.empty(body.hinges.rest.size)
     return Room(
         x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, viscous, own, pivots, residual,
-        displacement, way, stresses, np.zeros(4),
+        displacement, way, body.elastic.room(), np.zeros(4),
     )  # fmt: skip
 
 
@@ -112,87 +102,32 @@ _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
 
 
 @njit(**_options)
-def _assemble(body, room, x):  # type: ignore[no-untyped-def]
-    """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
-    strides, stresses, values, gradient = body.strides, room.stresses, room.values, room.gradient
-    values[:] = 0.0
-    gradient[:] = 0.0
-    t, e, h = body.triangles, body.edges, body.hinges
-    stretch.add_stiffness(x, t.stencils, t.rest, t.weight, stresses[0], _LINEARISED, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, e.weight, stresses[1], _LINEARISED, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, h.weight, stresses[2], _LINEARISED, h.slots, strides, values, gradient)
-
-
-@njit(**_options)
-def _add_viscosity(body, room, x, resistances):  # type: ignore[no-untyped-def]
-    """Write the viscous matrix at ``x``: the first part of the Hessian, ``resistances`` being its weights."""
-    strides, none, values, gradient = body.strides, room.residual[:0], room.viscous, room.gradient
-    values[:] = 0.0
-    t, e, h, w = body.triangles, body.edges, body.hinges, resistances
-    stretch.add_stiffness(x, t.stencils, t.rest, w[0], none, _STRETCHING, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, w[1], none, _STRETCHING, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, w[2], none, _STRETCHING, h.slots, strides, values, gradient)
-
-
-@njit(**_options)
-def _gradient(body, room, x):  # type: ignore[no-untyped-def]
-    """Elastic energy; its gradient goes to ``room``."""
-    gradient = room.gradient
-    gradient[:] = 0.0
-    t, e, h = body.triangles, body.edges, body.hinges
-    return (
-        stretch.add_gradient(x, t.stencils, t.rest, t.weight, gradient)
-        + shear.add_gradient(x, e.stencils, e.rest, e.weight, gradient)
-        + flexure.add_gradient(x, h.stencils, h.rest, h.weight, gradient)
-    )
-
-
-@njit(**_options)
-def _predict(body, room, x):  # type: ignore[no-untyped-def]
-    """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
-    t, e, h, step, stresses = body.triangles, body.edges, body.hinges, room.step, room.stresses
-    stretch.linear_stress(x, step, t.stencils, t.rest, t.weight, stresses[0])
-    shear.linear_stress(x, step, e.stencils, e.rest, e.weight, stresses[1])
-    flexure.linear_stress(x, step, h.stencils, h.rest, h.weight, stresses[2])
-
-
-@njit(**_options)
 def _outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
     value, body, room, x, origin = 0.0, p.body, p.room, p.x, p.origin
-    displacement, residual, inertia, drag = (
-        room.displacement,
-        room.residual,
-        room.numbers[_INERTIA],
-        room.numbers[_DRAG],
-    )
+    residual, inertia, drag = room.residual, room.numbers[_INERTIA], room.numbers[_DRAG]
     residual[:] = 0.0
     if p.viscous.size:
-        for k in range(body.free.size):
-            for axis in range(3):
-                displacement[3 * k + axis] = x[body.free[k], axis] - origin[body.free[k], axis]
-        add_product(p.viscous, body.first, body.starts, displacement, residual)
-        for k in range(residual.size):
-            value += 0.5 * displacement[k] * residual[k]
+        value += elasticity.add_viscous_force(body.elastic, body, room, x, origin)
     for k in range(body.free.size):
         v = body.free[k]
         mass = inertia * body.mass[v]
         for axis in range(3):
             u = x[v, axis] - origin[v, axis]
             value += u * (0.5 * mass * u - room.push[v, axis])
-            residual[3 * k + axis] += room.gradient[v, axis] + mass * u - room.push[v, axis]
+            residual[3 * body.rows[k] + axis] += room.gradient[v, axis] + mass * u - room.push[v, axis]
     if drag > 0.0:
         for k in range(body.free.size):
             v = body.free[k]
             for axis in range(3):
-                residual[3 * k + axis] += drag * body.mass[v] * (x[v, axis] - p.slots[START, v, axis])
+                residual[3 * body.rows[k] + axis] += drag * body.mass[v] * (x[v, axis] - p.slots[START, v, axis])
     return value
 
 
 @operation_of(Step, method.residual, **_options)
 def _residual(p):  # type: ignore[no-untyped-def]
     """Size of the out-of-balance force."""
-    _gradient(p.body, p.room, p.x)
+    elasticity.energy(p.body.elastic, p.room, p.x)
     _outer(p)
     return _size(p)
 
@@ -200,7 +135,7 @@ def _residual(p):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.potential, **_options)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    value = _gradient(p.body, p.room, p.x) + _outer(p)
+    value = elasticity.energy(p.body.elastic, p.room, p.x) + _outer(p)
     return value, _size(p)
 
 
@@ -218,12 +153,12 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction into ``room.step``."""
     body, room = p.body, p.room
     values, inertia = room.values, room.numbers[_INERTIA] + room.numbers[_DRAG]
-    _assemble(body, room, p.x)
+    elasticity.assemble(body.elastic, body, room, p.x)
     _outer(p)
     for k in range(body.free.size):
-        begin, stride = body.starts[k], body.strides[body.free[k]]
+        row, stride = body.rows[k], body.strides[body.free[k]]
         for axis in range(3):
-            place = begin + axis * stride + 3 * k - body.first[k] + axis
+            place = body.starts[row] + axis * stride + 3 * row - body.first[row] + axis
             values[place] += inertia * body.mass[body.free[k]]
     for k in range(p.viscous.size):
         values[k] += p.viscous[k]
@@ -241,7 +176,7 @@ def _spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
     room.step[:] = 0.0
     for k in range(body.free.size):
         for axis in range(3):
-            room.step[body.free[k], axis] = factor * unknowns[3 * k + axis]
+            room.step[body.free[k], axis] = factor * unknowns[3 * body.rows[k] + axis]
 
 
 @njit(**_options)
@@ -260,7 +195,7 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the warped direction."""
     _warp(p.body, p.room, p.x)
-    _predict(p.body, p.room, p.x)
+    elasticity.predict(p.body.elastic, p.room, p.x)
     p.x[:] = p.room.moved
     return 0.0
 
@@ -276,7 +211,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     p.room.numbers[_DRAG] = factor
     p.room.step[:] = 0.0
-    _predict(p.body, p.room, p.x)
+    elasticity.predict(p.body.elastic, p.room, p.x)
 
 
 @operation_of(Step, method.first_drag, **_options)
@@ -297,9 +232,12 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
     way[:] = 0.0
     way[least] = 1.0
     substitute_back(room.values, body.first, body.starts, room.own, way)
-    squares, largest = 0.0, np.abs(way).max()
-    for k in range(way.size):
-        squares += body.mass[body.free[k // 3]] * way[k] ** 2
+    squares, largest = 0.0, 0.0
+    for k in range(body.free.size):
+        for axis in range(3):
+            part = way[3 * body.rows[k] + axis]
+            squares += body.mass[body.free[k]] * part**2
+            largest = max(largest, abs(part))
     way *= body.size / largest
     return pivots[least] / squares
 
@@ -351,13 +289,12 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     if resistances[0].size:
         viscous = room.viscous
-        _add_viscosity(body, room, start.viscous_at, resistances)
-        viscous /= dt
+        elasticity.resist(body.elastic, body, room, start.viscous_at, resistances, dt)
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
     room.step[:] = x
     room.step[:] -= start.near
-    _predict(body, room, start.near)
+    elasticity.predict(body.elastic, room, start.near)
     step = Step(body, room, start.origin, viscous, x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return x.copy(), found.iterations, found.solved

@@ -1,4 +1,4 @@
-"""Implicit Euler steps of small discrete shells in one compiled function.
+"""Implicit Euler steps of small shells in one compiled function.
 
 The kernels add element blocks straight into the storage of a profile factorisation; blocks above the diagonal and those
 of held vertices have no place there. Of the milliseconds that a step of a few hundred unknowns takes through
@@ -8,68 +8,60 @@ SciPy nearly all is the interpreter's.
 from __future__ import annotations
 
 import functools
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from modalshell.core.cost import count_elements, count_factorisation, count_solves
 from modalshell.core.thread_safety import PerThread
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping
 from modalshell.linalg import ProfileAnalysis
-from modalshell.models.coarse.profile_newton import Body, Elements, Start, implicit_step, make_room
+from modalshell.models.coarse.profile_elasticity import vertex_strides
+from modalshell.models.coarse.profile_folds import folds_of, numbering_of
+from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
+from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
 from modalshell.shell import Sheet, Shell
-from modalshell.shell.kernels.generated import flexure, shear, stretch
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
-KERNELS = (stretch, shear, flexure)
-"""Kernels of the element sets that a shell must have, in this order."""
 _PRODUCTS = 3e8
 """Multiplications of a factorisation above which sparse ones are quicker."""
 
 
 @final
 class ProfileStep:
-    """Steps of implicit Euler of one discrete shell without further energies, compiled.
+    """Steps of implicit Euler of one shell without further energies, compiled; see :func:`profile_step`.
 
     Parameters
     ----------
     shell : Shell
-        The shell, with the element sets of a :class:`Material` alone; see :func:`profile_step`.
+        The shell.
     analysis : ProfileAnalysis
-        Profile of the stiffness of its free unknowns.
+        Profile of the stiffness of its free unknowns, and of the energy's internal ones.
+    place : ndarray of int64, shape (n,)
+        Block of every vertex in the profile, -1 of held ones.
+    elastic : Hinges or Folds
+        Its energy.
     """
 
-    def __init__(self, shell: Shell, analysis: ProfileAnalysis) -> None:
-        self._shell, free = shell, shell.free
-        self._unknowns, self._products = 3 * free.size, analysis.products
-        self._undamped = (np.empty(0),) * len(KERNELS)
-        self._elements = sum(e.rest.size for e in shell.elements)
-        place = np.full(len(shell.mass), -1, dtype=np.int64)
-        place[free[analysis.order]] = np.arange(free.size)
-        strides = np.zeros(len(place), dtype=np.int64)
-        strides[free[analysis.order]] = analysis.strides
-
-        def elements(index: int) -> Elements:
-            given = shell.elements[index]
-            of = place[given.stencils]
-            rows, columns = np.broadcast_arrays(of[:, :, None], of[:, None, :])
-            slots = np.full(rows.shape, -1)
-            kept = (columns >= 0) & (columns <= rows)
-            slots[kept] = analysis.places(3 * rows[kept], 3 * columns[kept])
-            return Elements(given.stencils.copy(), given.rest.copy(), given.weight.copy(), slots)
-
+    def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
+        self._shell, self._analysis = shell, analysis
+        self._unknowns, self._products = analysis.size, analysis.products
+        self._undamped = (np.empty(0),) * (1 if isinstance(shell.material, Sheet) else len(KERNELS))
+        free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies: kernels are compiled for one kind of argument alone.
         self._body = Body(
             shell.rest_positions.copy(),
             float(shell.size),
             np.array(shell.mesh.faces, dtype=np.int64),
             shell.mass.copy(),
-            free[analysis.order],
+            free,
+            place[free],
             analysis.first,
             analysis.starts,
-            strides,
-            *(elements(index) for index in range(len(KERNELS))),
+            vertex_strides(analysis, place),
+            elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))
 
@@ -78,25 +70,50 @@ class ProfileStep:
 
         The held vertices rest. ``tolerance`` is the residual over the push of load and inertia.
         """
-        rate = damping.stiffness_factor
-        resistances = self._undamped
-        if rate or self._shell.has_dashpots:
-            resistances = tuple(elements.resistance(rate) for elements in self._shell.elements)
         moved, iterations, solved = implicit_step(
             self._body, self._room(), Start(start.origin, start.rates, start.near, start.viscous_at), load, start.dt,
-            damping.mass_factor, resistances, tolerance,
+            damping.mass_factor, self._resistances(damping.stiffness_factor), tolerance,
         )  # fmt: skip
-        count_elements(3 * (iterations + 1) * self._elements)  # gradient, Hessian and stresses
+        count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
         return moved, bool(solved)
 
+    def _resistances(self, rate: float) -> tuple[Array, ...]:
+        """Weights of the damping by the elements' rates; empty arrays without damping."""
+        if isinstance(self._shell.material, Sheet):
+            return (np.array([rate]),) if rate else self._undamped
+        if rate or self._shell.has_dashpots:
+            return tuple(elements.resistance(rate) for elements in self._shell.elements)
+        return self._undamped
+
 
 def profile_step(shell: Shell) -> ProfileStep | None:
     """The compiled step of a shell; None for energies, supports or sizes that it does not serve."""
-    if isinstance(shell.material, Sheet) or tuple(e.kernel for e in shell.elements) != KERNELS:
-        return None
     if shell.unknowns.matrix is not None:  # supports of single components
         return None
-    analysis = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), shell.rest_positions[shell.free])
-    return ProfileStep(shell, analysis) if analysis.products <= _PRODUCTS else None
+    found = _of_folds(shell) if isinstance(shell.material, Sheet) else _of_hinges(shell)
+    if found is None or found[0].products > _PRODUCTS:
+        return None
+    analysis, place, elastic = found
+    return ProfileStep(shell, analysis, place, elastic())
+
+
+def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
+    """Profile, blocks of the vertices, and what makes the energy of a shell of discrete-shell energies."""
+    if tuple(e.kernel for e in shell.elements) != KERNELS:
+        return None
+    free, points = shell.free, shell.rest_positions[shell.free]
+    analysis = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), points)
+    place = np.full(len(shell.mass), -1, dtype=np.int64)
+    place[free[analysis.order]] = np.arange(free.size)
+    return analysis, place, functools.partial(hinges_of, shell, analysis, place)
+
+
+def _of_folds(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
+    """The same of a shell of shell theory."""
+    energy = shell.elastic_energy
+    if not isinstance(energy, SplitFoldEnergy) or energy.further_elements:
+        return None
+    numbering = numbering_of(shell)
+    return numbering.analysis, numbering.place, functools.partial(folds_of, shell, numbering)

@@ -23,6 +23,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
 from modalshell.shell.constant_forms import ConstantForms
+from modalshell.shell.kernels.split_folds import half_squares
 from modalshell.shell.smoothed_membrane import MembraneElements
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
@@ -83,7 +84,8 @@ class SplitFoldMeasures(Measures):
 
     def energy(self, x: Array) -> float:
         """Of half squared lengths."""
-        strains = self.state(x, np.zeros_like(x))
+        strains = np.empty(len(self._forms.edges))
+        half_squares(x, self._forms.edges, self._forms.half_squares, strains)
         return 0.5 * float(strains @ (self._forms.tension @ strains))
 
     def tensions(self, modes: Array) -> Array:
@@ -153,7 +155,7 @@ class SplitFoldMeasures(Measures):
     def _coupled(self, vectors: Array) -> Array:
         """H times vectors (H, 3, k), component by component."""
         tall = vectors.reshape(len(vectors), 3 * vectors.shape[2])
-        return self._forms.couples(tall).reshape(vectors.shape)
+        return self._forms.shares.couples(tall).reshape(vectors.shape)
 
     def bending(self, columns: Array) -> Bending:
         """See the head of this file; ghosts rest."""
@@ -191,7 +193,7 @@ class SplitFoldMeasures(Measures):
             chosen = bent[begin : begin + _COLUMNS]
             units = np.zeros((len(self._forms.hinges), len(chosen)))
             units[chosen, np.arange(len(chosen))] = 1.0
-            block: Array = self._forms.couples(units)[bent].T
+            block: Array = self._forms.shares.couples(units)[bent].T
             rows = np.arange(len(chosen))
             diagonal[begin : begin + len(chosen)] = block[rows, begin + rows]
             block[rows, begin + rows] = 0.0

@@ -39,10 +39,11 @@ def trainable(coarse: Shell) -> Shell:
     folded = isinstance(coarse.elastic_energy, SplitFoldEnergy)
     if coarse.energies or not (folded or len(coarse.elements) == 3):
         raise OptionError("the hybrid rung knows the energies of a material alone: leave the further energies out")
-    if coarse.rest_shape is not None:
+    coarse.refuse_creases("the hybrid rung")
+    if coarse.stressed:
         raise OptionError(
-            "the hybrid rung knows no rest shape other than the mesh's: leave prestrain, rest curvature "
-            "and temperature out, or take ds"
+            "the hybrid rung knows no rest shape other than the mesh's: leave prestrain, rest_curvature, "
+            "temperature and rest out, or take ds"
         )
     if folded and any(support.mirror() is not None for support in coarse.supports):
         raise SupportError(

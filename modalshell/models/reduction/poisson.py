@@ -108,6 +108,12 @@ class PoissonFit:
             out[vertices] += centre - share @ out[vertices]
         return out
 
+    def green(self, vertex: int) -> Array:
+        """Displacement (N,) of a vertex per unit of each row of a right side; shells with held vertices."""
+        unit = np.zeros((self.rows - 1, 1))
+        unit[self._kept == vertex] = 1.0
+        return np.asarray(self.factor.solve(unit)[:, 0])
+
     def adjoint(self, load: Array) -> tuple[Array, Array]:
         """Fit (N + 1, 3) to a load (n, 3), and the load on every floating part (parts, 3).
 

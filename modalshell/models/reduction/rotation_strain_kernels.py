@@ -26,6 +26,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import FASTMATH, TILE, polynomials
 from modalshell.kernels.rotations import coefficients
@@ -267,3 +269,69 @@ def add_curvature(modal, adjoint, q, work, blocks, hessian):  # type: ignore[no-
                 hessian[mode, other] += amount
                 if other < mode:
                     hessian[other, mode] += amount
+
+
+@njit(error_model="numpy", fastmath=False)
+def spread_rows(columns, frames, sides, corners, q, out):  # type: ignore[no-untyped-def]
+    """Derivatives ``out`` (N + 1, 3, m) of the right side of :func:`spread` by the coordinates q (m,).
+
+    ``columns`` (T, 6, m) are the turns and strains of the triangles in each mode, ``frames`` (T, 3, 3) their axes,
+    ``sides`` (T, 3) height, foot and length, ``corners`` (T, 3) rows of ``out``. With ``F = e^[w] (I + S)``,
+    ``dF = [Rt(w) dw] F + e^[w] dS``.
+    """
+    out[:] = 0.0
+    value, spin, turn = np.empty(6), np.empty((3, 3)), np.empty((3, 3))
+    by_a, by_b, first, second = np.empty((6, 3)), np.empty((6, 3)), np.empty(3), np.empty(3)
+    one, two, ones, twos = np.empty((3, 6)), np.empty((3, 6)), np.empty(q.size), np.empty(q.size)
+    for t in range(columns.shape[0]):
+        for i in range(6):
+            total = 0.0
+            for k in range(q.size):
+                total += columns[t, i, k] * q[k]
+            value[i] = total
+        x, y, z = value[0], value[1], value[2]
+        c1, c2, c3 = coefficients(x, y, z)
+        _matrix(x, y, z, c1, c2, turn)
+        _matrix(x, y, z, c2, c3, spin)
+        for j in range(3):
+            by_a[3, j], by_a[4, j], by_a[5, j] = turn[j, 0], 0.0, turn[j, 1]
+            by_b[3, j], by_b[4, j], by_b[5, j] = 0.0, turn[j, 1], turn[j, 0]
+            first[j] = turn[j, 0] * (1.0 + value[3]) + turn[j, 1] * value[5]
+            second[j] = turn[j, 0] * value[5] + turn[j, 1] * (1.0 + value[4])
+        for i in range(3):
+            for j in range(3):
+                n, p = (j + 1) % 3, (j + 2) % 3
+                by_a[i, j] = spin[n, i] * first[p] - spin[p, i] * first[n]
+                by_b[i, j] = spin[n, i] * second[p] - spin[p, i] * second[n]
+        height, foot, length = 0.5 * sides[t, 0], 0.5 * sides[t, 1], 0.5 * sides[t, 2]
+        for i in range(6):
+            for axis in range(3):
+                fa, fb = 0.0, 0.0
+                for j in range(3):
+                    fa += by_a[i, j] * frames[t, j, axis]
+                    fb += by_b[i, j] * frames[t, j, axis]
+                one[axis, i], two[axis, i] = height * fa - foot * fb, length * fb
+        at0, at1, at2 = corners[t, 0], corners[t, 1], corners[t, 2]
+        for axis in range(3):
+            a0, a1, a2, a3, a4, a5 = one[axis, 0], one[axis, 1], one[axis, 2], one[axis, 3], one[axis, 4], one[axis, 5]
+            b0, b1, b2, b3, b4, b5 = two[axis, 0], two[axis, 1], two[axis, 2], two[axis, 3], two[axis, 4], two[axis, 5]
+            for k in range(q.size):
+                p0, p1, p2 = columns[t, 0, k], columns[t, 1, k], columns[t, 2, k]
+                p3, p4, p5 = columns[t, 3, k], columns[t, 4, k], columns[t, 5, k]
+                ones[k] = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
+                twos[k] = b0 * p0 + b1 * p1 + b2 * p2 + b3 * p3 + b4 * p4 + b5 * p5
+            for k in range(q.size):
+                out[at1, axis, k] += ones[k]
+                out[at2, axis, k] += twos[k]
+                out[at0, axis, k] -= ones[k] + twos[k]
+
+
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _matrix(x, y, z, linear, quadratic, out):  # type: ignore[no-untyped-def]
+    """``I + linear [w] + quadratic [w]^2`` into ``out`` (3, 3)."""
+    out[0, 0] = 1.0 - quadratic * (y * y + z * z)
+    out[1, 1] = 1.0 - quadratic * (x * x + z * z)
+    out[2, 2] = 1.0 - quadratic * (x * x + y * y)
+    out[0, 1], out[1, 0] = quadratic * x * y - linear * z, quadratic * x * y + linear * z
+    out[0, 2], out[2, 0] = quadratic * x * z + linear * y, quadratic * x * z - linear * y
+    out[1, 2], out[2, 1] = quadratic * y * z - linear * x, quadratic * y * z + linear * x

@@ -1,0 +1,187 @@
+"""Compiled: signed distances of points from planes, capsules, spheres, cylinders and boxes, and their normals.
+
+A collider is a kind and a row of numbers, the motion that has brought it where it is with them: see :func:`packed`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.contact.base import BOX, CYLINDER, PLANE, ROUND
+from modalshell.contact.contact import Contact
+from modalshell.core.typing import Array
+from modalshell.kernels.compiler import njit
+
+_POSE = 12
+"""Numbers of a motion: its rotation by rows, then its translation."""
+_OWN = 20
+"""Numbers of a collider at most."""
+
+Packed = tuple[NDArray[np.int64], Array]
+"""Kinds (c,), less than 0 for those that move, and numbers (c, 32), of contacts."""
+
+
+def packed(contacts: Sequence[Contact], time: float, origin: Array | None) -> Packed | None:
+    """Kinds and numbers of contacts at ``time`` [s], about an ``origin`` (3,); None where one has no compiled form."""
+    kinds, numbers = np.empty(len(contacts), np.int64), np.zeros((len(contacts), _POSE + _OWN))
+    for index, contact in enumerate(contacts):
+        form = contact.collider.packed()
+        if form is None:
+            return None
+        kinds[index], own = form
+        numbers[index, _POSE : _POSE + len(own)] = own
+        turn, place = np.eye(3), np.zeros(3)
+        if contact.motion is not None:
+            pose = contact.motion.at(time)
+            turn, place = pose.rotation, pose.to_world(np.zeros((1, 3)))[0]
+        if origin is not None:
+            place = place - origin
+        if contact.motion is not None or origin is not None:
+            kinds[index] = -1 - kinds[index]
+            numbers[index, :9], numbers[index, 9:_POSE] = turn.ravel(), place
+    return kinds, numbers
+
+
+_kernel = njit(error_model="numpy", fastmath=False)
+
+
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _away(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
+    """Distance from a ball about the origin, and the normal there."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    if distance > 0.0:
+        normal[0], normal[1], normal[2] = x / distance, y / distance, z / distance
+    return distance - radius
+
+
+@_kernel
+def _across(along, normal):  # type: ignore[no-untyped-def]
+    """A unit normal across a unit vector, where every one serves."""
+    axis = 0
+    for i in range(1, 3):
+        if abs(along[i]) < abs(along[axis]):
+            axis = i
+    size = math.sqrt(max(1.0 - along[axis] * along[axis], 1e-300))
+    for i in range(3):
+        normal[i] = ((1.0 if i == axis else 0.0) - along[axis] * along[i]) / size
+
+
+@_kernel
+def _round(p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Of a capsule, or a ball: its axis has no length. Numbers: a, the axis, its length, the radius."""
+    x, y, z = x - p[0], y - p[1], z - p[2]
+    along = min(max(x * p[3] + y * p[4] + z * p[5], 0.0), p[6])
+    normal[0], normal[1], normal[2] = 0.0, 0.0, 0.0
+    gap = _away(x - along * p[3], y - along * p[4], z - along * p[5], p[7], normal)
+    if gap == -p[7]:
+        _across(p[3:6], normal)
+    return gap
+
+
+@_kernel
+def _cylinder(p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Of a cylinder with flat ends; numbers as those of a capsule."""
+    x, y, z, half = x - p[0], y - p[1], z - p[2], 0.5 * p[6]
+    along = x * p[3] + y * p[4] + z * p[5]
+    beyond = abs(along - half) - half
+    side = _away(x - along * p[3], y - along * p[4], z - along * p[5], p[7], normal)
+    if side == -p[7]:
+        _across(p[3:6], normal)
+    sign = 1.0 if along > half else -1.0
+    if side <= 0.0:
+        if beyond > side:
+            for i in range(3):
+                normal[i] = sign * p[3 + i]
+            return beyond
+        return side
+    if beyond <= 0.0:
+        return side
+    far = math.sqrt(side * side + beyond * beyond)
+    for i in range(3):
+        normal[i] = side / far * normal[i] + beyond / far * sign * p[3 + i]
+    return far
+
+
+@_kernel
+def _box(p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Of a rounded box. Numbers: its centre, its rotation by rows, its half lengths less the rounding, this."""
+    x, y, z = x - p[0], y - p[1], z - p[2]
+    u, v, w = (
+        x * p[3] + y * p[6] + z * p[9],
+        x * p[4] + y * p[7] + z * p[10],
+        x * p[5] + y * p[8] + z * p[11],
+    )
+    a, b, c = abs(u) - p[12], abs(v) - p[13], abs(w) - p[14]
+    if a > 0.0 or b > 0.0 or c > 0.0:
+        u = math.copysign(max(a, 0.0), u)
+        v = math.copysign(max(b, 0.0), v)
+        w = math.copysign(max(c, 0.0), w)
+        distance = math.sqrt(u * u + v * v + w * w)
+        gap = distance - p[15]
+        u, v, w = u / distance, v / distance, w / distance
+    else:
+        gap = max(a, b, c)
+        u = math.copysign(1.0 if a == gap else 0.0, u)
+        v = math.copysign(1.0 if b == gap and a != gap else 0.0, v)
+        w = math.copysign(1.0 if a != gap and b != gap else 0.0, w)
+        gap -= p[15]
+    for i in range(3):
+        normal[i] = p[3 + 3 * i] * u + p[4 + 3 * i] * v + p[5 + 3 * i] * w
+    return gap
+
+
+@_kernel
+def _own_gap(kind, p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Gap in the collider's own frame, and the normal (3,) there."""
+    if kind == PLANE:
+        normal[0], normal[1], normal[2] = p[0], p[1], p[2]
+        return x * p[0] + y * p[1] + z * p[2] - p[3]
+    if kind == ROUND:
+        return _round(p, x, y, z, normal)
+    if kind == CYLINDER:
+        return _cylinder(p, x, y, z, normal)
+    assert kind == BOX
+    return _box(p, x, y, z, normal)
+
+
+@_kernel
+def gap_at(kind, numbers, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Gap [m] of a point from a packed contact, and the ``normal`` (3,) there."""
+    p = numbers[_POSE:]
+    if kind >= 0:
+        return _own_gap(kind, p, x, y, z, normal)
+    r = numbers
+    x, y, z = x - r[9], y - r[10], z - r[11]
+    gap = _own_gap(
+        -1 - kind,
+        p,
+        r[0] * x + r[3] * y + r[6] * z,
+        r[1] * x + r[4] * y + r[7] * z,
+        r[2] * x + r[5] * y + r[8] * z,
+        normal,
+    )
+    a, b, c = normal[0], normal[1], normal[2]
+    for i in range(3):
+        normal[i] = r[3 * i] * a + r[3 * i + 1] * b + r[3 * i + 2] * c
+    return gap
+
+
+@_kernel
+def gaps_of(bodies, vertices, contact_of, x, out):  # type: ignore[no-untyped-def]
+    """Gaps ``out`` (r,) [m] of rows, each a vertex of positions x (n, 3) and a packed contact; the least one."""
+    kinds, numbers = bodies
+    normal, least = np.empty(3), np.inf
+    for row in range(vertices.size):
+        contact, v = contact_of[row], vertices[row]
+        if kinds[contact] == PLANE:
+            p = numbers[contact, _POSE:]
+            out[row] = x[v, 0] * p[0] + x[v, 1] * p[1] + x[v, 2] * p[2] - p[3]
+        else:
+            out[row] = gap_at(kinds[contact], numbers[contact], x[v, 0], x[v, 1], x[v, 2], normal)
+        if not out[row] >= least:
+            least = out[row]
+    return least

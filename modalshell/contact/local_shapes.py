@@ -1,0 +1,97 @@
+"""What a shell gives way beyond its modes under a force on a vertex, found at first touch and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array, Index
+from modalshell.modes import Basis, Factoriser, condensed_factor
+from modalshell.shell import GAUSS_NEWTON
+
+_KEPT = 2e8
+"""Bytes of shapes that are kept."""
+_MOST = 512
+"""Shapes that are kept at most: their blocks grow with the square."""
+
+
+@final
+class LocalShapes:
+    """Shapes ``(K^-1 - Phi Lambda^-1 Phi^T) e`` of the shell at rest under unit forces on some vertices.
+
+    Parameters
+    ----------
+    basis : Basis
+        The modes; the shell is held by supports.
+    least : int
+        Vertices that there is room for at least.
+
+    Attributes
+    ----------
+    store : ndarray, shape (s, 3, n, 3)
+        Displacements [m/N] under unit forces along each axis, of each slot.
+    places : ndarray, shape (n,)
+        Slot of each vertex, less than 0 for none.
+    blocks : ndarray, shape (s, s, 3, 3)
+        Those at the vertices of all slots: ``blocks[a, b] = store[a][:, vertex of b]``.
+    """
+
+    def __init__(self, basis: Basis, least: int) -> None:
+        self._basis, count = basis, len(basis.shell.rest_positions)
+        self.places, self._vertices = np.full(count, -1, np.int64), np.empty(0, np.int64)
+        self._most = max(least, min(_MOST, int(_KEPT / (72.0 * count))))
+        self.store, self.blocks = np.empty((0, 3, count, 3)), np.empty((0, 0, 3, 3))
+        self._solve: Callable[[Array], Array] | None = None
+
+    def slots(self, vertices: Index) -> Index:
+        """Slots (k,) of vertices, whose shapes are found where they are not kept."""
+        places = self.places[vertices]
+        if places.size and places.min() < 0:
+            missing = np.unique(vertices[places < 0])
+            if missing.size + self._vertices.size > self._most:
+                self.places[:], self._vertices = -1, np.empty(0, np.int64)
+                missing = np.unique(vertices)
+            self._add(missing)
+            places = self.places[vertices]
+        return places
+
+    def _add(self, missing: Index) -> None:
+        used, vertices = self._vertices.size, np.concatenate([self._vertices, missing])
+        if vertices.size > len(self.store):  # twice as large
+            room = max(vertices.size, min(self._most, 2 * vertices.size))
+            store, blocks = np.empty((room, *self.store.shape[1:])), np.zeros((room, room, 3, 3))
+            store[:used], blocks[:used, :used] = self.store[:used], self.blocks[:used, :used]
+            self.store, self.blocks = store, blocks
+        for slot in range(used, vertices.size):
+            self.store[slot] = self._shape(int(vertices[slot]))
+        whole = self.store[: vertices.size]
+        self.blocks[:used, used : vertices.size] = whole[:used][:, :, missing].transpose(0, 2, 1, 3)
+        self.blocks[used : vertices.size, : vertices.size] = whole[used:][:, :, vertices].transpose(0, 2, 1, 3)
+        self.places[missing], self._vertices = np.arange(used, vertices.size), vertices
+
+    def _shape(self, vertex: int) -> Array:
+        """Displacements (3, n, 3) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
+        basis, shell = self._basis, self._basis.shell
+        if self._solve is None:
+            self._solve = _static_solver(basis)
+        loads = np.zeros((shell.rest_positions.size, 3))
+        loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
+        whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
+        by_modes = basis.modes @ ((basis.modes.T @ loads) / basis.eigenvalues[:, None])
+        return np.asarray((whole - by_modes).T.reshape(3, -1, 3))
+
+
+def _static_solver(basis: Basis) -> Callable[[Array], Array]:
+    """Static solutions of a shell at rest under forces on its free unknowns."""
+    shell = basis.shell
+    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    internal = shell.pattern.internal
+    try:
+        factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
+    except SolverError as error:
+        raise SolverError(f"contacts of a modal model need a shell that its supports hold: {error}") from error
+    solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
+    return lambda loads: solve(loads)

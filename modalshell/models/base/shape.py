@@ -1,0 +1,178 @@
+"""Base of modal models: the shape of a shell at its modal coordinates, from which all else derives."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.models.base.warp import Warp
+from modalshell.modes import Basis
+
+SHAPE = "warped"
+"""The hook that a model defines."""
+OF_SHAPE = (
+    "warped_positions",
+    "warped_gradient",
+    "warped_force",
+    "warped_jacobian",
+    "warped_work",
+    "warped_curvature",
+    "warped_patch",
+    "warped_rows",
+    "contact_rows",
+    "contact_shape",
+    "load_quadrature",
+    "_free_statics",
+)
+"""Hooks whose defaults derive from the shape: what is written for one shape is wrong for another."""
+DERIVED = {
+    "displacement": "warped",
+    "raw_displacement": "warped",
+    "displacement_gradient": "warped_gradient",
+    "modal_force": "warped_force",
+    "modal_force_jacobian": "warped_jacobian",
+    "work": "warped_work",
+    "work_curvature": "warped_curvature",
+}
+"""Methods that are no hooks, as frames of free parts stand between, and the hooks to override in their place."""
+_BASES = tuple(f"modalshell.models.base.{name}" for name in ("warp", "shape", "modal_motion", "modal"))
+"""Modules whose hooks are defaults for every shape."""
+_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
+_SMALL = 1e-3
+"""Turn [rad], and displacement as a share of the shell's size, over which the shape is differenced."""
+
+
+class ModalShape(Warp):
+    """The shape of a shell at modal coordinates q (m,), free parts in their frames.
+
+    A model defines :meth:`warped`. Its derivatives, its work, the modal force and the rows of contacts and patches
+    follow by differences of fourth order, with errors about 1e-10; a model overrides them where it knows better. The
+    shape is a function of ``Phi q`` and of the modal rotations ``Psi q`` alone, as sensitivities ask for it on modes
+    that are not orthonormal. To first order about rest it is ``Phi q``: coordinates have unit mass, and positions are
+    projected onto the modes. :func:`modalshell.models.check.check_model` checks all of it.
+
+    Attributes
+    ----------
+    straight : bool
+        Whether displacements are linear in the coordinates, so that dead loads push the modes as they are.
+
+    Raises
+    ------
+    OptionError
+        At its definition, for a class that overrides a method that is no hook, or whose shape and derivatives are not
+        of one class.
+    """
+
+    conservative: bool = True
+    straight: ClassVar[bool] = False
+    integrator: ModalIntegrator
+    _given: tuple[tuple[Any, ...], dict[str, Any]]
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _check_hooks(cls)
+
+    def __new__(cls, *args: Any, **options: Any) -> Self:
+        """Keep the constructor's options, for :meth:`on_basis`."""
+        self = super().__new__(cls)
+        self._given = args[1:], {name: value for name, value in options.items() if name != "basis"}
+        return self
+
+    def on_basis(self, basis: Basis) -> Self:
+        """The same model, with the options of its constructor, on another basis of its shell."""
+        further, options = self._given
+        other = type(self)(basis, *further, **options)  # type: ignore[call-arg]  # constructors take a basis first
+        other.integrator = self.integrator
+        return other
+
+    @abstractmethod
+    def warped(self, q: Array) -> Array:
+        """Displacements (n, 3) [m] at coordinates (m,), a new array; ``Phi q`` to first order about rest."""
+
+    def warped_positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] of :meth:`warped`, a new array."""
+        return np.asarray(self.shell.rest_positions + self.warped(q))
+
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
+        return self._by_differences(lambda q: np.vdot(weights, self.warped(q)), q)
+
+    def warped_force(self, q: Array, load: Array) -> Array:
+        """Modal force (m,) of a load (n, 3) [N], a new array; the gradient of its work unless overridden.
+
+        A model with another force sets ``conservative = False``.
+        """
+        return self.warped_gradient(q, load)
+
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives (m, m) of :meth:`warped_force`."""
+        return self._by_differences(lambda q: self.warped_force(q, load), q)
+
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work [J] of a load (n, 3) [N] on :meth:`warped`, and its gradient (m,)."""
+        return float(np.vdot(load, self.warped(q))), self.warped_gradient(q, load)
+
+    def warped_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of :meth:`warped_work`."""
+        slope = self._by_differences(lambda q: self.warped_gradient(q, load), q)
+        return 0.5 * (slope + slope.T)
+
+    def warped_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) that take rates to velocities of some vertices."""
+        return self._by_differences(lambda q: self.warped(q)[vertices], q)
+
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
+        rows = self._by_differences(lambda q: self.warped(q)[vertices].mean(axis=0), q)
+        return self.warped_positions(q)[vertices].mean(axis=0), rows
+
+    def _by_differences(self, function: Callable[[Array], Any], q: Array) -> Array:
+        """Derivatives (..., m) of a function at q (m,), of fourth order over small moves of the vertices."""
+        size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        moves = np.abs(self.basis.modes).max(axis=0) / size
+        steps = _SMALL / np.maximum(np.maximum(np.abs(self.basis.rotations).max(axis=0), moves), 1e-300)
+        columns = []
+        for k, step in enumerate(steps):
+            unit = np.zeros_like(q)
+            unit[k] = step
+            columns.append(sum(w / step * np.asarray(function(q + count * unit)) for count, w in _FOURTH_ORDER))
+        return np.stack(columns, axis=-1)
+
+
+def _providers(cls: type, name: str) -> list[type]:
+    """Classes of models that define a hook, in the order of resolution, the bases' own defaults left out."""
+    owners = [owner for owner in cls.__mro__ if owner.__module__ not in _BASES and name in vars(owner)]
+    return [owner for owner in owners if not getattr(vars(owner)[name], "__isabstractmethod__", False)]
+
+
+def _check_hooks(cls: type[ModalShape]) -> None:
+    """OptionError for a model whose methods are not those of one shape."""
+    for name, hook in DERIVED.items():
+        if _providers(cls, name):
+            raise OptionError(
+                f"{cls.__name__} overrides {name}, which the base derives from {hook}: override {hook} instead, so "
+                "that statics, motion, contacts and derivatives all know of it"
+            )
+    shapes, order = _providers(cls, SHAPE), cls.__mro__
+    stale: dict[str, list[str]] = {}
+    for name in OF_SHAPE if len(shapes) > 1 else ():
+        owners = _providers(cls, name)
+        if owners and order.index(owners[0]) > order.index(shapes[0]):
+            stale.setdefault(owners[0].__name__, []).append(name)
+    if stale:
+        kept = "; ".join(f"{', '.join(names)} of {owner}" for owner, names in stale.items())
+        raise OptionError(
+            f"{cls.__name__} overrides {SHAPE}, but inherits what belongs to another shape: {kept}. Derive from "
+            "modalshell.models.base.modal.ModalModel, which finds them from the shape, or override them too"
+        )
+    if _providers(cls, "warped_force") and not _providers(cls, "warped_work") and cls.conservative:
+        raise OptionError(
+            f"{cls.__name__} overrides warped_force, but not the work that statics minimises: override "
+            "warped_gradient, from which the force follows, or set conservative = False"
+        )

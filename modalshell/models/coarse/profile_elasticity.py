@@ -1,0 +1,52 @@
+"""Operations of a record that knows the elastic energy of a compiled step; see :mod:`.profile_newton`.
+
+Each record registers its own by :func:`modalshell.statics.mixed_newton.operation_of`; they are compiled with the step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.core.typing import Array, Index
+from modalshell.linalg import ProfileAnalysis
+
+
+def energy(elastic: Any, room: Any, x: Array) -> float:
+    """Elastic energy at ``x`` (n, 3); its gradient goes to ``room``."""
+    return float(elastic.energy(room, x))
+
+
+def assemble(elastic: Any, body: Any, room: Any, x: Array) -> None:
+    """Write the gradient and the Hessian at ``x`` to ``room``, its geometric part with the stresses there."""
+    elastic.assemble(body, room, x)
+
+
+def resist(elastic: Any, body: Any, room: Any, x: Array, resistances: tuple[Array, ...], dt: float) -> None:
+    """Write the viscous matrix at ``x``, over ``dt``, to ``room``: the first part of the Hessian, of other weights."""
+    elastic.resist(body, room, x, resistances, dt)
+
+
+def add_viscous_force(elastic: Any, body: Any, room: Any, x: Array, origin: Array) -> float:
+    """Add the viscous matrix times ``x - origin`` to the residual in ``room``; its potential."""
+    return float(elastic.add_viscous_force(body, room, x, origin))
+
+
+def predict(elastic: Any, room: Any, x: Array) -> None:
+    """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
+    elastic.predict(room, x)
+
+
+def vertex_strides(analysis: ProfileAnalysis, place: Index) -> Index:
+    """Length of each vertex' rows in the profile, by the blocks ``place`` (n,) of vertices; 0 of held ones (-1)."""
+    return np.where(place >= 0, analysis.strides[place], 0)
+
+
+def block_places(analysis: ProfileAnalysis, rows: Index, columns: Index) -> Index:
+    """Where blocks begin in the profile; -1 above the diagonal, and for rows or columns that have none (-1)."""
+    rows, columns = np.broadcast_arrays(rows, columns)
+    slots = np.full(rows.shape, -1)
+    kept = (columns >= 0) & (columns <= rows)
+    slots[kept] = analysis.places(3 * rows[kept], 3 * columns[kept])
+    return slots

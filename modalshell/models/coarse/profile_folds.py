@@ -1,0 +1,382 @@
+"""Shell theory's energy in a compiled step: split folds, whose shares are unknowns of the profile.
+
+The shares are least at every iterate (theory 4, eq. 10), so their part of a residual is zero. In the matrix they stand
+by threes among the vertices: without them it would be almost full. Its negative pivots are as many as those of the
+Hessian by positions, as the shares' own stiffness is positive definite.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sps
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from modalshell.core.typing import Array, Index
+from modalshell.kernels.compiler import njit
+from modalshell.linalg import ProfileAnalysis
+from modalshell.models.coarse import profile_elasticity as elasticity
+from modalshell.models.coarse.profile_elasticity import block_places
+from modalshell.models.coarse.profile_fold_kernels import (
+    add_bending,
+    add_membrane,
+    add_tensions,
+    couples_of,
+    tensions_of,
+)
+from modalshell.shell import Shell
+from modalshell.shell.kernels.split_folds import (
+    add_edge_forces,
+    add_fold_curvatures,
+    add_fold_forces,
+    fold_angles,
+    fold_rates,
+    half_square_rates,
+    half_squares,
+)
+from modalshell.statics.mixed_newton import operation_of
+
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+
+
+class ShareFactor(NamedTuple):
+    """Factor of the shares' stiffness, as :func:`solve_factorised` takes it."""
+
+    starts: Index
+    rows: Index
+    values: Array
+    pivots: Array
+    order: Index
+
+
+class Bending(NamedTuple):
+    """Pairs of triangles; see :class:`modalshell.shell.split_folds.SplitFolds`, and where their blocks go."""
+
+    stencils: Index
+    folds: Index
+    places: Index
+    shares: Array
+    share_index: Index
+    moments: Array
+    slots: Index
+    share_slots: Index
+    share_steps: Index
+    factor: ShareFactor
+
+
+class Blocks(NamedTuple):
+    """Blocks of the membrane's Hessian: factors times the vectors of edges ``rows`` and ``columns``."""
+
+    slots: Index
+    strides: Index
+    starts: Index
+    rows: Index
+    columns: Index
+    factors: Array
+
+
+class Membrane(NamedTuple):
+    """Edges, half their squared lengths at rest, the matrix of these by rows, and where blocks go."""
+
+    edges: Index
+    half_squares: Array
+    starts: Index
+    columns: Index
+    values: Array
+    slots: Index
+    blocks: Blocks
+
+
+class Folds(NamedTuple):
+    """The energy: ``hinges`` of ``angles`` at rest, on vertices and then ``ghosts``; ``shares`` is G in the profile."""
+
+    ghosts: Array
+    hinges: Index
+    angles: Array
+    slots: Index
+    bending: Bending
+    membrane: Membrane
+    vertices: Index
+    shares: Array
+
+    def room(self) -> FoldRoom:
+        """Room for one step."""
+        hinges, edges = len(self.hinges), len(self.membrane.edges)
+        known = np.vstack([np.full((self.vertices.size, 3), np.nan), self.ghosts])  # no measures are known yet
+        moved, forces = np.zeros((2, *known.shape))
+        slopes, viscous_slopes = np.empty((2, hinges, 9))
+        angles, rates, couples, own_couples = np.empty((4, hinges))
+        stretches, square_rates, tensions, own_tensions = np.empty((4, edges))
+        right, shares = np.zeros((2, 1, self.bending.factor.pivots.size))
+        return FoldRoom(
+            known, known.copy(), moved, forces, slopes, viscous_slopes, angles, rates, couples, own_couples, stretches,
+            square_rates, tensions, own_tensions, np.empty((edges, 3)), right, shares, np.zeros(1),
+        )  # fmt: skip
+
+    @property
+    def evaluated(self) -> int:
+        """Elements that an evaluation takes: pairs of triangles, hinges and edges."""
+        return len(self.bending.stencils) + len(self.hinges) + len(self.membrane.edges)
+
+
+class FoldRoom(NamedTuple):
+    """Arrays that a step writes to: of points, of hinges, of edges, of shares; and the viscosity over the stiffness.
+
+    ``points`` are where ``slopes``, ``angles`` and ``stretches`` are, ``couples`` and ``tensions`` the predicted
+    stresses.
+    """
+
+    points: Array
+    viscous_points: Array
+    moved: Array
+    forces: Array
+    slopes: Array
+    viscous_slopes: Array
+    angles: Array
+    rates: Array
+    couples: Array
+    own_couples: Array
+    stretches: Array
+    square_rates: Array
+    tensions: Array
+    own_tensions: Array
+    vectors: Array
+    right: Array
+    shares: Array
+    viscosity: Array
+
+
+# ---- tables
+
+
+class Numbering(NamedTuple):
+    """Profile of vertices and fold shares, the block of every vertex (n,), -1 of held ones, and rows of shares (m,)."""
+
+    analysis: ProfileAnalysis
+    place: Index
+    shares: Index
+
+
+def numbering_of(shell: Shell) -> Numbering:
+    """Shares go by threes, as they follow one another by reverse Cuthill-McKee among the vertices [george1981, 4.3]."""
+    free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
+    count = pattern.shape[0] - 3 * free.size
+    nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
+    graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
+    order = np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
+    trios = np.empty(count, dtype=np.int64)
+    following = order[order >= free.size] - free.size
+    trios[following] = np.arange(count) // 3
+    blocks = -(-count // 3)
+    grouped = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + trios])
+    graph = _graph(grouped[pattern.row], grouped[pattern.col], free.size + blocks)
+    coupled = graph[free.size :, : free.size].astype(np.float64)
+    middles = (coupled @ shell.rest_positions[free]) / np.maximum(coupled.sum(axis=1), 1.0)[:, None]
+    points = np.vstack([shell.rest_positions[free], middles])
+    analysis = ProfileAnalysis(sps.csc_array(sps.kron(graph, np.ones((3, 3)), format="csc")), points)
+    position = np.empty_like(analysis.order)
+    position[analysis.order] = np.arange(position.size)
+    place = np.full(len(shell.mass), -1, dtype=np.int64)
+    place[free] = position[: free.size]
+    rows = np.empty(count, dtype=np.int64)
+    rows[following] = 3 * position[free.size + trios[following]] + np.arange(count) % 3
+    return Numbering(analysis, place, rows)
+
+
+def _graph(rows: Index, columns: Index, size: int) -> sps.csr_array:
+    ones = np.ones(rows.size, dtype=np.int8)
+    graph = sps.csr_array(sps.coo_array((ones, (rows, columns)), shape=(size, size)))
+    graph.data[:] = 1
+    return graph
+
+
+def folds_of(shell: Shell, numbering: Numbering) -> Folds:
+    """The energy of a shell of shell theory without further energies or planes of symmetry."""
+    forms = shell.elastic_energy.constant_forms()  # type: ignore[attr-defined]
+    analysis, count = numbering.analysis, len(shell.mass)
+    ghosts = np.array(forms.points[count:])
+    place = np.concatenate([numbering.place, np.full(len(ghosts) + 1, -1)])  # the last, of vertex -1, is no vertex
+    of, hinged = place[forms.folds.stencils], place[forms.hinges]
+    ends = place[forms.edges]
+    folds = forms.folds
+    # Writeable copies: kernels are compiled for one kind of argument alone.
+    bending = Bending(
+        np.array(folds.stencils, dtype=np.int64),
+        np.array(folds.folds, dtype=np.int64),
+        np.array(folds.places, dtype=np.int64),
+        np.array(folds.shares),
+        np.array(folds.share_index, dtype=np.int64),
+        np.array(folds.moments),
+        block_places(analysis, of[:, :, None], of[:, None, :]),
+        *_share_places(numbering, folds.share_index, of),
+        _share_factor(forms.shares.factor),
+    )
+    tension = sps.csr_array(forms.tension)
+    membrane = Membrane(
+        np.array(forms.edges, dtype=np.int64),
+        np.array(forms.half_squares),
+        tension.indptr.astype(np.int64),
+        tension.indices.astype(np.int64),
+        np.array(tension.data),
+        block_places(analysis, ends[:, :, None], ends[:, None, :]),
+        _membrane_blocks(analysis, tension, ends),
+    )
+    slots = block_places(analysis, hinged[:, :, None], hinged[:, None, :])
+    hinges, angles = np.array(forms.hinges, dtype=np.int64), np.array(forms.angles)
+    shares = _share_stiffness(numbering, forms.shares.stiffness)
+    return Folds(ghosts, hinges, angles, slots, bending, membrane, np.arange(count), shares)
+
+
+def _share_factor(factor: tuple[Any, ...] | None) -> ShareFactor:
+    """The factor in arrays of its own; empty without shares."""
+    starts, rows, values, pivots, order = factor or ([0], [], [], [], [])
+    integers = (np.array(part, dtype=np.int64) for part in (starts, rows, order))
+    numbers = np.array(values, dtype=np.float64), np.array(pivots, dtype=np.float64)
+    starts, rows, order = integers
+    return ShareFactor(starts, rows, *numbers, order)
+
+
+def _share_places(numbering: Numbering, share_index: Index, of: Index) -> tuple[Index, Index]:
+    """Where couplings (B, 5, 8) of shares to vertices of blocks ``of`` (B, 8) begin, and how far entries are apart."""
+    analysis = numbering.analysis
+    rows = np.append(numbering.shares, -1)[share_index][:, :, None]
+    rows, blocks = np.broadcast_arrays(rows, of[:, None, :])
+    slots, steps = np.full(rows.shape, -1), np.zeros(rows.shape, dtype=np.int64)
+    there = (rows >= 0) & (blocks >= 0)
+    before = there & (rows // 3 > blocks)  # vertices that are eliminated before the share
+    slots[before], steps[before] = analysis.places(rows[before], 3 * blocks[before]), 1
+    after = there & ~before
+    slots[after], steps[after] = analysis.places(3 * blocks[after], rows[after]), analysis.strides[blocks[after]]
+    return slots, steps
+
+
+def _share_stiffness(numbering: Numbering, stiffness: sps.csr_array) -> Array:
+    """The profile with the shares' own stiffness, and ones for the unknowns that fill up their last three."""
+    analysis, entries = numbering.analysis, sps.coo_array(stiffness)
+    values = np.zeros(analysis.starts[-1])
+    own = np.ones(analysis.size, dtype=bool)
+    own[(3 * numbering.place[numbering.place >= 0][:, None] + np.arange(3)).ravel()] = False
+    own[numbering.shares] = False
+    padded = np.flatnonzero(own)
+    values[analysis.places(padded, padded)] = 1.0
+    places = analysis.places(numbering.shares[entries.row], numbering.shares[entries.col])
+    values[places[places >= 0]] = entries.data[places >= 0]
+    return values
+
+
+def _membrane_blocks(analysis: ProfileAnalysis, tension: sps.csr_array, ends: Index) -> Blocks:
+    """Blocks of ``sum s_u s_v Q_pq d_p d_q^T`` over the ends u, v of edges p, q, of signs s; ends (E, 2) by block."""
+    entries = sps.coo_array(tension)
+    p, q = entries.row.astype(np.int64), entries.col.astype(np.int64)
+    rows, columns = np.broadcast_arrays(ends[p][:, :, None], ends[q][:, None, :])
+    factors = entries.data[:, None, None] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    slots = block_places(analysis, rows, columns)
+    kept = slots >= 0
+    of = np.broadcast_to(np.arange(p.size)[:, None, None], slots.shape)[kept]
+    order = np.argsort(slots[kept], kind="stable")
+    found, starts = np.unique(slots[kept][order], return_index=True)
+    strides = analysis.strides[rows[kept][order][starts]]
+    starts = np.append(starts, order.size).astype(np.int64)
+    return Blocks(found, strides, starts, p[of][order], q[of][order], factors[kept][order])
+
+
+# ---- operations
+
+
+@njit(**_options)
+def _measure(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Write the measures at ``x`` to ``room``, if they are not there."""
+    points, known = room.points, True
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            known = known and points[v, axis] == x[v, axis]
+    if not known:
+        points[: x.shape[0]] = x
+        fold_angles(points, elastic.hinges, elastic.angles, room.angles, room.slopes)
+        half_squares(points, elastic.membrane.edges, elastic.membrane.half_squares, room.stretches)
+
+
+@njit(**_options)
+def _forces(elastic, room, points, slopes, angles, stretches):  # type: ignore[no-untyped-def]
+    """Write the forces of changes of measures to ``room``; twice their energy."""
+    couples, tensions, forces = room.own_couples, room.own_tensions, room.forces
+    couples_of(angles, elastic.bending, room.right, room.shares, couples)
+    tensions_of(stretches, elastic.membrane, tensions)
+    forces[:] = 0.0
+    add_fold_forces(elastic.hinges, slopes, couples, forces)
+    add_edge_forces(points, elastic.membrane.edges, tensions, forces)
+    work = 0.0
+    for hinge in range(angles.size):
+        work += angles[hinge] * couples[hinge]
+    for edge in range(stretches.size):
+        work += stretches[edge] * tensions[edge]
+    return work
+
+
+@operation_of(Folds, elasticity.energy, **_options)
+def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Elastic energy; its gradient goes to ``room``."""
+    own = room.elastic
+    _measure(elastic, own, x)
+    work = _forces(elastic, own, own.points, own.slopes, own.angles, own.stretches)
+    room.gradient[:] = own.forces[: x.shape[0]]
+    return 0.5 * work
+
+
+@operation_of(Folds, elasticity.assemble, **_options)
+def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
+    own, values, strides = room.elastic, room.values, body.strides
+    elasticity.energy(elastic, room, x)
+    values[:] = elastic.shares
+    add_bending(own.slopes, elastic.bending, strides, values)
+    add_membrane(own.points, elastic.membrane, own.vectors, values)
+    add_fold_curvatures(own.points, elastic.hinges, own.couples, False, elastic.slots, strides, values)
+    add_tensions(own.tensions, elastic.membrane, strides, values)
+
+
+@operation_of(Folds, elasticity.resist, **_options)
+def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped-def]
+    """Write the viscous matrix at ``x``: the first part of the Hessian times the one resistance [s]."""
+    own, values, strides = room.elastic, room.viscous, body.strides
+    _measure(elastic, own, x)
+    own.viscous_points[:] = own.points
+    own.viscous_slopes[:] = own.slopes
+    own.viscosity[0] = resistances[0][0] / dt
+    values[:] = elastic.shares
+    add_bending(own.slopes, elastic.bending, strides, values)
+    add_membrane(own.points, elastic.membrane, own.vectors, values)
+    values *= own.viscosity[0]
+
+
+@operation_of(Folds, elasticity.add_viscous_force, **_options)
+def _add_viscous_force(elastic, body, room, x, origin):  # type: ignore[no-untyped-def]
+    """Add the viscous matrix times the displacement to the residual, shares following at their minimum."""
+    own = room.elastic
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            own.moved[v, axis] = x[v, axis] - origin[v, axis]
+    fold_rates(own.moved, elastic.hinges, own.viscous_slopes, own.rates)
+    half_square_rates(own.viscous_points, own.moved, elastic.membrane.edges, own.square_rates)
+    work = _forces(elastic, own, own.viscous_points, own.viscous_slopes, own.rates, own.square_rates)
+    for k in range(body.free.size):
+        for axis in range(3):
+            room.residual[3 * body.rows[k] + axis] += own.viscosity[0] * own.forces[body.free[k], axis]
+    return 0.5 * own.viscosity[0] * work
+
+
+@operation_of(Folds, elasticity.predict, **_options)
+def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
+    own = room.elastic
+    _measure(elastic, own, x)
+    own.moved[: x.shape[0]] = room.step
+    fold_rates(own.moved, elastic.hinges, own.slopes, own.rates)
+    half_square_rates(own.points, own.moved, elastic.membrane.edges, own.square_rates)
+    for hinge in range(own.rates.size):
+        own.rates[hinge] += own.angles[hinge]
+    for edge in range(own.square_rates.size):
+        own.square_rates[edge] += own.stretches[edge]
+    couples_of(own.rates, elastic.bending, own.right, own.shares, own.couples)
+    tensions_of(own.square_rates, elastic.membrane, own.tensions)

@@ -1,0 +1,128 @@
+"""The discrete-shell energies in a compiled step: their kernels add blocks straight into the profile."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from modalshell.core.typing import Array, Index
+from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg.profile import add_product
+from modalshell.models.coarse import profile_elasticity as elasticity
+from modalshell.models.coarse.profile_elasticity import block_places
+from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.shell.kernels.generated import flexure, shear, stretch
+from modalshell.statics.mixed_newton import operation_of
+
+KERNELS = (stretch, shear, flexure)
+"""Kernels of the element sets that a shell must have, in this order."""
+_STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
+
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+
+
+class Elements(NamedTuple):
+    """Element sets as the kernels take them, and where their blocks go in the profile."""
+
+    stencils: Index
+    rest: Array
+    weight: Array
+    slots: Index
+
+
+class Hinges(NamedTuple):
+    """Elements of triangles, edges and hinges."""
+
+    triangles: Elements
+    edges: Elements
+    hinges: Elements
+
+    def room(self) -> Stresses:
+        """Room for one step."""
+        return Stresses(*(np.empty(elements.rest.size) for elements in self))
+
+    @property
+    def evaluated(self) -> int:
+        """Elements that an evaluation takes."""
+        return sum(elements.rest.size for elements in self)
+
+
+class Stresses(NamedTuple):
+    """Stresses of the elements."""
+
+    triangles: Array
+    edges: Array
+    hinges: Array
+
+
+def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
+    """The energies of a shell whose vertices have the blocks ``place`` (n,) of a profile, -1 of held ones."""
+
+    def elements(index: int) -> Elements:
+        given = shell.elements[index]
+        of = place[given.stencils]
+        slots = block_places(analysis, of[:, :, None], of[:, None, :])
+        return Elements(given.stencils.copy(), given.rest.copy(), given.weight.copy(), slots)
+
+    # Writeable copies: kernels are compiled for one kind of argument alone.
+    return Hinges(*(elements(index) for index in range(len(KERNELS))))
+
+
+@operation_of(Hinges, elasticity.assemble, **_options)
+def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
+    strides, stresses, values, gradient = body.strides, room.elastic, room.values, room.gradient
+    values[:] = 0.0
+    gradient[:] = 0.0
+    t, e, h, s = elastic.triangles, elastic.edges, elastic.hinges, stresses
+    stretch.add_stiffness(x, t.stencils, t.rest, t.weight, s.triangles, _LINEARISED, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, e.weight, s.edges, _LINEARISED, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, h.weight, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
+
+
+@operation_of(Hinges, elasticity.resist, **_options)
+def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped-def]
+    """Write the viscous matrix at ``x``: the first part of the Hessian, ``resistances`` being its weights."""
+    strides, none, values, gradient = body.strides, room.residual[:0], room.viscous, room.gradient
+    values[:] = 0.0
+    t, e, h, w = elastic.triangles, elastic.edges, elastic.hinges, resistances
+    stretch.add_stiffness(x, t.stencils, t.rest, w[0], none, _STRETCHING, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, w[1], none, _STRETCHING, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, w[2], none, _STRETCHING, h.slots, strides, values, gradient)
+    values /= dt
+
+
+@operation_of(Hinges, elasticity.add_viscous_force, **_options)
+def _add_viscous_force(elastic, body, room, x, origin):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Add the viscous matrix times the displacement to the residual, which is zero so far."""
+    value, displacement, residual = 0.0, room.displacement, room.residual
+    for k in range(body.free.size):
+        for axis in range(3):
+            displacement[3 * k + axis] = x[body.free[k], axis] - origin[body.free[k], axis]
+    add_product(room.viscous, body.first, body.starts, displacement, residual)
+    for k in range(residual.size):
+        value += 0.5 * displacement[k] * residual[k]
+    return value
+
+
+@operation_of(Hinges, elasticity.energy, **_options)
+def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Elastic energy; its gradient goes to ``room``."""
+    gradient = room.gradient
+    gradient[:] = 0.0
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    return (
+        stretch.add_gradient(x, t.stencils, t.rest, t.weight, gradient)
+        + shear.add_gradient(x, e.stencils, e.rest, e.weight, gradient)
+        + flexure.add_gradient(x, h.stencils, h.rest, h.weight, gradient)
+    )
+
+
+@operation_of(Hinges, elasticity.predict, **_options)
+def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
+    t, e, h, step, stresses = elastic.triangles, elastic.edges, elastic.hinges, room.step, room.elastic
+    stretch.linear_stress(x, step, t.stencils, t.rest, t.weight, stresses.triangles)
+    shear.linear_stress(x, step, e.stencils, e.rest, e.weight, stresses.edges)
+    flexure.linear_stress(x, step, h.stencils, h.rest, h.weight, stresses.hinges)

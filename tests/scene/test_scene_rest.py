@@ -1,0 +1,149 @@
+"""``[rest]`` and ``[[creases]]`` from scene files: the same shells as in Python, their results, and refusals."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.scene import load_scene
+
+SCENE = """
+[mesh]
+file = "flat.obj"
+
+[material]
+young = 1e9
+poisson = 0.3
+thickness = 1e-3
+density = 1000.0
+
+[supports]
+clamped = "x < 0.13"
+
+[loads]
+gravity = [0.0, 0.0, -1.0]
+
+[model]
+name = "ds"
+"""
+CREASES = """
+[[creases]]
+sel = "x > 0.49 and x < 0.51"
+yield_moment = 0.02
+hardening = 0.05
+"""
+MOTION = """
+[motion]
+duration = 0.5
+dt = 0.05
+"""
+
+
+def files(tmp_path, text):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 1))
+    ms.save_mesh(mesh, tmp_path / "flat.obj")
+    x, y, _ = mesh.vertices.T
+    ms.save_mesh(ms.TriangleMesh(np.column_stack([np.sin(x), y, np.cos(x) - 1.0]), mesh.faces), tmp_path / "bent.obj")
+    np.save(tmp_path / "warm.npy", np.linspace(0.0, 10.0, len(mesh.faces)))
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE + text)
+    return file
+
+
+def scene(tmp_path, text):
+    return load_scene(files(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("table", "given"),
+    [
+        ("prestrain = 1e-3", {"prestrain": 1e-3}),
+        ("rest_curvature = [[1.0, 0, 0], [0, 0, 0], [0, 0, 0]]", {"rest_curvature": np.diag([1.0, 0.0, 0.0])}),
+        ("change = 10.0\nthrough = 5.0\nexpansion = 1e-5", {"temperature": ms.Temperature(10.0, 1e-5, 5.0)}),
+        (
+            'change = "warm.npy"\nexpansion = 1e-5',
+            {"temperature": ms.Temperature(np.linspace(0.0, 10.0, 16), 1e-5)},
+        ),
+        ('file = "bent.obj"', {"rest": "bent.obj"}),
+    ],
+)
+def test_a_rest_shape_is_that_in_python(tmp_path, table, given):
+    declared = scene(tmp_path, f"[rest]\n{table}\n")
+    shell = declared.build_shell()
+    if "rest" in given:
+        given = {"rest": ms.load_mesh(tmp_path / given["rest"])}
+    same = ms.Shell(shell.mesh, shell.material, clamped="x < 0.13", **given)
+    assert shell.stressed
+    x = shell.rest_positions + 1e-3 * np.random.default_rng(0).normal(size=shell.rest_positions.shape)
+    assert shell.energy(x) == same.energy(x)
+    assert declared.digests(shell.mesh)["scene"] != scene(tmp_path, "").digests(shell.mesh)["scene"]
+    assert pickle.loads(pickle.dumps(declared)).content() == declared.content()
+
+
+def test_the_digest_follows_the_file_at_rest(tmp_path):
+    declared = scene(tmp_path, '[rest]\nfile = "bent.obj"\n')
+    before = declared.content()
+    mesh = ms.load_mesh(tmp_path / "bent.obj")
+    ms.save_mesh(ms.TriangleMesh(1.01 * mesh.vertices, mesh.faces), tmp_path / "bent.obj")
+    assert declared.content() != before
+
+
+def test_creases_of_a_scene_are_those_in_python_and_its_results_keep_them(tmp_path):
+    declared = scene(tmp_path, CREASES)
+    shell = declared.build_shell()
+    assert shell.creases.hinges.size == 1
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1.0))
+    result = ms.run_scene(declared, out=tmp_path / "still")
+    assert np.array_equal(result.trajectory.crease_angles[0], answer.creases.angles)
+    assert result.trajectory.crease_heat[0] == answer.creases.dissipated > 0.0
+    assert pickle.loads(pickle.dumps(declared)).content() == declared.content()
+
+
+def test_a_stopped_motion_with_creases_ends_as_one_that_was_not(tmp_path):
+    declared = scene(tmp_path, CREASES + MOTION)
+    whole = ms.run_scene(declared, out=tmp_path / "whole").trajectory
+
+    def stop(done, _):
+        if done == 6:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.run_scene(declared, out=tmp_path / "parts", on_step=stop)
+    parts = ms.run_scene(declared, out=tmp_path / "parts").trajectory
+    assert whole.crease_heat[-1] > 0.0
+    for name in ("positions", "energies", "crease_angles", "crease_heat"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name))
+
+
+REFUSED = [
+    ("[rest]\n", r"rest: the table must have file"),
+    ('[rest]\nfile = "none.obj"\n', r"none\.obj"),
+    ("[rest]\nchange = 10.0\n", r"rest\.expansion: must be given"),
+    ("[rest]\nprestrain = [1.0, 2.0]\n", r"rest\.prestrain: must be a number, a symmetric tensor"),
+    ('[rest]\nprestrain = "none.npy"\n', r"rest\.prestrain: must be a number"),
+    ("[rest]\ncurvature = 1.0\n", r"rest\.curvature: unknown key; did you mean 'rest_curvature'"),
+    ('[[creases]]\nsel = "x > 5"\nyield_moment = 1.0\n', r"creases\[0\]\.sel: selects no vertex"),
+    ('[[creases]]\nsel = "x > 0.4"\n', r"creases\[0\]\.yield_moment: missing"),
+    ('[[creases]]\nsel = "x > 0.4"\nyield_moment = -1.0\n', r"creases\[0\]\.yield_moment: must be"),
+    ("[[creases]]\nsel = [[0, 99]]\nyield_moment = 1.0\n", r"creases\[0\]\.sel: names the pair \(0, 99\)"),
+    ("[creases]\nyield_moment = 1.0\n", r"creases: must be a list of tables, \[\[creases\]\]"),
+    (
+        CREASES.replace('name = "ds"', "") + '[output]\nfolder = "x"\n' + CREASES,
+        r"creases\[1\] has edge",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), REFUSED, ids=range(len(REFUSED)))
+def test_what_is_refused_names_the_file_and_the_key(tmp_path, text, words):
+    file = files(tmp_path, text)
+    with pytest.raises(ms.ModalShellError, match=words):
+        load_scene(file).build_shell()
+
+
+def test_a_modal_model_refuses_a_scene_with_creases(tmp_path):
+    file = files(tmp_path, CREASES)
+    file.write_text(file.read_text().replace('name = "ds"', 'name = "mwts"\nmodes = 4'))
+    with pytest.raises(ms.ModalShellError, match="a modal model knows no creases"):
+        load_scene(file).build()
