@@ -23,7 +23,7 @@ WORDS = {
     "twisted": "plate in pure twist",
 }
 IN_WORDS = "twisted"
-"""The problem whose errors do not change with refinement: it is told in words."""
+"""The problem whose errors do not change with refinement: a sentence says them."""
 
 
 def draw(results: Path, folder: Path) -> Path:

@@ -22,7 +22,7 @@ LOG_EVERY = 60.0
 
 
 def log_line(text: str, done: int, total: int, seconds: float) -> str:
-    """How far some work is after so many seconds, and the time that is left at this rate."""
+    """How far some work is after a number of seconds, and the time that is left at this rate."""
     so_far = f"{text}: {done} of {total} after {seconds:.0f} s"
     if done >= total:
         return so_far
