@@ -147,7 +147,7 @@ def budget(case: str, mesh: str, across: int, arrays: dict[str, np.ndarray]) -> 
 
 def table(result: StudyResult) -> str:
     """One row per shape, mesh and load, as a Markdown table."""
-    parts = [(model, head) for model in MODELS for head in PARTS]
+    parts = [(model, head) for model in result.findings["rows"][0]["models"] for head in PARTS]
     headings = " | ".join(f"{ms.models()[model].name} {head}" for model, head in parts)
     rows = []
     for row in result.findings["rows"]:

@@ -120,9 +120,8 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     """Cheapest rung within ``tolerance`` at each load of one row; DS where none is, "no answer" without a truth."""
     names = []
     for place, status in enumerate(found["ds_statuses"]):
-        good = [
-            name for name, errors in found["errors"].items() if errors[place] is not None and errors[place] <= tolerance
-        ]
+        errors = {name: one[place] for name, one in found["errors"].items()}
+        good = [name for name, error in errors.items() if error is not None and error <= tolerance]
         names.append(
             "no answer" if status != ms.Outcome.CONVERGED.value else good[0] if good else ms.DiscreteShell.name
         )

@@ -14,7 +14,7 @@ from modalshell.commands.cli import main
 from modalshell.core.plugins import load_plugins
 from modalshell.shell.elements import ENERGIES
 
-pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
+sympy = pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
 
 DEFINITION = source("toy_fibres/definition.py")
 REGISTRATION = source("toy_fibres/__init__.py")
@@ -85,6 +85,34 @@ def test_an_energy_of_another_package_runs_by_scene(scene_text, tmp_path):
     np.testing.assert_array_equal(answer.positions, stiffer.positions[-1])
 
 
+def test_products_of_the_guide_are_its_second_variation():
+    """Exactly, along a random step, and the generator takes them."""
+    from modalshell.symbolic.generator import generate  # needs SymPy
+
+    space = {}
+    exec(compile(source("toy_fibres/angle.py"), "angle.py", "exec"), space)
+    energy, step = space["ANGLE"], sympy.Matrix(np.random.default_rng(0).integers(-9, 9, 6).tolist())
+    second = (step.T * sympy.hessian(energy.measure, energy.unknowns) * step)[0]
+    split = sum(factor * (sympy.Matrix([row]) * step)[0] ** 2 for factor, row in energy.squares)
+    split += 2 * sum((sympy.Matrix([m]) * step)[0] * (sympy.Matrix([n]) * step)[0] for m, n in energy.products)
+    assert sympy.simplify(second - split) == 0
+    assert [sympy.diff(energy.measure, unknown) for unknown in energy.unknowns] == list(energy.gradient)
+    assert "def " in generate(energy).source
+
+
+@pytest.mark.usefixtures("toy")
+def test_an_energy_that_fails_is_named(monkeypatch):
+    load_plugins()
+    kind, mesh = ENERGIES["fibres"], ms.flat_beam(cells=(4, 2))
+
+    def fails(*_):
+        raise AttributeError("'TriangleMesh' object has no attribute 'edge_length'")
+
+    monkeypatch.setattr(kind, "elements", fails)
+    with pytest.raises(ms.OptionError, match=r"energy 'fibres' \(toy_fibres.Fibres\) failed on this mesh: Attribute"):
+        ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-3, 100.0), mesh.vertices[:, 0] < 1e-6, energies=[kind(1.0)])
+
+
 @pytest.mark.usefixtures("toy")
 def test_its_derivatives_and_its_saved_basis_are_right(tmp_path, monkeypatch):
     load_plugins()
@@ -93,11 +121,15 @@ def test_its_derivatives_and_its_saved_basis_are_right(tmp_path, monkeypatch):
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.13, energies=[fibres])
     x = mesh.vertices + 1e-2 * np.random.default_rng(0).standard_normal(mesh.vertices.shape)
     step = np.random.default_rng(1).standard_normal(mesh.vertices.shape)
-    slope = (shell.energy(x + 1e-5 * step) - shell.energy(x - 1e-5 * step)) / 2e-5
-    assert slope == pytest.approx(-np.vdot(shell.force(x), step), rel=1e-6)
-    change = (shell.force(x + 1e-5 * step) - shell.force(x - 1e-5 * step)) / 2e-5
-    expected = shell.stiffness(x) @ step.ravel()
-    np.testing.assert_allclose(-change.ravel(), expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    force, bent = shell.force(x), shell.stiffness(x) @ step.ravel()
+    sizes, left = 10.0 ** -np.arange(2.0, 4.01, 0.5), []
+    for size in sizes:
+        series = shell.energy(x) - size * np.vdot(force, step) + 0.5 * size**2 * (step.ravel() @ bent)
+        pushed = shell.force(x + size * step) - force + size * bent.reshape(-1, 3)
+        left.append((abs(shell.energy(x + size * step) - series), np.linalg.norm(pushed)))
+    slopes = np.diff(np.log10(left), axis=0) / np.diff(np.log10(sizes))[:, None]
+    # The series of the energy is good to second order, that of the force to first.
+    np.testing.assert_allclose(slopes[-2:], [[3.0, 2.0]] * 2, atol=0.15)
     basis = ms.solve_modes(shell, 4)
     assert basis.eigenvalues[0] > ms.solve_modes(ms.Shell(mesh, shell.material, shell.clamped), 4).eigenvalues[0]
     basis.save(tmp_path / "basis.npz")

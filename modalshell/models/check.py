@@ -46,7 +46,7 @@ def check_model(model: ModalModel, *, turn: float = 0.3, states: int = 3, seed: 
     OptionError
         Names every method that is wrong, by how much, and what it should be.
     """
-    checked_kind("model", model, ModalModel)
+    checked_kind("model", model, ModalModel)  # type: ignore[type-abstract]
     rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
     size = checked_number("turn", turn, above=0.0)
     faults = list(_at_rest(model))

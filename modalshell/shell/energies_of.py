@@ -8,12 +8,12 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import checked_kind
-from modalshell.core.errors import OptionError
+from modalshell.core.checks import checked_kind, shortened
+from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
-from modalshell.shell.elements import ElementSum, Energy, element_sets
+from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.material import Material
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
@@ -31,13 +31,24 @@ def energy_of(
     held: NDArray[np.bool_],
 ) -> ElasticEnergy:
     """Elastic energy of a material on a mesh, with further ``energies``."""
-    further = [
-        checked_kind("each of energies", energy, Energy).elements(mesh)  # type: ignore[type-abstract]
-        for energy in energies
-    ]
+    further = [_elements(checked_kind("each of energies", energy, Energy), mesh) for energy in energies]  # type: ignore[type-abstract]
     if isinstance(material, Sheet):
         return SplitFoldEnergy(mesh, material, slopes, further, held)
     return ElementSum([*element_sets(mesh, material, held, slopes), *further], len(mesh.vertices))
+
+
+def _elements(energy: Energy, mesh: TriangleMesh) -> ElementSet:
+    """Elements of a further energy; OptionError that names it where its own code fails."""
+    try:
+        return energy.elements(mesh)
+    except ModalShellError:
+        raise
+    except Exception as error:  # whatever another package's code may raise
+        kind = type(energy)
+        raise OptionError(
+            f"energy {kind.key!r} ({kind.__module__}.{kind.__name__}) failed on this mesh: {type(error).__name__}: "
+            f"{shortened(str(error))}; repair its method elements"
+        ) from error
 
 
 def material_constants(material: Material | Sheet) -> dict[str, float]:

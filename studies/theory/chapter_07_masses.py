@@ -34,8 +34,10 @@ def statements() -> list[str]:
     for family in ("union-jack", "alternating", "equilateral", "delaunay", "lloyd"):
         errors = [inertia_errors(strip(family, across)) for across in (4, 8)]
         rows.append(f"| {family} | " + " | ".join(f"{each:.1f}" for pair in errors for each in pair) + " |")
-    thirds = inertia_errors(strip("alternating", 4))[0]
-    assert np.isclose(thirds, 100.0 * 2.0 / 4**2)
+    for across in (4, 8):
+        thirds, corrected = inertia_errors(strip("alternating", across))
+        assert np.isclose(thirds, 100.0 * 2.0 / across**2)
+        assert np.isclose(corrected, 100.0 * 2.0 / across**3)
     return [*rows, f"no vertex is left with less than {module._LEAST} of its thirds"]
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from guide import CONTRIBUTING, blocks
 
 import modalshell as ms
 from modalshell.models import CoarseMesh, Model
@@ -108,8 +109,22 @@ def test_nobody_asks_for_the_type_of_a_model(trees):
     assert told_by_type(trees) == []
 
 
+LISTED = (
+    "the registry is the one list of models: take records, as in (ms.models()['mwts'], ms.models()['ds']), and keys, "
+    "names and colors from them (tip_drop in .github/CONTRIBUTING.md does), so that a new model needs no change there"
+)
+"""What to do where names of models are listed."""
+
+
 def test_nobody_lists_the_names_of_models(trees):
-    assert listed_names(trees) == []
+    assert listed_names(trees) == [], LISTED
+
+
+def test_the_code_of_the_guide_keeps_these_rules(trees):
+    of_models = {file: tree for file, tree in trees.items() if file.startswith("modalshell/models")}
+    guide = {f"guide/{number}.py": read(text) for number, text in enumerate(blocks(CONTRIBUTING, "python"))}
+    for search in (told_by_type, listed_names, parsed_statuses):
+        assert [place for place in search(of_models | guide) if place.startswith("guide")] == [], LISTED
 
 
 def test_nobody_parses_a_status(trees):

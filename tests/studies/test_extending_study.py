@@ -40,6 +40,7 @@ def test_the_study_of_the_guide_is_found_run_and_drawn(tmp_path):
     result = StudyResult.load(tmp_path, NAME)
     rows = result.findings["rows"]
     assert [row["gravity"] for row in rows] == [1.0, 2.0, 4.0]
-    assert all(0.0 < row["ds"] < 0.4 and abs(row["mwts"] / row["ds"] - 1.0) < 0.1 for row in rows)
-    assert f"| 4 | {rows[-1]['mwts']:.4f} |" in (tmp_path / f"{NAME}.md").read_text(encoding="utf-8")
+    assert all(0.0 < row["drops"]["ds"] < 0.4 for row in rows)
+    assert all(abs(row["drops"]["mwts"] / row["drops"]["ds"] - 1.0) < 0.1 for row in rows)
+    assert f"| 4 | {rows[-1]['drops']['mwts']:.4f} |" in (tmp_path / f"{NAME}.md").read_text(encoding="utf-8")
     assert known_studies()[NAME].finding(result).startswith("At the largest load the tip drops 0.")

@@ -79,7 +79,7 @@ def test_golden_numbers(name, quick_study, request):
 @pytest.mark.parametrize("name", studies())
 def test_golden_files_are_of_physics_and_say_why(name):
     golden = json.loads((GOLDEN / f"{name}.json").read_text(encoding="utf-8"))
-    assert 4 <= len(golden) <= 10
+    assert 4 <= len(golden) <= 10, f"{GOLDEN / f'{name}.json'} has {len(golden)} golden numbers, a study has 4 to 10"
     for entry in golden.values():
         assert set(entry) - set(TOLERANCES) == {"path", "value", "why"}
         (tolerance,) = (entry[kind] for kind in TOLERANCES if kind in entry)

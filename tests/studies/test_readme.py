@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -37,6 +40,28 @@ def test_a_page_is_that_of_the_committed_findings(name):
     page = (readme.FOLDER / f"{name}.md").read_text(encoding="utf-8")
     if result.record != {"from": f"studies/{name}.md, to the precision of that page"}:
         assert page.endswith(f"\n\n{studies()[name].table(result)}\n")
+
+
+PLUGGED = """
+from modalshell import ModelSpec
+from modalshell.models.linear import LinearModal
+from modalshell.models.registry import register
+register(ModelSpec("extra", "extra", LinearModal, "basis", cost=15, color="#112233"))
+from studies import readme
+from studies.pages import committed
+from studies.reproduce import studies
+assert (readme.FOLDER / "README.md").read_text(encoding="utf-8") == readme.page()
+for name, study in studies().items():
+    result = committed(name)
+    page = (readme.FOLDER / f"{name}.md").read_text(encoding="utf-8")
+    if result.record != {"from": f"studies/{name}.md, to the precision of that page"}:
+        assert page.endswith(f"\\n\\n{study.table(result)}\\n"), name
+"""
+
+
+def test_a_model_of_another_package_changes_no_committed_page():
+    """Findings and tables name the models of the result, not those that are registered where they are read."""
+    subprocess.run([sys.executable, "-c", PLUGGED], cwd=readme.FOLDER.parent, check=True, timeout=120)
 
 
 def test_a_run_is_taken_over_with_its_page(tmp_path, monkeypatch):

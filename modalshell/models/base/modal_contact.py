@@ -75,7 +75,8 @@ def equilibrium_on_modal_contacts(
     found: Pressed | None = None
     x, change = rest + model.raw_displacement(q), np.inf
     while steps.fraction < 1.0:
-        pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
+        with np.errstate(over="ignore", invalid="ignore"):  # of problems that run away, and are refused
+            pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
         iterations += taken
         reached = None if pressed is None else rest + model.raw_displacement(pressed.q) + pressed.local
         if pressed is None or reached is None or pressing.touching.crossed(x, reached):

@@ -87,7 +87,7 @@ class ModalShape(Warp):
     def on_basis(self, basis: Basis) -> Self:
         """The same model, with the options of its constructor, on another basis of its shell."""
         further, options = self._given
-        other = type(self)(basis, *further, **options)  # type: ignore[call-arg]  # constructors take a basis first
+        other = type(self)(basis, *further, **options)
         other.integrator = self.integrator
         return other
 
