@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 from paper_figures.model_colors import model_color
@@ -26,8 +24,9 @@ def draw(results: Path, folder: Path) -> Path:
     for key, words in (("force", "lifting force"), ("drawn", "drawn-in length")):
         curves = []
         for family, color in COLORS.items():
-            for cells in dict.fromkeys(row["cells"] for row in found["lifted"]):
-                rows = [row for row in found["lifted"] if (row["mesh"], row["cells"]) == (family, cells)]
+            for cells in (40, 80):
+                of = family, cells, "free"
+                rows = [row for row in found["lifted"] if (row["mesh"], row["cells"], row["end"]) == of]
                 if rows:
                     heights = [row["height"] for row in rows]
                     label = f"{family}, {cells} cells"
@@ -43,13 +42,14 @@ def draw(results: Path, folder: Path) -> Path:
     panels.append(Panel(plates, "Ring between plates: force", "gap [R]", "size of the error [%]", log=True))
     rungs = []
     for name in dict.fromkeys(row["model"] for row in found["table"]):
-        color = model_color(name)
         rows = [row for row in found["table"] if row["model"] == name]
-        rungs.append(Curve([row["modes"] for row in rows], size(rows, "error"), name, color))
-        force = Curve(
-            np.array([row["modes"] for row in rows]), size(rows, "force"), f"{name}, force", color, dashed=True
+        cost = [1e3 * row["touching"] for row in rows]
+        rungs.append(
+            Curve(
+                cost, size(rows, "error"), f"{name}, {rows[0]['modes']} to {rows[-1]['modes']} modes", model_color(name)
+            )
         )
-        rungs.append(force)
-    title = "Cantilever on a table: each rung against DS"
-    panels.append(Panel(rungs, title, "modes", "size of the error [%]", log=True))
+        rungs.append(Curve(cost, size(rows, "force"), f"{name}, force", model_color(name), dashed=True))
+    title, axis = "Cantilever on a table: each rung against DS", "processor time of a frame [microseconds]"
+    panels.append(Panel(rungs, title, axis, "size of the error [%]", log=True, log_x=True))
     return draw_curves(panels, folder / "contact_truth.png", columns=2)

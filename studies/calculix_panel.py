@@ -3,7 +3,7 @@
 Plate and rib are eight-node shells S8R with the same node lines as the triangles; both are clamped at the end x = 0.
 Three steps: the sag under weight, the lowest frequencies, and the factors by which a uniform line force along -x on the
 other end buckles the panel. ``python -m studies.calculix_panel FILE`` runs the program ``ccx`` on the meshes of
-:data:`CELLS` and writes FILE, such as ``tests/data/calculix_panel.json``; a coarse input is kept beside it.
+:data:`CELLS` and writes FILE, such as ``tests/data/calculix_panel.json``; a coarse input is kept next to it.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ modal rungs. Shells that touch themselves or one another are not looked at, nor 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,12 +17,13 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
 from modalshell.files.study_result import StudyResult
+from studies.contact_motions import BODIES, FRICTION, GRAVITY, fall, motion_on, on_table, slope
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.shell_theory import FAMILIES, columns
 
 FIGURES = ("contact_truth",)
 
-YOUNG, THICKNESS, GRAVITY = 1e9, 1e-3, 9.81
+YOUNG, THICKNESS = 1e9, 1e-3
 FLEXURE = YOUNG * THICKNESS**3 / 12.0
 LIFTED = {
     0.05: (1.047330, 0.524144, 0.001775),
@@ -34,6 +34,8 @@ LIFTED = {
     2.0: (3.231760, 2.043660, 1.168161),
 }
 """Free length, force and drawn-in length of a sheet over the height of its end."""
+LEVEL = {0.1: (1.639645, 1.093796, 0.004189), 0.5: (2.476280, 1.662805, 0.070479), 1.0: (3.006511, 2.046361, 0.239936)}
+"""The same with the end kept level."""
 DRAPED = {
     "R 1, L 1": (1.0, 1.0, 0.991246, -0.123471),
     "R 1, L 1.5": (1.0, 1.5, 1.375222, -0.558937),
@@ -47,7 +49,6 @@ RINGS = {1.9: 0.625408, 1.6: 2.115300, 1.4: 2.929674, 1.0: 5.742160}
 """Force per width over D / R^2, by the gap of the plates over R."""
 BENT = 2.8710800
 """Force per width times d^2 / D of a strip bent back between plates d apart."""
-FRICTION = 0.4
 HELD = {
     "lifted sheet, force, 40 cells": 5e-4,
     "lifted sheet, drawn in, 40 cells": 4e-3,
@@ -55,8 +56,10 @@ HELD = {
     "lifted sheet, drawn in, 80 cells": 1e-3,
     "drape, tip, 60 cells": 5e-5,
     "ring and bend, force, 80 cells": 5e-3,
+    "iterations from a coarse answer": 15,
     "depth": 1e-9,
     "energy gained": 1e-9,
+    "energy gained, six bodies": 1e-9,
     "sliding strip": 5e-3,
     "RSW on a table": 1e-2,
 }
@@ -69,22 +72,25 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     The mesh families are compared at the sheet off a table alone.
     """
     families, every, first = (FAMILIES[:1], 3, FAMILIES[0]) if quick else (FAMILIES, 1, FAMILIES[0])
-    cases: list[tuple[str, Any]] = [("lifted", (mesh, 40)) for mesh in families]
-    cases += [] if quick else [("lifted", (first, 80))]
+    cases: list[tuple[str, Any]] = [("lifted", (mesh, 40, level)) for mesh in families for level in (False, True)]
+    cases += [] if quick else [("lifted", (first, cells, False)) for cells in (80, 160)]
     cases += [("draped", (first, name)) for name in list(DRAPED)[::every]]
     cases += [("rings", (first, gap)) for gap in list(RINGS)[::every]]
     cases += [("bent", (first, 0.0))]
-    cases += [("falls", case) for case in (("bdf2", 1e-2), ("bdf2", 1e-3))[: 1 if quick else 2]]
+    thicknesses = (1e-2,) if quick else (1e-2, 1e-3)
+    cases += [("falls", ("bdf2", case)) for case in thicknesses]
+    cases += [("motions", (body, thick)) for thick in thicknesses for body in list(BODIES)[::every]]
     cases += [("slopes", share) for share in (0.9, 1.1, 1.3)]
     cases += [("table", modes) for modes in ((8,) if quick else (4, 8, 16))]
     findings: dict[str, Any] = {kind: [] for kind, _ in cases}
     fine = 24 if quick else 80
     answers: dict[str, Callable[[Any], list[dict[str, Any]]]] = {
-        "lifted": lambda case: lifted(case[0], case[1], list(LIFTED)[::every]),
+        "lifted": lambda case: lifted(case[0], case[1], case[2], list(LEVEL if case[2] else LIFTED)[::every]),
         "draped": lambda case: [draped(case[0], case[1], 30 if quick else 60)],
         "rings": lambda case: [ring(case[0], case[1], fine)],
         "bent": lambda case: [bent(case[0], fine)],
         "falls": lambda case: [fall(case[0], case[1])],
+        "motions": lambda case: [motion_on(*case)],
         "slopes": lambda case: [slope(case)],
         "table": on_table,
     }
@@ -113,31 +119,52 @@ def pinned(mesh: ms.TriangleMesh, x: float = 0.0) -> ms.Fix:
     return ms.Fix([int(end[points[end, 1].argmin()])], "y")
 
 
-def lifted(family: str, cells: int, heights: list[float]) -> list[dict[str, Any]]:
-    """Sheets on a table, one end at each height after the other."""
+def lifted(family: str, cells: int, level: bool, heights: list[float]) -> list[dict[str, Any]]:
+    """Sheets on a table, one end at each height after the other, from the answer of a coarse shell.
+
+    A level end is the middle of a sheet of twice the length.
+    """
     length, width = 4.0, 0.4
-    mesh = strip(family, length, width, cells)
-    x = mesh.vertices[:, 0]
-    end = x > length - 1e-9
-    supports = [ms.Fix(end, "z"), ms.Fix(x < 1e-9, "x"), pinned(mesh)]
-    shell, rows = ms.Shell(mesh, heavy(), supports=supports), []
-    model, weight = ms.DiscreteShell(shell), float(shell.mass.sum()) * GRAVITY
+
+    def shell_of(cells: int) -> ms.Shell:
+        mesh = strip(family, length, width, cells)
+        x = mesh.vertices[:, 0]
+        end, far = x > length - 1e-9, x < 1e-9
+        held = [ms.Fix(end, "z"), ms.Symmetry(end, (1, 0, 0))] if level else [ms.Fix(end, "z"), ms.Fix(far, "x")]
+        return ms.Shell(mesh, heavy(), supports=[*held, pinned(mesh)])
+
+    shell, rows = shell_of(cells), []
+    under = ms.CoarseDiscreteShell(shell, shell_of(coarser(cells)))
+    x = shell.mesh.vertices[:, 0]
+    end, far = x > length - 1e-9, x < 1e-9
+    model, weight, before = ms.DiscreteShell(shell), float(shell.mass.sum()) * GRAVITY, None
     for height in heights:
-        free, force, drawn = LIFTED[height]
-        start = mesh.vertices.copy()
-        start[:, 2] = height * np.clip((x - length) / free + 1.0, 0.0, 1.0) ** 2 - height
-        table = ms.Contact(ms.Plane((0, 0, 1), -height))
-        state = model.equilibrium(gravity=(0, 0, -GRAVITY), start=start, contacts=[table])
+        free, force, drawn = (LEVEL if level else LIFTED)[height]
+        if before is None:
+            start = shell.mesh.vertices.copy()
+            start[:, 2] = height * np.clip((x - length) / free + 1.0, 0.0, 1.0) ** 2 - height
+        else:
+            start = before[1] * [1.0, 1.0, height / before[0]]
+        given: dict[str, Any] = {
+            "gravity": (0, 0, -GRAVITY),
+            "contacts": [ms.Contact(ms.Plane((0, 0, 1), -height))],
+        }
+        first = under.equilibrium(start=start, **given)
+        state = model.equilibrium(start=first.positions, **given)
+        before = height, state.positions
         found = (weight - state.contact_forces[:, 2].sum()) / width / FLEXURE
+        came = state.positions[far, 0].mean() if level else length - state.positions[end, 0].mean()
         rows.append(
             {
                 "mesh": family,
                 "cells": cells,
+                "end": "level" if level else "free",
                 "height": height,
                 "converged": state.converged,
+                "coarse": first.iterations,
                 "iterations": state.iterations,
                 "force": found / force - 1.0,
-                "drawn": (length - state.positions[end, 0].mean()) / drawn - 1.0,
+                "drawn": float(came / drawn - 1.0),
                 "free": length - x[state.in_contact].max() - free,
                 "deepest": state.deepest / length,
             }
@@ -145,20 +172,35 @@ def lifted(family: str, cells: int, heights: list[float]) -> list[dict[str, Any]
     return rows
 
 
+def coarser(cells: int) -> int:
+    """Cells along of the coarse shell whose answer begins."""
+    return max(15, cells // 4)
+
+
 def draped(family: str, name: str, cells: int) -> dict[str, Any]:
     """Half a strip over a cylinder."""
     radius, length, tip_x, tip_z = DRAPED[name]
-    mesh = strip(family, length, 0.1 * length, cells)
-    x = mesh.vertices[:, 0]
-    shell = ms.Shell(mesh, heavy(), supports=[ms.Symmetry(x < 1e-9, (1, 0, 0)), pinned(mesh)])
-    contact = ms.Contact(ms.Cylinder((0, -9, -radius), (0, 9, -radius), radius))
-    state = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -GRAVITY), contacts=[contact])
+
+    def shell_of(cells: int) -> ms.Shell:
+        mesh = strip(family, length, 0.1 * length, cells)
+        ends = [ms.Symmetry(mesh.vertices[:, 0] < 1e-9, (1, 0, 0)), pinned(mesh)]
+        return ms.Shell(mesh, heavy(), supports=ends)
+
+    shell = shell_of(cells)
+    given: dict[str, Any] = {
+        "gravity": (0, 0, -GRAVITY),
+        "contacts": [ms.Contact(ms.Cylinder((0, -9, -radius), (0, 9, -radius), radius))],
+    }
+    first = ms.CoarseDiscreteShell(shell, shell_of(coarser(cells))).equilibrium(**given)
+    state = ms.DiscreteShell(shell).equilibrium(start=first.positions, **given)
+    x = shell.mesh.vertices[:, 0]
     tip = state.positions[x > length - 1e-9].mean(axis=0)
     return {
         "mesh": family,
         "case": name,
         "cells": cells,
         "converged": state.converged,
+        "coarse": first.iterations,
         "iterations": state.iterations,
         "tip": float(np.hypot(tip[0] - tip_x, tip[2] - tip_z)) / length,
         "weight": float(state.contact_forces[:, 2].sum() / (shell.mass.sum() * GRAVITY)) - 1.0,
@@ -199,69 +241,6 @@ def pressed(family: str, case: str, cells: int, state: ms.Equilibrium, force: fl
     return row | {"iterations": state.iterations, "deepest": state.deepest}
 
 
-def fall(integrator: str, thickness: float) -> dict[str, Any]:
-    """A tilted strip falls on a floor and comes down flat."""
-    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(40, 4))
-    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=thickness, density=500.0))
-    x = mesh.vertices[:, 0] - 0.5
-    start = np.stack([x * np.cos(0.3), mesh.vertices[:, 1], x * np.sin(0.3) + 0.35], axis=1)
-    model = ms.DiscreteShell(shell, integrator=integrator)
-    given: dict[str, Any] = {"duration": 100 / 60, "dt": 1 / 60, "gravity": (0, 0, -GRAVITY), "start": start}
-    rows: dict[str, Any] = {}
-    for name, friction in (("smooth", 0.0), ("rough", FRICTION)):
-        run = ms.simulate(model, contacts=[ms.Contact(ms.Plane(), friction=friction)], **given)
-        gained = float(np.diff(run.energies.sum(axis=1)).max() / np.ptp(run.energies[:, 2]))
-        rows |= {f"gained {name}": gained, f"unsolved {name}": run.unconverged_steps}
-        rows |= {f"deepest {name}": max(0.0, -float(run.positions[..., 2].min()))}
-    return {"integrator": integrator, "thickness": thickness, **rows}
-
-
-def slope(share: float) -> dict[str, Any]:
-    """A strip on a slope of ``share`` times the tangent at which a block begins to slide."""
-    angle = float(np.arctan(share * FRICTION))
-    gravity = GRAVITY * np.array([np.sin(angle), 0.0, -np.cos(angle)])
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 2))
-    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=500.0))
-    contact, dt = ms.Contact(ms.Plane(), friction=FRICTION), 1 / 60
-    run = ms.simulate(
-        ms.DiscreteShell(shell, integrator="bdf2"), duration=0.5, dt=dt, gravity=gravity, contacts=[contact]
-    )
-    x = run.positions[..., 0].mean(axis=1)
-    block = max(0.0, GRAVITY * (np.sin(angle) - FRICTION * np.cos(angle)) * 0.5)
-    return {"share": share, "speed": float(x[-1] - x[-2]) / dt, "block": float(block)}
-
-
-def on_table(modes: int) -> list[dict[str, Any]]:
-    """A cantilever at rest on a table by each rung, and what a frame of its motion there costs."""
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(40, 8))
-    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
-    shell = ms.Shell(mesh, sheet, clamped="x < 1e-6")
-    given: dict[str, Any] = {"gravity": (0, 0, -GRAVITY), "contacts": [ms.Contact(ms.Plane((0, 0, 1), -0.15))]}
-    truth = ms.DiscreteShell(shell).equilibrium(**given)
-    basis, rows = ms.solve_modes(shell, count=modes), []
-    for rung in (ms.LinearModal, ms.ModalWarping, ms.RotationStrain):
-        model = rung(basis)
-        state, seconds = model.equilibrium(**given), []
-        for contacts in (None, given["contacts"], None, given["contacts"]):  # the first two compile
-            begin = time.perf_counter()
-            ms.simulate(model, duration=2.0, dt=1 / 60, gravity=given["gravity"], damping=(1.0, 0.0), contacts=contacts)
-            seconds.append((time.perf_counter() - begin) / 120.0)
-        rows.append(
-            {
-                "model": model.name,
-                "modes": modes,
-                "converged": state.converged,
-                "iterations": state.iterations,
-                "error": ms.measure.displacement_error(state.positions, truth.positions, shell),
-                "force": float(state.contact_forces[:, 2].sum() / truth.contact_forces[:, 2].sum()) - 1.0,
-                "deepest": state.deepest,
-                "free": 1e3 * seconds[2],
-                "touching": 1e3 * seconds[3],
-            }
-        )
-    return rows
-
-
 def largest(rows: list[dict[str, Any]], key: str, **of: Any) -> float | None:
     """Largest size of a finding over the rows of some case; None without any."""
     chosen = [row for row in rows if all(row[name] == value for name, value in of.items())]
@@ -273,7 +252,7 @@ def held(findings: dict[str, Any]) -> dict[str, float | None]:
     """What was found of each aim."""
     falls, sliding = findings["falls"], [row for row in findings["slopes"] if row["share"] > 1.2]
     plates = findings["rings"] + findings["bent"]
-    rested = findings["lifted"] + findings["draped"] + plates + findings["table"]
+    rested = findings["lifted"] + findings["draped"] + plates + findings["table"] + findings["motions"]
     return {
         "lifted sheet, force, 40 cells": largest(findings["lifted"], "force", cells=40),
         "lifted sheet, drawn in, 40 cells": largest(findings["lifted"], "drawn", cells=40),
@@ -281,8 +260,10 @@ def held(findings: dict[str, Any]) -> dict[str, float | None]:
         "lifted sheet, drawn in, 80 cells": largest(findings["lifted"], "drawn", cells=80),
         "drape, tip, 60 cells": largest(findings["draped"], "tip", cells=60),
         "ring and bend, force, 80 cells": largest(plates, "force", cells=80),
+        "iterations from a coarse answer": max(row["iterations"] for row in findings["lifted"] + findings["draped"]),
         "depth": max([row["deepest"] for row in rested] + [row[f"deepest {n}"] for row in falls for n in KINDS]),
         "energy gained": max(row[f"gained {name}"] for row in falls for name in KINDS),
+        "energy gained, six bodies": max(row["gained"] for row in findings["motions"]),
         "sliding strip": max(abs(row["speed"] / row["block"] - 1.0) for row in sliding),
         "RSW on a table": largest(findings["table"], "error", model="RSW"),
     }
@@ -297,17 +278,21 @@ def table(result: StudyResult) -> str:
     aims = [{"aim": name, "wanted": HELD[name], "found": value} for name, value in found["held"].items()]
     return paragraphs(
         "Errors are relative to the elastica, tips over the strip's half length, depths over lengths of 1 m.",
-        markdown("aim | at most | found", "{aim} | {wanted:.0e} | {found:.1e}", aims),
-        "A sheet lifted off a table at its end:",
+        markdown("aim | at most | found", "{aim} | {wanted:.2g} | {found:.2g}", aims),
+        "A sheet lifted off a table at its end, free to turn or level; discrete shells begin at the answer of a coarse "
+        f"mesh of a quarter of the cells, at least {coarser(0)}:",
         markdown(
-            "mesh | cells | height [l_g] | iterations | force error [%] | drawn-in error [%] | free length error [l_g]",
-            "{mesh} | {cells} | {height:g} | {iterations} | {force:100*.3f} | {drawn:100*.2f} | {free:.3f}",
+            "mesh | cells | end | height [l_g] | iterations, coarse | fine | force error [%] | drawn-in error [%] | "
+            "free length error [l_g]",
+            "{mesh} | {cells} | {end} | {height:g} | {coarse} | {iterations} | {force:100*.3f} | {drawn:100*.2f} | "
+            "{free:.3f}",
             found["lifted"],
         ),
         "Half a strip over a cylinder:",
         markdown(
-            "mesh | radius and half length [l_g] | cells | iterations | tip error | force over weight, less 1",
-            "{mesh} | {case} | {cells} | {iterations} | {tip:.1e} | {weight:.1e}",
+            "mesh | radius and half length [l_g] | cells | iterations, coarse | fine | tip error | "
+            "force over weight, less 1",
+            "{mesh} | {case} | {cells} | {coarse} | {iterations} | {tip:.1e} | {weight:.1e}",
             found["draped"],
         ),
         "Between plates:",
@@ -323,13 +308,20 @@ def table(result: StudyResult) -> str:
             "{unsolved rough}",
             found["falls"],
         ),
+        "A strip falls on a body, 200 steps of 1/60 s by implicit Euler. Where a vertex slides by s over a surface of "
+        "radius r, its force along the normal at the end does the work of s^2 / (2 r):",
+        markdown(
+            "body | thickness [m] | frames that touch | energy gained in a step, over the fall's | steps not solved",
+            "{body} | {thickness:g} | {touching} | {gained:.1e} | {unsolved}",
+            found["motions"],
+        ),
         f"A strip on a slope after half a second, friction {FRICTION:g}; what sticks creeps:",
         markdown(
             "tan(slope) over friction | speed [m/s] | a block's [m/s]",
             "{share:g} | {speed:.6f} | {block:.6f}",
             found["slopes"],
         ),
-        "A cantilever at rest on a table against discrete shells, and a frame of its motion (wall time):",
+        "A cantilever at rest on a table against discrete shells, and a frame of its motion (processor time):",
         markdown(
             "model | modes | iterations | error [%] | force error [%] | frame, free [ms] | with the table [ms]",
             "{model} | {modes} | {iterations} | {error:100*.2f} | {force:100*.1f} | {free:.2f} | {touching:.2f}",
@@ -344,7 +336,7 @@ def finding(result: StudyResult) -> str:
     cells = 80 if found["lifted sheet, force, 80 cells"] is not None else 40
     return (
         f"At {cells} cells a lifted sheet's force is within {100 * found[f'lifted sheet, force, {cells} cells']:.2g} % "
-        f"of the elastica's. No vertex is deeper than {found['depth']:.0e} m, no step gains energy, a strip slides as "
-        f"a block does within {100 * found['sliding strip']:.1g} %. On a table RSW is "
+        f"of the elastica's. No vertex is deeper than {found['depth']:.0e} m, no step on a floor gains energy, a strip "
+        f"slides as a block does within {100 * found['sliding strip']:.1g} %. On a table RSW is "
         f"{100 * found['RSW on a table']:.2g} % from discrete shells."
     )

@@ -45,6 +45,7 @@ BETWEEN_PARTS = {
     "velocity",
     "largest_move",
     "surfaces",
+    "body",
     "local_error",
     "stops",
     "euler_step",
@@ -81,6 +82,12 @@ def _one_nan(value):
 
 
 @functools.cache
+def creased(shell):
+    """The method of a shell with one crease."""
+    ends = shell.mesh.edges[shell.mesh.hinge_edges[:1]]
+    return ms.Shell(shell.mesh, shell.material, clamped=shell.clamped, creases=[ms.Crease(ends, 1.0)]).creased
+
+
 def methods():
     """Sound calls of methods that the fuzzer does not know by their own name."""
     rest = part("shell", "rest_positions").then(np.array)
@@ -96,6 +103,7 @@ def methods():
         Target("Shell.support_reactions", part("shell", "support_reactions"), {"positions": moved, "force": vectors}),
         Target("Shell.total_load", part("shell", "total_load"), {"gravity": gravity, "force": vectors}),
         Target("Shell.loading", part("shell", "loading"), {"gravity": gravity, "force": vectors}),
+        Target("Shell.creased", part("shell").then(creased), {"state": np.array([0.1])}),
         Target("Shell.checked_positions", part("shell", "checked_positions"), {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", model("ds", "lowest_eigenvalue"), {"positions": rest}),
         Target("EquilibriumPath.crossings", path.then(lambda found: found.crossings), {"factor": 0.5}),

@@ -23,7 +23,7 @@ from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_lo
 from modalshell.page import Page, Tones, live_model, recorded, shell_page
 from modalshell.page.clip_page import farthest
 from modalshell.page.modal_page import live_tip
-from modalshell.run.results import Colouring
+from modalshell.run.results import Colouring, corners_about
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
@@ -81,8 +81,6 @@ class _ShellPage:
             self.left_out += ["loads that change stay as they are at rest, at their largest"]
             loading = self.shell.loading(force=self.force, loads=loads)
             self.force = loading.dead + loading.largest_force()
-        self.left_out += ["nothing is touched"] if scene.contacts else []
-        self.free_of_time = self.free_of_time and not scene.contacts
         motion = scene.motion
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
         self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
@@ -116,11 +114,13 @@ class _ShellPage:
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
         notes += [f"Error bar: {run.bars}."] if run.bars is not None else []
-        notes += ["What the shell touches is not drawn."] if scene.contacts else []
+        contacts = scene.build_contacts()
+        corners, inset = corners_about(run)
         live, said = self._offered(run)
         return shell_page(
             mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),
             live=live, record=record, gravity=gravity, units=units, notes=notes + said,
+            bodies=[contact.body(corners, motion.times, inset) for contact in contacts],
         )  # fmt: skip
 
     def _run(self) -> ms.Trajectory:

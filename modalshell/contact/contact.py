@@ -110,12 +110,23 @@ class Contact(ReadOnlyArrays):
 
         Those ``inset`` [m] below the surface do not hide what lies on it.
         """
-        vertices, triangles = self.collider.surface(corners)
-        if inset:
-            vertices = vertices - inset * self.collider.gap(vertices)[1]
+        vertices, triangles = self._surface(corners, inset)
         if self.motion is None:
             return vertices[None], triangles
         return np.stack([self.motion.at(float(time)).to_world(vertices) for time in times]), triangles
+
+    def _surface(self, corners: Array, inset: float) -> tuple[Array, Index]:
+        vertices, triangles = self.collider.surface(corners)
+        return vertices - inset * self.collider.gap(vertices)[1] if inset else vertices, triangles
+
+    def body(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index, Array, Array]:
+        """Vertices (k, 3) [m] and triangles (T, 3) of the collider, its rotations (F, 3, 3) and ways (F, 3) [m]."""
+        vertices, triangles = self._surface(corners, inset)
+        if self.motion is None:
+            return vertices, triangles, np.eye(3)[None], np.zeros((1, 3))
+        poses = [self.motion.at(float(time)) for time in times]
+        turns = np.array([pose.rotation for pose in poses])
+        return vertices, triangles, turns, np.array([pose.to_world(np.zeros((1, 3)))[0] for pose in poses])
 
     def plain(self) -> dict[str, Any]:
         """Its parameters and those of its collider, as texts and lists."""

@@ -34,6 +34,8 @@ _MOVED = 1e-3
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
 _PASSES = 12
 """Linearisations of a frame at most."""
+_SOFT = 1e-9
+"""Compliance added, as a share of the mean one: more vertices may touch than the modes can move apart."""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
 _NO_TURNS = np.empty((0, 3))
@@ -246,10 +248,12 @@ class ModalContacts:
         kernels.residual_compliance(self._shapes.blocks, slots, own, matrix)
         beyond = matrix.copy()
         matrix += along @ softened.T
-        matrix[np.diag_indices(rows.size)] += 1e-9 * np.trace(matrix) / max(rows.size, 1)
+        soft = _SOFT * np.trace(matrix) / max(rows.size, 1)
+        matrix[np.diag_indices(rows.size)] += soft
         columns = np.ascontiguousarray(matrix.T)
         offset = gap - np.sum(normals * begin.local[vertices], axis=1) + along @ (free - q)
         forces, pushes = begin.pushes[rows], np.zeros_like(begin.pushes)
+        offset -= soft * forces  # softened about the forces before, so that repeated problems close the gaps
         for _ in range(corrections):
             complementary(columns, offset, forces, 1e-12 * size, compliance.ndim == 1)
             after = free + softened.T @ forces

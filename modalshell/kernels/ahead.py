@@ -47,7 +47,7 @@ shell.kernels.split_folds.solve_factorised i1 i1 d1 d1 i1 d2 d2
 shell.kernels.split_folds.add_fold_forces l2 d2 d1 d2
 shell.kernels.split_folds.add_edge_forces d2 rl2 d1 d2
 shell.kernels.split_folds.add_bending d2 l2 l2 l3 d2 d3 i3 i3 l1 d1
-shell.kernels.split_folds.add_membrane d2 l2 l2 d3 i3 l1 d1
+shell.kernels.split_folds.add_membrane d2 l2 d3 i3 l1 d1
 shell.kernels.patterns.free_values d1 b1 i1 i1 i1 i1 i1 i1 i1 d1
 shell.kernels.split_folds.fold_rates d2 l2 d2 d1
 shell.kernels.split_folds.half_square_rates d2 d2 rl2 d1

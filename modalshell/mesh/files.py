@@ -27,6 +27,7 @@ from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.unjoined import warn_of_unjoined
 from modalshell.mesh.usd_files import USD, read_usd, usd_up
 from modalshell.mesh.welding import drop_unused, weld_arrays
 
@@ -68,7 +69,9 @@ def up_axis(path: str | os.PathLike[str], up: Up | None = None) -> Up:
 def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
     """The axis that points up, as text."""
     axis = up_axis(path, up)
-    return "z is up" if axis == "z" else f"{axis} is up in the file and was rotated to z"
+    if axis == "z":
+        return "z is up" if up or up_axis(path) != "z" else "z is up (`--up y` for files of Blender and its like)"
+    return f"{axis} is up in the file and was rotated to z"
 
 
 def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> TriangleMesh:
@@ -106,9 +109,11 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
         vertices, faces = _without_unused(file, vertices, faces)
         if file.suffix.lower() in _WELDED:
             vertices, faces = _weld(file, vertices, faces)
-        return TriangleMesh(vertices, faces)
+        mesh = TriangleMesh(vertices, faces)
     except MeshError as error:
         raise _located(file, error, split=bool((polygons.sizes > 3).any())) from error
+    warn_of_unjoined(mesh, str(file))
+    return mesh
 
 
 def repair_mesh(
@@ -123,9 +128,11 @@ def repair_mesh(
     file = checked_folder("path", path)
     polygons = read_polygons(file, up)
     try:
-        return repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
+        mesh, report = repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
         raise _located(file, error, split=True) from error
+    warn_of_unjoined(mesh, str(file))
+    return mesh, report
 
 
 def read_polygons(file: Path, up: Up | None = None) -> Polygons:

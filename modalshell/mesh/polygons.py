@@ -12,6 +12,9 @@ import numpy as np
 from modalshell.core.short_repr import short_repr
 from modalshell.mesh.topology import FloatArray, IntArray
 
+_FLAT = 1e-6
+"""Height of a triangle, as a share of its longest side, that counts as none."""
+
 
 @final
 @short_repr
@@ -42,8 +45,9 @@ class Polygons:
     def triangles(self) -> IntArray:
         """Triangles (T, 3), in the order of the polygons.
 
-        Each larger polygon becomes a fan about its first corner, or where that would fold over, as in polygons that
-        are not convex, the triangles of ear clipping.
+        Each larger polygon becomes a fan about its first corner, or where that would fold over or have a triangle
+        without area, as in polygons that are not convex or have corners on a straight side, the triangles of ear
+        clipping.
         """
         first = np.cumsum(self.sizes) - self.sizes
         owner = np.repeat(np.arange(len(self.sizes)), self.sizes - 2)
@@ -56,7 +60,12 @@ class Polygons:
             areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             normals = np.zeros((len(self.sizes), 3))
             np.add.at(normals, owner, areas)
-            folded = np.unique(owner[np.einsum("ti,ti->t", areas, normals[owner]) < 0.0])
+            sides = points[:, [1, 2, 0]] - points
+            longest = np.einsum("tki,tki->tk", sides, sides).max(axis=1)
+            flat = np.linalg.norm(areas, axis=1) <= _FLAT * longest
+            folded = np.unique(
+                owner[(flat & (self.sizes[owner] > 3)) | (np.einsum("ti,ti->t", areas, normals[owner]) < 0.0)]
+            )
         for polygon in folded:
             corners = self.corners[first[polygon] : first[polygon] + self.sizes[polygon]]
             triangles[owner == polygon] = corners[_clip_ears(self.vertices[corners], normals[polygon])]
@@ -83,7 +92,8 @@ def _is_ear(plane: FloatArray, at: int) -> bool:
     """Whether corner ``at`` of a counter-clockwise polygon (k, 2) sticks out and its triangle holds no other corner."""
     corners = plane[[at - 1, at, (at + 1) % len(plane)]]
     sides = corners[[1, 2, 0]] - corners
-    if sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0] <= 0.0:
+    twice_area = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
+    if twice_area <= _FLAT * np.einsum("ki,ki->k", sides, sides).max():
         return False
     others = plane[~(plane[:, None] == corners).all(axis=2).any(axis=1)]
     apart = others[:, None] - corners

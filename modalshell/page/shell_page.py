@@ -17,6 +17,10 @@ _SHORT = 65536
 """Vertices up to which the triangles' indices take two bytes."""
 
 
+Body = tuple[Array, NDArray[np.integer], Array, Array]
+"""Vertices (k, 3) [m] and triangles (T, 3) of a rigid body, and its rotations (F, 3, 3) and ways (F, 3) [m]."""
+
+
 def shell_page(
     rest: Array,
     faces: NDArray[np.integer],
@@ -25,6 +29,7 @@ def shell_page(
     tip: int,
     live: Mapping[str, Any] | None = None,
     record: Mapping[str, Any] | None = None,
+    bodies: Sequence[Body] = (),
     gravity: Sequence[float] = (0.0, 0.0, -1.0),
     notes: Sequence[str] = (),
     units: UnitSystem = SI,
@@ -45,6 +50,9 @@ def shell_page(
         What :func:`modalshell.page.live_model` gives.
     record : mapping, optional
         What :func:`modalshell.page.recorded` gives; the page begins with it.
+    bodies : sequence of tuple
+        What the recorded shell touches: vertices (k, 3) [m] and triangles (T, 3) of each, and rotations (F, 3, 3) and
+        ways (F, 3) [m] that move them in the frames of the record, or in all of them.
     gravity : sequence of 3 floats
         Acceleration [m/s^2] with which live models start, along which the tip's drop is measured.
     notes : sequence of str
@@ -75,4 +83,19 @@ def shell_page(
         "record": record,
     }
     words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
+    if bodies:  # a page without any is as it was
+        data["bodies"] = [_placed(*body, centre) for body in bodies]
     return filled_page("shell", title, data, rest, faces, notes=notes, words=words)
+
+
+def _placed(
+    vertices: Array, triangles: NDArray[np.integer], turns: Array, ways: Array, centre: Array
+) -> dict[str, str]:
+    """A body as the page reads it, its vertices and its ways about the centre."""
+    ways = ways + turns @ centre - centre
+    poses = np.concatenate([turns.reshape(-1, 9), ways], axis=1)
+    return {
+        "rest": encoded((vertices - centre).astype(np.float32)),
+        "faces": encoded(triangles.astype(np.uint32)),
+        "poses": encoded(poses.astype(np.float32)),
+    }

@@ -14,6 +14,7 @@ function playAt(time) {  // amounts between the two nearest frames
   let f = 0;
   while (f < last && times[f + 1] < time) f++;
   const share = f < last ? (time - times[f]) / (times[f + 1] - times[f]) : 0;
+  bodyFrame.first = f; bodyFrame.share = f < last ? share : 0;
   const between = (from, count, into) => {
     for (let k = 0; k < count; k++) {
       const here = from[f * count + k];
@@ -43,6 +44,7 @@ function scenePoints() {  // places of every vertex in some of the frames, to fr
   return all;
 }
 function scenePrograms() {
+  bodyPrograms();
   const K = scene.count, C = scene.tones ? scene.tones.count : 0;
   const vertex = `
 uniform sampler2D table, tones; uniform float q[${Math.max(K, 1)}], level[${Math.max(C, 1)}]; uniform mat4 camera;
@@ -84,6 +86,7 @@ function drawScene() {
   gl.uniformMatrix4fv(use.camera, false, cameraMatrix());
   gl.uniform3fv(use.towards, axes()[2]);
   gl.drawElements(gl.TRIANGLES, faces.length, gl.UNSIGNED_INT, 0);
+  drawBodies();
 }
 function showScale() {  // the colour bar, where the field colours the shell
   const tones = record && record.tones;

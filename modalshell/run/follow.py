@@ -120,6 +120,10 @@ class RunFollower:
         self._look(self._path)
         return before != (self.state, self.index, self.restarts, self._generation)
 
+    def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
+        """None: frames that are followed name no colliders."""
+        return []
+
     def status(self) -> str:
         """One line: name, frame, time, state."""
         if self.index < 0:

@@ -115,7 +115,13 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
         ("Largest von Mises stress", stressed),
     ]
     if numbers["bar"] is not None:
-        rows.append(("Error bar", numbers["bar"]))
+        rows.append(("Error bar", f"{numbers['bar']} on the same mesh"))
+    if (contact := numbers.get("contact")) is not None:
+        rows.append((
+            "Contact, in the last frame",
+            f"{contact['vertices']} vertices touch, force {_vector(contact['force'])} {of('N')}; "
+            f"deepest of all frames {contact['deepest']:.2g} {length}",
+        ))  # fmt: skip
     if numbers["load"] is not None:
         rows += [
             ("Resultant of the load", f"{_vector(numbers['load'])} {of('N')}"),
@@ -130,6 +136,8 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
         rows.append(
             ("Buckling, linear theory", factor if isinstance(factor, str) else f"at {factor:.4g} times the load")
         )
+    if numbers["warnings"]:
+        rows.append(("Warnings", "; ".join(numbers["warnings"])))
     return rows
 
 

@@ -37,7 +37,7 @@ class Colouring:
         """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
         if name == DISPLACEMENT:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
-            return cls(moved, f"{name} [m]", "viridis")
+            return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
         scalars = scalar_of(name, run.fields[name])
         areas = 0.5 * np.linalg.norm(area_vectors(run.rest_positions, run.faces), axis=1)
         count, corners = run.positions.shape[1], run.faces.ravel()
@@ -163,12 +163,17 @@ def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[
     """Surfaces of the colliders at some times, the rectangles of planes a little larger than the motion."""
     if not contacts:
         return []
+    corners, inset = corners_about(run)
+    return [contact.surfaces(corners, times, inset) for contact in contacts]
+
+
+def corners_about(run: Trajectory) -> tuple[Array, float]:
+    """Corners (8, 3) [m] of a box a little larger than a motion, and the depth [m] at which bodies are drawn."""
     points = np.asarray(run.positions, dtype=np.float64).reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max())
     ends = np.stack([low, high]) + _AROUND * size * np.outer([-1.0, 1.0], np.ones(3))
-    corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
-    return [contact.surfaces(corners, times, _INSET * size) for contact in contacts]
+    return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3), _INSET * size
 
 
 def _texts(run: Trajectory, model: str, times: Array) -> list[str]:

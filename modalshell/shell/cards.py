@@ -198,6 +198,8 @@ def _metal(what: str, sheet: Isotropic, source: str, speeds: tuple[float, float]
 
 _STEEL = "EN 1993-1-1:2005, 3.2.6, and EN 1991-1-1:2002, table A.4 [en1993]"
 _ALUMINIUM = "EN 1999-1-1:2007, 3.2.5 [en1999]"
+_HIBBELER = "R. C. Hibbeler, Mechanics of Materials, 2014, Average Mechanical Properties [hibbeler2014]"
+_PYREX = "Corning 7740 Pyrex borosilicate glass, properties [pyrex2026]"
 _PET = "DuPont Teijin Films, Mylar polyester film, Physical-Thermal Properties, H-37232-3, gauge 92A [mylar2003]"
 CARDS: dict[str, Card] = {
     **{key: _fabric(*values) for key, values in _FABRICS.items()},
@@ -214,6 +216,27 @@ CARDS: dict[str, Card] = {
         _ALUMINIUM,
         (5000.0, 3040.0),
         0.04,
+    ),
+    "stainless-steel-304-0.1mm": _metal(
+        "stainless steel 304, as a sheet of 0.1 mm; compared with 347",
+        Isotropic(young=193e9, poisson=0.27, thickness=1e-4, density=7860.0),
+        _HIBBELER,
+        (5000.0, 3100.0),
+        0.02,
+    ),
+    "duralumin-0.1mm": _metal(
+        "aluminium 2014-T6, as a sheet of 0.1 mm; compared with duralumin 17S",
+        Isotropic(young=73.1e9, poisson=0.35, thickness=1e-4, density=2790.0),
+        _HIBBELER,
+        (5150.0, 3130.0),
+        0.02,
+    ),
+    "borosilicate-glass-0.1mm": _metal(
+        "borosilicate glass, as a sheet of 0.1 mm",
+        Isotropic(young=64e9, poisson=0.2, thickness=1e-4, density=2230.0),
+        _PYREX,
+        (5170.0, 3280.0),
+        0.06,
     ),
     "pet-film-23um": Card(
         Isotropic(young=490.0 * 9.80665e6, poisson=0.38, thickness=23.4e-6, density=1390.0).sourced(_PET),

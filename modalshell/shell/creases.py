@@ -24,8 +24,9 @@ from typing import NamedTuple, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import as_array, checked_kind, checked_number, shown
+from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.core.errors import LoadError, MaterialError, OptionError
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
@@ -118,6 +119,7 @@ def _edges_of_pairs(pairs: Index, mesh: TriangleMesh) -> Index:
 
 
 @final
+@short_repr
 @dataclass(frozen=True, eq=False)
 class CreaseState(ReadOnlyArrays):
     """What creases keep.
@@ -128,13 +130,23 @@ class CreaseState(ReadOnlyArrays):
         Plastic fold of every crease [rad], in the order of :attr:`CreaseSet.hinges`; positive as the hinge's angle.
     dissipated : float
         Heat that they have made so far [J].
+
+    Raises
+    ------
+    LoadError
+        For angles of another shape or not finite, or negative heat.
     """
 
     angles: Array
     dissipated: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "angles", read_only_copy(np.asarray(self.angles, dtype=np.float64)))
+        value = as_array("angles", self.angles, "plastic folds (C,) [rad]", LoadError).astype(np.float64)
+        if value.ndim != 1 or not (np.abs(value) <= LARGEST).all():
+            raise LoadError(f"angles must be finite plastic folds (C,) [rad] (got {shown(self.angles)})")
+        object.__setattr__(self, "angles", read_only_copy(value))
+        heat = checked_number("dissipated", self.dissipated, LoadError, at_least=0.0, unit="J")
+        object.__setattr__(self, "dissipated", heat)
 
 
 class _Slip(NamedTuple):

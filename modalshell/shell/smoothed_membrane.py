@@ -33,7 +33,7 @@ from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
-from modalshell.shell.kernels.split_folds import quadratic_forms
+from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
 
 SHARP = np.radians(20.0)
 """Rest fold [rad] above which strains are not smoothed across an edge."""
@@ -44,7 +44,7 @@ SHARE_EXPONENT = 4
 _LEAST_POWER = 0.25
 """Least power of an edge, over that of the triangle's longest: that of the legs of a right isosceles triangle."""
 
-PAIR = np.array([[0, 1], [0, 2], [1, 2], [0, 3], [1, 3]])
+PAIR = np.array(EDGES)
 """Edges of two triangles in the order of a hinge's vertices; the first three are the left one's."""
 
 
@@ -75,6 +75,19 @@ class MembraneElements:
     matrices: Array
     faces: Index
     areas: Array
+
+    def as_pairs(self, slots: Index) -> tuple[Index, Array, Index]:
+        """Stencils (elements, 4), matrices (elements, 5, 5) and slots (elements, 4, 4) of :data:`PAIR`'s edges.
+
+        ``slots`` (elements, vertices, vertices) are the elements' own. A single triangle has edges without stiffness to
+        a fourth vertex that has no slots.
+        """
+        if self.stencils.shape[1] == 4:
+            return self.stencils, self.matrices, slots
+        count = len(self.stencils)
+        matrices, places = np.zeros((count, 5, 5)), np.full((count, 4, 4), -1, slots.dtype)
+        matrices[:, :3, :3], places[:, :3, :3] = self.matrices, slots
+        return np.ascontiguousarray(self.stencils[:, [0, 1, 2, 0]]), matrices, places
 
     def part(self, chosen: Index, factors: Array, vertices: Index) -> MembraneElements:
         """Chosen elements times factors, on a numbering of the sorted ``vertices``; edges as they were."""

@@ -310,7 +310,7 @@ class SplitFoldEnergy(RestFolds):
         tables = (folds.stencils, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
-            kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
+            kernels.add_membrane(state.points, *e.as_pairs(place), strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
         return data
 

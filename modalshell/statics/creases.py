@@ -80,7 +80,7 @@ def yielded(
         drive, slipped = creases.drive(couples, angles), angles - before
         beyond = creases.beyond(drive, slipped)
         size = float(beyond.max())
-        # Past the goal, rounds go on for as long as they gain digits: they converge by squares.
+        # Near the goal rounds end where they gain no more digits: they converge by squares.
         if size <= goal or 0.0 < last <= size <= 1e3 * goal:
             return Yielded(result, angles, True, iterations)
         chosen = (beyond > 0.0) | (slipped != 0.0) | (np.abs(drive) > _NEARLY * creases.limits)

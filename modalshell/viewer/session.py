@@ -7,7 +7,7 @@ import math
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from modalshell.core.checks import checked_count, checked_number, checked_vectors
@@ -41,6 +41,8 @@ _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
 
 _WORTH_IT = 0.02
 """Share by which a round must lessen the squared misfit for another to be worth it."""
+_ROOM, _INSET = 0.5, 5e-3
+"""What planes show about the shell, and depth below their surfaces at which colliders are drawn, over its size."""
 _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
 
@@ -119,6 +121,17 @@ class ViewSession:
     def model(self) -> Model:
         """The model that moves."""
         return self._motion.model
+
+    def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
+        """Vertices [m] and triangles of the colliders, where they are now."""
+        contacts = self._built.contacts
+        if not contacts:
+            return []
+        rest, size = self.shell.rest_positions, self.shell.size
+        low, high = rest.min(axis=0) - size * _ROOM, rest.max(axis=0) + size * _ROOM
+        corners = np.stack(np.meshgrid(*np.stack([low, high]).T), axis=-1).reshape(-1, 3)
+        moved = [contact.surfaces(corners, np.array([self.time]), _INSET * size) for contact in contacts]
+        return [(x[0], faces) for x, faces in moved]
 
     @property
     def time(self) -> float:

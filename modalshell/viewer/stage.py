@@ -22,6 +22,7 @@ from modalshell.viewer.session import gravity_limit
 _SIZE = (1200, 800)
 """Width and height [pixels]."""
 _ARROW_COLOR = "#c0504d"
+_BODY_COLOR = "#c9b79c"
 _ARROW_LENGTH = 0.35
 """Length of the arrow, in shell sizes, at the largest gravity that the sliders offer."""
 
@@ -48,6 +49,9 @@ class Shown(Protocol):
     @property
     def gravity(self) -> Array:
         """Acceleration on every vertex (3,) [m/s^2]."""
+
+    def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
+        """Vertices [m] and triangles of the colliders, where they are now."""
 
     def status(self) -> str:
         """One line on its state."""
@@ -98,6 +102,9 @@ class Stage:
         if self._held.size:
             self._held_points = self._pyvista.PolyData(rest[self._held])
             self._add(self._held_points, color="#404040", point_size=5.0)
+        self._bodies = [self._pyvista.PolyData.from_regular_faces(x, each) for x, each in self._shown.bodies()]
+        for body in self._bodies:
+            self._add(body, color=_BODY_COLOR)
         self._arrow = self._pyvista.Arrow(start=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
         self._arrow_shape = np.array(self._arrow.points, dtype=np.float64)
         ambient, diffuse = reflectance(look)
@@ -131,6 +138,8 @@ class Stage:
         self._lines.points = positions
         if self._held_points is not None:
             self._held_points.points = positions[self._held]
+        for body, (moved, _) in zip(self._bodies, self._shown.bodies(), strict=True):
+            body.points = moved
         self._turn_arrow()
         self.plotter.renderer.ResetCameraClippingRange()
 

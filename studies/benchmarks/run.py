@@ -35,7 +35,7 @@ def main(
         "refactorisation": lambda: factorisation.refactorisation((50,) if quick else (50, 100, 115)),
         "statics": lambda: factorisation.statics((60, 10) if quick else (245, 40)),
         "building": lambda: factorisation.building(99 if quick else 999),
-        "assembly": lambda: [discrete_shell.assembly()],
+        "assembly": lambda: [discrete_shell.assembly(energy) for energy in discrete_shell.ENERGIES],
         "implicit_steps": lambda: discrete_shell.implicit_steps((50,) if quick else (50, 100, 150)),
         "crowd": lambda: crowd.reconstruction(512 if quick else 4096),
         "flock": lambda: crowd.flock((1000, 10000) if quick else (1000, 10000, 100000)),

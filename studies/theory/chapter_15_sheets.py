@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import modalshell as ms
@@ -10,12 +12,12 @@ from studies import folded_map
 from studies.frame_meshes import frame
 from studies.stiffened_panel import FRAMES, deflection
 
-WOOD = {"young": (10e9, 1e9), "shear": 0.7e9, "poisson": 0.35, "thickness": 2e-3, "density": 600.0}
+WOOD: dict[str, Any] = {"young": (10e9, 1e9), "shear": 0.7e9, "poisson": 0.35, "thickness": 2e-3, "density": 600.0}
 LENGTH, WIDTH = 0.6, 0.45
 """Of the plate [m]."""
 
 
-def closed_form(count: int = 6) -> tuple[Array, Array]:
+def closed_form(count: int = 6) -> tuple[Array, Any]:
     """Lowest frequencies [Hz] of a simply supported plate, and their half waves along it and across (count, 2)."""
     first, second = WOOD["young"]
     ratio = 1.0 - WOOD["poisson"] ** 2 * second / first

@@ -5,6 +5,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.contact import COLLIDERS
+from modalshell.contact.gap_kernels import gap_at, packed
 
 GRID = np.linspace(0.0, 1.0, 6)
 HILL = 0.1 * np.sin(3.0 * GRID)[:, None] * np.cos(2.0 * GRID)
@@ -191,3 +192,26 @@ def test_drawn_surfaces_lie_on_their_colliders(kind):
     outward = np.sum(turn * collider.gap(middle)[1], axis=1)
     big = np.linalg.norm(turn, axis=1) > 1e-4
     assert (outward[big] > 0.0).all() or (outward[big] < 0.0).all()
+
+
+@pytest.mark.parametrize(
+    "collider",
+    [
+        ms.Plane((1, 2, 3), 0.2),
+        ms.Sphere((0.1, 0.2, 0.3), 0.7),
+        ms.Capsule((0, 0, 0), (0.5, 0.2, 0.1), 0.3),
+        ms.Cylinder((0, 0, -0.2), (0.4, 0.1, 0.5), 0.6),
+        ms.Box((0.1, 0, 0), (0.5, 0.4, 0.6), rotation=(0.1, 0.5, -0.3), rounding=0.15),
+    ],
+)
+@pytest.mark.parametrize("moving", [False, True])
+def test_compiled_gaps_and_normals_are_those_of_the_collider(collider, moving):
+    path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0.3, 0.1, 0.2)], [(0, 0, 0), (0.2, -0.4, 0.5)])
+    contact, origin = ms.Contact(collider, motion=path if moving else None), np.array([0.3, -0.2, 0.1])
+    x = np.random.default_rng(3).uniform(-1.2, 1.2, (400, 3))
+    kinds, numbers = packed([contact], 0.4, origin)
+    gap, normal, _ = contact.gap(x + origin, 0.4)
+    found = np.empty(3)
+    for point, distance, direction in zip(x, gap, normal, strict=True):
+        assert gap_at(kinds[0], numbers[0], *point, found) == pytest.approx(distance, abs=1e-13)
+        np.testing.assert_allclose(found, direction, atol=1e-12)

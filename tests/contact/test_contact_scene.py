@@ -87,3 +87,34 @@ def test_scenes_without_contacts_import_none(scene_file):
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+@pytest.mark.parametrize("model", ["mwts", "ds"])
+def test_what_touches_is_stored_with_the_frames_and_the_same_after_a_stop(scene_file, tmp_path, model):
+    file = scene_file(('"mwts"', f'"{model}"'), ("duration = 1", "duration = 0.5"), more=FLOOR)
+    whole = ms.run_scene(file, out=tmp_path / "whole").trajectory
+    frames, count = whole.positions.shape[:2]
+    assert whole.contact_forces.shape == (frames, count, 3)
+    assert whole.in_contact.shape == (frames, count)
+    assert whole.in_contact[-1].any()
+    assert not whole.in_contact[0].any()
+    assert whole.deepest.max() <= 1e-9
+    assert (whole.contact_forces[~whole.in_contact] == 0.0).all()
+    assert (whole.contact_forces[whole.in_contact][:, 2] > 0.0).all()
+
+    def stop(done, total):
+        if done == total // 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.run_scene(file, out=tmp_path / "parts", on_step=stop)
+    parts = ms.run_scene(file, out=tmp_path / "parts").trajectory
+    for name in ("positions", "contact_forces", "in_contact", "deepest", "energies"):
+        assert np.asarray(getattr(parts, name)).tobytes() == np.asarray(getattr(whole, name)).tobytes(), name
+
+
+def test_a_result_without_contacts_has_no_members_of_them(scene_file, tmp_path):
+    found = ms.run_scene(scene_file(("duration = 1", "duration = 0.2")), out=tmp_path)
+    with np.load(found.files[0]) as stored:
+        assert not {"contact_forces", "in_contact", "deepest"} & set(stored.files)
+    assert found.trajectory.deepest.size == 0

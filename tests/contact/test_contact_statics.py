@@ -231,3 +231,54 @@ def test_a_strip_that_could_hang_behind_a_cylinder_rests_on_it_as_under_a_growin
     assert at_once.converged
     assert at_once.in_contact.sum() == touching
     np.testing.assert_allclose(at_once.positions, grown.positions, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def strip_over_a_cylinder():
+    """Half a strip over a cylinder: how far its tip hangs from the elastica's, and the shells of some cells."""
+    flexure, length, radius = 1e9 * 1e-9 / 12.0, 3.0, 1.0
+    sheet = ms.Isotropic(young=1e9, poisson=0.0, thickness=1e-3, density=flexure / (9.81 * 1e-3))
+
+    def shell(cells):
+        mesh = ms.flat_beam(length=length, width=0.3, cells=(cells, 3))
+        x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+        middle = x < 1e-9
+        corner = np.flatnonzero(middle & (y == y.min()))
+        return ms.Shell(mesh, sheet, supports=[ms.Symmetry(middle, (1, 0, 0)), ms.Fix(corner, "y")])
+
+    def off(state, shell):
+        tip = state.positions[shell.mesh.vertices[:, 0] > length - 1e-9].mean(axis=0)
+        return float(np.hypot(tip[0] - 1.450017, tip[2] + 2.352916)) / length
+
+    contacts = [ms.Contact(ms.Cylinder((0, -9, -radius), (0, 9, -radius), radius))]
+    return shell, {"gravity": (0, 0, -9.81), "contacts": contacts}, off
+
+
+def test_a_coarse_answer_starts_a_drape_that_then_takes_few_iterations(strip_over_a_cylinder):
+    shell, given, off = strip_over_a_cylinder
+    fine = shell(45)
+    first = ms.CoarseDiscreteShell(fine, shell(15)).equilibrium(**given)
+    assert first.converged
+    assert first.deepest <= 1e-12
+    assert off(first, fine) < 2e-3
+    assert first.contact_forces[:, 2].sum() == pytest.approx(fine.mass.sum() * 9.81, rel=1e-6)
+    assert (first.contact_forces[~first.in_contact] == 0.0).all()
+    state = ms.DiscreteShell(fine).equilibrium(start=first.positions, **given)
+    assert state.converged
+    assert state.stable
+    assert state.iterations <= 15
+    assert off(state, fine) < 2e-4
+
+
+def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(strip_over_a_cylinder):
+    shell, given, _ = strip_over_a_cylinder
+    fine = shell(24)
+    model = ms.CoarseDiscreteShell(fine, shell(12))
+    with pytest.raises(ms.OptionError, match="coarse DS takes contacts in equilibrium alone"):
+        ms.simulate(model, duration=0.1, **given)
+    with pytest.raises(ms.OptionError, match="coarse DS takes contacts under dead loads"):
+        model.equilibrium(loads=[ms.Pressure(1.0)], **given)
+    with pytest.raises(ms.OptionError, match=r"vertex \d+ begins .* inside contact 0"):
+        model.equilibrium(start=fine.mesh.vertices - [0.0, 0.0, 0.1], **given)
+    some = ms.Contact(given["contacts"][0].collider, sel=fine.mesh.vertices[:, 0] < 0.5)
+    assert model.equilibrium(gravity=(0, 0, -0.01), contacts=[some]).converged

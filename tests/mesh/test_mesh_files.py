@@ -278,3 +278,15 @@ def test_messages_on_damaged_numbers_stay_short(tmp_path):
     with pytest.raises(MeshError, match="damaged or not PLY") as refused:
         load_mesh(file)
     assert len(str(refused.value)) < 600
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_a_polygon_with_a_corner_on_a_straight_side_has_no_flat_triangle(tmp_path, first):
+    corners = np.roll([1, 2, 3, 6, 5, 4], first)
+    points = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
+    lines = [f"v {x} {y} 0" for x, y in points] + ["f " + " ".join(map(str, corners))]
+    (tmp_path / "hexagon.obj").write_text("\n".join(lines))
+    mesh = load_mesh(tmp_path / "hexagon.obj")
+    assert len(mesh.faces) == 4
+    assert mesh.face_areas.sum() == pytest.approx(2.0)
+    assert mesh.face_areas.min() > 0.2

@@ -54,9 +54,14 @@ def worst(shell, run, exact):
     return float(off.max() / moved.max())
 
 
-def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam):
-    auto = ms.Auto(beam, 6, error=0.05, check_every=10)
-    exact = through_snap(ms.DiscreteShell(beam))
+@pytest.fixture(scope="module")
+def snapping(beam):
+    """The motion by DS."""
+    return through_snap(ms.DiscreteShell(beam))
+
+
+def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam, snapping):
+    auto, exact = ms.Auto(beam, 6, error=0.05, check_every=10), snapping
     cheap = through_snap(ms.ModalWarping(ms.solve_modes(beam, 6), consistent_force=True))
     run = through_snap(auto)
     assert worst(beam, cheap, exact) > 0.5
@@ -83,12 +88,29 @@ def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
     assert worst(strip, run, exact) < 0.05
 
 
-def test_a_coarse_shell_makes_a_level_between(beam):
-    coarse = ms.coarse_shell(beam, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 4)))
-    auto = ms.Auto(beam, 6, coarse=coarse, check_every=10)
+@pytest.mark.parametrize(("cells", "check_every", "taken"), [((10, 2), 5, True), ((14, 2), 10, False)])
+def test_a_coarse_shell_makes_a_level_between_that_is_left_before_it_snaps(beam, snapping, cells, check_every, taken):
+    """It snaps under another load: through the snap the second one takes positions 14 % of the displacement off."""
+    coarse = ms.coarse_shell(beam, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=cells))
+    auto = ms.Auto(beam, 6, coarse=coarse, check_every=check_every)
     assert auto.level_names == ("MWTS", "RSW", "coarse DS", "DS")
     run = through_snap(auto)
-    assert {"MWTS", "coarse DS"} <= set(run.levels)
+    assert {"MWTS", "DS"} <= set(run.levels)
+    assert ("coarse DS" in run.levels) == taken
+    assert worst(beam, run, snapping) < 0.02
+
+
+def test_a_shell_that_falls_at_once_is_checked_as_it_moves():
+    """Every 40 steps would be too late: what grows by half is checked at once."""
+    mesh = ms.leaf(cells=(16, 6))
+    leaf = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 0.07)
+    run, exact = (
+        ms.simulate(model, duration=1.0, dt=1 / 30, gravity=(0.0, 0.0, -20.0), damping=(1.0, 0.001))
+        for model in (ms.Auto(leaf, 6, check_every=40), ms.DiscreteShell(leaf))
+    )
+    assert len(set(run.levels)) > 1
+    assert np.abs(exact.positions - mesh.vertices).max() > 0.3
+    assert worst(leaf, run, exact) < 0.05
 
 
 def test_statics_is_corrected_where_the_bar_is_small_and_ds_elsewhere(beam):

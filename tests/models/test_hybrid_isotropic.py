@@ -1,5 +1,6 @@
 """The hybrid on shells of shell theory: coupled folds, a membrane of edge lengths, motions through snaps."""
 
+import junctions
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -94,6 +95,42 @@ def test_planes_of_symmetry_are_refused():
     shell = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 1e-3, 100.0), supports=supports)
     with pytest.raises(ms.SupportError, match="whole surface"):
         ms.HybridStress.trained(shell, gravity=(0, 0, -1))
+
+
+def woven():
+    """A V with two moduli, whose directions run across the fold."""
+    sheet = ms.Orthotropic(young=(9e4, 4e4), shear=3e4, poisson=0.3, thickness=0.022, density=9.0, direction=0.3)
+    return folded((12, 4)).with_material(sheet)
+
+
+def ribbed():
+    """Three wings at one edge, two of which are clamped at their ends."""
+    mesh = junctions.frame([(-1, 0), (1, 0), (0, 1)], cells=(6, 3))
+    ends = np.abs(mesh.vertices[:, 0]) > 1.0 - 1e-9
+    return ms.Shell(mesh, ms.Isotropic(young=9e4, poisson=0.3, thickness=0.022, density=9.0), ends)
+
+
+@pytest.mark.parametrize(("make", "gravity"), [(woven, (0, 0, -30)), (ribbed, (8, 0, -8))])
+def test_it_serves_woven_shells_and_junctions(make, gravity):
+    """Against the coarse shell that it is trained on: large motions aside of the load it was trained about, statics."""
+    shell = make()
+    model, truth = ms.HybridStress.trained(shell, gravity=gravity, motions=24), ms.CoarseDiscreteShell(shell, shell)
+    load, damping = shell.gravity_force(gravity) + shell.gravity_force((0.0, 2.0, 0.0)), ms.Damping(2.0, 1e-3)
+    state, exact, frames = model.start_motion(), truth.start_motion(), []
+    for step in range(30):
+        force = load if step < 20 else np.zeros_like(load)
+        state, solved = model.step(state, 1 / 30, force, damping)
+        exact, _ = truth.step(exact, 1 / 30, force, damping)
+        assert solved
+        assert state.coordinates.ndim == 1  # not handed over
+        frames.append((model.positions(state), truth.positions(exact)))
+    own, other = (np.array(part) for part in zip(*frames, strict=True))
+    assert np.abs(other - shell.rest_positions).max() > 0.2
+    assert distance(own, other, shell) < 0.08
+    answer, fine = (one.equilibrium(gravity=gravity) for one in (model, truth))
+    assert answer.converged
+    assert not answer.message.startswith("answered by")
+    assert distance(answer.positions, fine.positions, shell) < 0.03
 
 
 @pytest.mark.slow

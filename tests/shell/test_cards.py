@@ -9,7 +9,13 @@ import modalshell as ms
 from modalshell.shell.cards import CARDS, GRAVITY
 
 FABRICS = [key for key, card in CARDS.items() if isinstance(card.material, ms.Fabric)]
-METALS = ["steel-0.1mm", "aluminium-foil-25um"]
+METALS = [
+    "steel-0.1mm",
+    "aluminium-foil-25um",
+    "stainless-steel-304-0.1mm",
+    "duralumin-0.1mm",
+    "borosilicate-glass-0.1mm",
+]
 OVERHANGS = {
     "tango-red-jet-set": 46.9,
     "gray-interlock": 46.6,

@@ -217,7 +217,7 @@ def test_motion_comes_to_a_rest_of_statics(material, rule):
 def test_explicit_steps_and_implicit_ones_yield_alike():
     shell = strip(ms.Material(stretch=200.0, shear=2.0, flexure=0.05, density=1.0), cells=(6, 1), clamped="x < 0.18")
     options = {"duration": 0.4, "gravity": (0.0, 0.0, -5.0)}
-    fine = ms.simulate(ms.DiscreteShell(shell, integrator="verlet"), dt=1e-4, store_every=4000, **options)
+    fine = ms.simulate(ms.DiscreteShell(shell, integrator="verlet"), dt=2e-4, store_every=2000, **options)
     errors = []
     for dt in (0.004, 0.002):
         run = ms.simulate(ms.DiscreteShell(shell, integrator="implicit"), dt=dt, **options)
@@ -316,8 +316,56 @@ def test_what_knows_no_creases_says_so():
         ms.Shell(shell.mesh, SHEET, creases=[ms.Crease("x > 0.4", 1.0), ms.Crease("x > 0.6", 1.0)])
 
 
+@ENERGIES
+def test_modes_about_a_folded_state_are_those_of_its_folds(material):
+    shell = strip(material, hardening=0.02)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -0.5))
+    assert np.abs(state.creases.angles).min() > 0.1
+    about = ms.solve_modes(shell, 2, about=state)
+    kept = ms.solve_modes(shell.creased(state.creases), 2, about=state.positions)
+    np.testing.assert_allclose(about.eigenvalues, kept.eigenvalues, rtol=1e-10)
+    assert ms.DiscreteShell(shell).tangent_eigenvalue(state, state.loading.dead) == pytest.approx(about.eigenvalues[0])
+    hinge = np.linalg.norm(shell.creased(state.creases).force(state.positions)[~shell.clamped], axis=1).max()
+    assert hinge < np.linalg.norm(shell.force(state.positions)[~shell.clamped], axis=1).max()
+
+
 def test_a_mechanism_is_not_called_an_equilibrium():
     """Without hardening a crease holds no more than its yield moment: a larger couple has no equilibrium."""
-    shell = strip(hardening=0.0)
+    shell = strip(HINGES, hardening=0.0, cells=(4, 1), clamped="x < 0.26")
     answer = ms.DiscreteShell(shell).equilibrium(loads=[ms.EdgeMoment("x > 0.99", 1.5 * LIMIT)])
     assert not answer.converged
+
+
+def test_creases_in_free_flight_far_away_on_contacts_and_on_supports_that_turn():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 1))
+    creases = [ms.Crease(np.abs(mesh.vertices[:, 0] - 0.5) < 1e-9, LIMIT, 0.02)]
+    free = ms.Shell(mesh, SHEET, creases=creases)
+    push = np.zeros_like(mesh.vertices)
+    push[:, 2] = 0.2 * np.cos(2.0 * np.pi * mesh.vertices[:, 0])
+    push -= free.mass[:, None] * push.sum(axis=0) / free.mass.sum()
+    run = ms.simulate(ms.DiscreteShell(free), duration=0.2, dt=0.02, force=push)
+    assert run.crease_heat[-1] > 0.0
+    centres = np.einsum("v,fvk->fk", free.mass, run.positions) / free.mass.sum()
+    assert np.abs(centres - centres[0]).max() < 1e-12
+
+    options = {"duration": 0.3, "dt": 0.05, "gravity": (0.0, 0.0, -1.0)}
+    near, far = (
+        ms.simulate(
+            ms.DiscreteShell(ms.Shell(own, SHEET, clamped=mesh.vertices[:, 0] < 0.13, creases=creases)), **options
+        )
+        for own in (mesh, ms.TriangleMesh(mesh.vertices + np.array([1e4, 0.0, 0.0]), mesh.faces))
+    )
+    assert near.crease_heat[-1] > 0.0
+    np.testing.assert_allclose(far.crease_angles, near.crease_angles, atol=1e-9)
+
+    ridge = ms.Contact(ms.Cylinder((0.5, -1.0, -0.12), (0.5, 1.0, -0.12), 0.1))
+    run = ms.simulate(ms.DiscreteShell(free), duration=0.2, dt=0.02, gravity=(0.0, 0.0, -9.81), contacts=[ridge])
+    assert run.crease_heat[-1] > 0.0
+    assert (np.diff(run.crease_heat) >= 0.0).all()
+
+    turn = ms.SupportPath([0.0, 0.3], np.zeros((2, 3)), [[0.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
+    held = ms.Shell(mesh, SHEET, clamped="x < 0.13", creases=creases)
+    run = ms.simulate(ms.DiscreteShell(held), duration=0.4, dt=0.02, supports=turn)
+    assert run.unconverged_steps == 0
+    assert run.crease_heat[-1] > 0.0
+    assert (np.diff(run.crease_heat) >= 0.0).all()

@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 from modalshell import Isotropic, Shell, TriangleMesh, flat_beam, sheet
+from modalshell.shell.kernels.split_folds import add_membrane
 
 FAMILIES = ["union-jack", "equilateral", "delaunay", "right"]
 MEAN_DROP = 0.15944
@@ -68,3 +69,24 @@ def test_three_zero_modes_in_plane(family, ratio):
     values = np.linalg.eigvalsh(in_plane(shell)[0].toarray() / root[:, None] / root)
     assert np.abs(values[:3]).max() < 1e-14 * values[-1]
     assert values[3] > 1e-9 * values[-1]
+
+
+def test_the_membrane_part_of_the_hessian_is_the_sum_of_its_elements():
+    mesh = flat_beam(length=1.0, width=0.4, cells=(4, 2))
+    shell = Shell(mesh, Isotropic(young=1e6, poisson=0.3, thickness=1e-2, density=100.0))
+    energy, count = shell.elastic_energy, len(mesh.vertices)
+    x = mesh.vertices + 0.02 * np.random.default_rng(3).standard_normal((count, 3))
+    pattern, slots = energy.pattern(shell.unknowns)
+    data, expected = np.zeros(pattern.size), np.zeros((3 * count, 3 * count))
+    assert {e.stencils.shape[1] for e in energy._membrane} == {3, 4}
+    for e, place in zip(energy._membrane, slots[3:5], strict=True):
+        add_membrane(x, *e.as_pairs(place), pattern.strides, data)
+        for stencil, matrix in zip(e.stencils, e.matrices, strict=True):
+            slopes = np.zeros((len(e.pairs), count, 3))
+            for row, (a, b) in enumerate(stencil[e.pairs]):
+                slopes[row, b] += x[b] - x[a]
+                slopes[row, a] -= x[b] - x[a]
+            slopes = slopes.reshape(len(e.pairs), -1)
+            expected += slopes.T @ matrix @ slopes
+    found = pattern.matrix(data).toarray()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())

@@ -33,13 +33,15 @@ class Auto(Model):
     """A model that switches itself by error bars, so as to stay within a given error of DS.
 
     Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
-    the first. Every ``check_every`` steps of a modal level its error bar under d'Alembert's load is found on the fine
-    shell (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes
-    over at the modal positions and velocities; where the stability margin has failed the next full one, as modal rungs
-    err alike there. Coarse DS is left for DS, for good, where its own bar exceeds half of ``error``. Full levels try to
-    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
-    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
-    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
+    the first. Every ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the
+    last check, its error bar under d'Alembert's load is found on the fine shell
+    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
+    at the modal positions and velocities; where the stability margin has failed DS, as modal rungs err alike there and
+    coarse DS snaps under another load. Coarse DS is left for DS where its margin fails, and for good where its own bar
+    exceeds half of ``error``. Full levels try to hand back to the first from time to time, more seldom where that has
+    not lasted: twice in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's
+    load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which
+    bars alone cannot tell after a snap.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere.
@@ -53,8 +55,8 @@ class Auto(Model):
     error : float
         Share of the displacement by which positions may be off DS.
     check_every : int
-        Steps from one check of a modal rung to the next. What happens between two checks is not undone: where loads
-        come suddenly and steps are long, take 1 or 2.
+        Steps from one check of a modal rung to the next, at most. What happens between two checks is not undone: where
+        loads come suddenly and steps are long, take 1 or 2.
     coarse : Shell, optional
         The same surface with fewer vertices, for a level between; see :func:`modalshell.coarse_shell`.
     triangles : int, optional

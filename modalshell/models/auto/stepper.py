@@ -21,6 +21,9 @@ _BACK = 0.4
 """Misses over the error allowed within which it may come back."""
 _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
+_GROWN, _CALM = 1.5, 0.02
+"""Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
+mean square, in sizes of the shell, up to which it may wait."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
@@ -53,9 +56,9 @@ class AutoStepper(Stepper):
 
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the two frames before ("before",
-    "earlier") and how many of them are known, the largest displacement so far, levels that are barred, the steps before
-    the modal rung may come back ("wait"), how often in a row it could have ("ready"), steps by level, and what was
-    switched when and why ("log").
+    "earlier") and how many of them are known, the largest displacement so far and that of the last check of a modal
+    rung ("checked"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a row
+    it could have ("ready"), steps by level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -68,6 +71,7 @@ class AutoStepper(Stepper):
         self._steppers = [level.model.stepper(setup) for level in levels]
         self._check = MotionCheck(model.shell, setup.loading, setup.damping)
         self._mass = model.shell.mass[:, None]
+        self._calm = _CALM * model.shell.size * float(np.sqrt(model.shell.mass.sum()))
 
     @staticmethod
     def memory(x: Array, sizes: Sequence[int]) -> dict[str, Array]:
@@ -80,6 +84,7 @@ class AutoStepper(Stepper):
             "earlier": x.copy(),
             "frames": np.zeros(1),
             "largest": np.zeros(1),
+            "checked": np.zeros(1),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
@@ -131,14 +136,18 @@ class AutoStepper(Stepper):
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            if since % self.model.check_every == 0:
+            moved = self._length(frames[2] - self.shell.rest_positions)
+            if since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm):
+                memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
                 if seen.alarm or seen.bar > _SWITCH * self.model.error:
                     wanted = self._above(level, seen, memory)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._seen(frames, memory, now)
-                if not seen.alarm and seen.bar > _SWITCH * self.model.error:
+                if seen.alarm:  # a coarse shell snaps under another load
+                    wanted = level + 1
+                elif seen.bar > _SWITCH * self.model.error:
                     memory["barred"][level] = 1.0
                     wanted = level + 1
             if wanted == level and since >= memory["wait"][0]:
@@ -158,12 +167,9 @@ class AutoStepper(Stepper):
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
     def _above(self, level: int, seen: _Seen, memory: dict[str, Array]) -> int:
-        """The level that takes over: on an alarm of the margin none that is quadratic about rest, as all err alike."""
-        fitting = (
-            k
-            for k in range(level + 1, len(self._levels))
-            if not memory["barred"][k] and not (seen.alarm and self._levels[k].quadratic)
-        )
+        """The level that takes over: DS on an alarm of the margin, as others snap under another load or not at all."""
+        last = len(self._levels) - 1
+        fitting = (k for k in range(level + 1, last + 1) if not memory["barred"][k] and (k == last or not seen.alarm))
         again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
         memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
         memory["again"][0] = memory["wait"][0]

@@ -260,6 +260,11 @@ class ModalStepper(Stepper):
         state = super().start(positions)
         return state if self._contacts is None else self._contacts.begin(state)
 
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
+        state = super().state_at(positions, time)
+        return state if self._contacts is None else self._contacts.clear(state)
+
     def own_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the modes."""
         own = super().own_positions(state)

@@ -63,7 +63,7 @@ def equilibrium_on_modal_contacts(
     """Equilibrium with contacts, by quadratic problems one after the other; and its coordinates (m,).
 
     At q each takes the energy's exact slope and curvature, contact forces as loads with them, and the gaps to first
-    order. Where they do not settle the load comes in steps.
+    order. Where they do not settle, or lead through a collider, the load comes in steps.
     """
     if constraints:
         raise OptionError("contacts and constraints do not go together yet")
@@ -73,15 +73,17 @@ def equilibrium_on_modal_contacts(
     q = np.zeros(model.basis.count) if start is None else model.coordinates_of(start)
     pushes, steps, iterations = np.zeros(pressing.touching.vertices.size), Steps(), 0
     found: Pressed | None = None
-    change = np.inf
+    x, change = rest + model.raw_displacement(q), np.inf
     while steps.fraction < 1.0:
-        pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
+        with np.errstate(over="ignore", invalid="ignore"):  # of problems that run away, and are refused
+            pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
         iterations += taken
-        if pressed is None:
+        reached = None if pressed is None else rest + model.raw_displacement(pressed.q) + pressed.local
+        if pressed is None or reached is None or pressing.touching.crossed(x, reached):
             if steps.refuse():
                 continue
             break
-        found, q, pushes = pressed, pressed.q, pressed.pushes
+        found, q, pushes, x = pressed, pressed.q, pressed.pushes, reached
         steps.accept()
     converged = found is not None and steps.fraction >= 1.0
     local = np.zeros_like(rest) if found is None else found.local
@@ -219,8 +221,8 @@ class ModalContactMotion:
         kept = before.memory[LOCAL], before.memory[PUSHES]
         pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
         memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
-        if "force" in before.memory:
-            memory |= model.kept_of_euler(before, free, (free - q) / dt, force, dt)
+        ahead = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, ahead, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
 
     def _compliance(self, dt: float) -> Array:

@@ -131,11 +131,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     """
     checked_kind("shell", shell, Shell)
     shell.require_clamps("a coarse shell")
-    shell.refuse_creases("a coarse shell")
-    if shell.stressed:
-        raise OptionError(
-            "a coarse shell knows no prestrain, rest_curvature, temperature or rest: take ms.DiscreteShell"
-        )
+    shell.refuse_rest("a coarse shell")
     if not isinstance(mesh, TriangleMesh):
         if isinstance(mesh, bool) or not isinstance(mesh, int | np.integer):
             raise OptionError(f"mesh must be a TriangleMesh or a number of triangles (got {shown(mesh)})")

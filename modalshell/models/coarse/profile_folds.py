@@ -102,16 +102,22 @@ class Folds(NamedTuple):
 
     def room(self) -> FoldRoom:
         """Room for one step."""
-        ghosts, hinges, edges = len(self.ghosts), len(self.hinges), len(self.membrane.edges)
-        points = np.full((5, self.vertices.size + ghosts, 3), np.nan)
-        points[:2, self.vertices.size :] = self.ghosts
-        points[2] = 0.0
-        of_hinges, slopes = np.empty((4, hinges)), np.empty((2, hinges, 9))
-        shares = np.zeros((2, 1, self.bending.factor.pivots.size))
-        of_edges = np.empty((4, edges))
+        hinges, edges = len(self.hinges), len(self.membrane.edges)
+        known = np.vstack([np.full((self.vertices.size, 3), np.nan), self.ghosts])  # no measures are known yet
+        moved, forces = np.zeros((2, *known.shape))
+        slopes, viscous_slopes = np.empty((2, hinges, 9))
+        angles, rates, couples, own_couples = np.empty((4, hinges))
+        stretches, square_rates, tensions, own_tensions = np.empty((4, edges))
+        right, shares = np.zeros((2, 1, self.bending.factor.pivots.size))
         return FoldRoom(
-            *points[:4], *slopes, *of_hinges, *of_edges, np.empty((edges, 3)), *shares, np.zeros(1)
+            known, known.copy(), moved, forces, slopes, viscous_slopes, angles, rates, couples, own_couples, stretches,
+            square_rates, tensions, own_tensions, np.empty((edges, 3)), right, shares, np.zeros(1),
         )  # fmt: skip
+
+    @property
+    def evaluated(self) -> int:
+        """Elements that an evaluation takes: pairs of triangles, hinges and edges."""
+        return len(self.bending.stencils) + len(self.hinges) + len(self.membrane.edges)
 
 
 class FoldRoom(NamedTuple):

@@ -42,6 +42,11 @@ class Hinges(NamedTuple):
         """Room for one step."""
         return Stresses(*(np.empty(elements.rest.size) for elements in self))
 
+    @property
+    def evaluated(self) -> int:
+        """Elements that an evaluation takes."""
+        return sum(elements.rest.size for elements in self)
+
 
 class Stresses(NamedTuple):
     """Stresses of the elements."""

@@ -49,10 +49,6 @@ class ProfileStep:
         self._shell, self._analysis = shell, analysis
         self._unknowns, self._products = analysis.size, analysis.products
         self._undamped = (np.empty(0),) * (1 if isinstance(shell.material, Sheet) else len(KERNELS))
-        stencils = shell.elastic_energy.element_stencils if isinstance(shell.material, Sheet) else elastic
-        self._elements = sum(
-            len(elements) if isinstance(elements, np.ndarray) else elements.rest.size for elements in stencils
-        )
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies: kernels are compiled for one kind of argument alone.
         self._body = Body(
@@ -78,7 +74,7 @@ class ProfileStep:
             self._body, self._room(), Start(start.origin, start.rates, start.near, start.viscous_at), load, start.dt,
             damping.mass_factor, self._resistances(damping.stiffness_factor), tolerance,
         )  # fmt: skip
-        count_elements(3 * (iterations + 1) * self._elements)  # gradient, Hessian and stresses
+        count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
         return moved, bool(solved)

@@ -23,6 +23,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
 from modalshell.shell.constant_forms import ConstantForms
+from modalshell.shell.kernels.split_folds import half_squares
 from modalshell.shell.smoothed_membrane import MembraneElements
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
@@ -83,7 +84,8 @@ class SplitFoldMeasures(Measures):
 
     def energy(self, x: Array) -> float:
         """Of half squared lengths."""
-        strains = self.state(x, np.zeros_like(x))
+        strains = np.empty(len(self._forms.edges))
+        half_squares(x, self._forms.edges, self._forms.half_squares, strains)
         return 0.5 * float(strains @ (self._forms.tension @ strains))
 
     def tensions(self, modes: Array) -> Array:

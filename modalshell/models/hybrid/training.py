@@ -156,9 +156,10 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     resultant = float(np.linalg.norm(load.sum(axis=0)))
     description = f"{training.motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {resultant:.3g} N"
     tried: list[Trained] = []
+    measures = measures_of(coarse)
     for size in sizes:
-        found, reduced = _reduce(coarse, frames, size)
-        errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in held_out), strict=True)
+        found, reduced = _reduce(measures, frames, size)
+        errors, unseen = zip(*(_held_out(found, reduced, measures, *run) for run in held_out), strict=True)
         right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
         limit = max(1.0, 2.0 * max(right, default=0.0))
         missed = float(np.quantile(errors, 0.9))
@@ -189,14 +190,14 @@ def _random_motions(
     return runs
 
 
-def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
+def _reduce(measures: Measures, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
     """Basis, as many stress modes, and half as many viscous ones, of motions (f, k, 3)."""
-    rest = coarse.rest_positions
+    coarse, rest = measures.shell, measures.shell.rest_positions
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
     lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
-    measures, none = measures_of(coarse), np.zeros_like(rest)
+    none = np.zeros_like(rest)
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
     elastic = np.array([measures.state(frame, none) for frame in frames]).T
     rates = np.array([measures.state(x, step) - measures.state(x, none) for x, step in steps]).T
@@ -279,12 +280,12 @@ class _ReducedSteps(EulerSteps):
 
 
 def _held_out(
-    found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, damping: Damping, truth: Array
+    found: Trained, reduced: ReducedStress, measures: Measures, load: Array, damping: Damping, truth: Array
 ) -> tuple[float, float]:
     """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
-    push = load.ravel() @ found.basis
+    push, coarse = load.ravel() @ found.basis, measures.shell
     steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros_like(push))
-    frames, unseen, measures = [], 0.0, measures_of(coarse)
+    frames, unseen = [], 0.0
     for frame in range(LOADED + RELEASED):
         steps.push = push if frame < LOADED else np.zeros_like(push)
         state, solved = RULE.march(steps, state, DT)

@@ -29,6 +29,11 @@ from modalshell.shell.kernels.generated.flexure import (
     second_derivatives,
 )
 
+EDGES = (0, 1), (0, 2), (1, 2), (0, 3), (1, 3)
+"""Edges of two triangles in the order of a hinge's vertices; the first three are the left one's."""
+_EDGES, _WIDTH = len(EDGES), 12
+_FIRST, _SECOND = tuple(zip(*EDGES, strict=True))
+
 
 @njit(**OPTIONS)
 def colour_triangles(neighbours: Any, colours: Any) -> None:
@@ -297,31 +302,35 @@ def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, st
 
 
 @njit(**OPTIONS)
-def add_membrane(x: Any, stencils: Any, pairs: Any, matrices: Any, slots: Any, strides: Any, data: Any) -> None:
-    """Add ``sum J^T Q J`` to ``data``, J the derivatives of half squared lengths of the stencil's edges ``pairs``."""
-    count, size = pairs.shape[0], stencils.shape[1]
-    edge = np.empty((count, 3))
-    stressed = np.empty((count, size, 3))
-    block = np.empty((size, 3, size, 3))
+def add_membrane(x: Any, stencils: Any, matrices: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum J^T Q J`` to ``data``, J the derivatives of half squared lengths of the edges of pairs of triangles.
+
+    ``stencils`` (elements, 4) holds their vertices, ``matrices`` (elements, 5, 5) is Q on the :data:`EDGES`.
+    All bounds are constants: the inner loops are along the columns of the element's matrix, twice as fast.
+    """
+    edge, stressed, block = np.empty((_EDGES, 3)), np.empty((_EDGES, _WIDTH)), np.empty((_WIDTH, _WIDTH))
     for element in range(stencils.shape[0]):
-        for p in range(count):
-            a, b = stencils[element, pairs[p, 0]], stencils[element, pairs[p, 1]]
+        for p in range(_EDGES):
+            a, b = stencils[element, _FIRST[p]], stencils[element, _SECOND[p]]
             for axis in range(3):
                 edge[p, axis] = x[b, axis] - x[a, axis]
-        stressed[:] = 0.0
-        for p in range(count):
-            for q in range(count):
+        for p in range(_EDGES):
+            for column in range(_WIDTH):
+                stressed[p, column] = 0.0
+            for q in range(_EDGES):
                 factor = matrices[element, p, q]
                 for axis in range(3):
                     entry = factor * edge[q, axis]
-                    stressed[p, pairs[q, 0], axis] -= entry
-                    stressed[p, pairs[q, 1], axis] += entry
-        block[:] = 0.0
-        for p in range(count):
-            for row in range(3):
-                for vertex in range(size):
-                    for axis in range(3):
-                        entry = edge[p, row] * stressed[p, vertex, axis]
-                        block[pairs[p, 0], row, vertex, axis] -= entry
-                        block[pairs[p, 1], row, vertex, axis] += entry
-        add_block(stencils, element, size, block.reshape(3 * size, 3 * size), slots, strides, data)
+                    stressed[p, 3 * _FIRST[q] + axis] -= entry
+                    stressed[p, 3 * _SECOND[q] + axis] += entry
+        for row in range(_WIDTH):
+            for column in range(_WIDTH):
+                block[row, column] = 0.0
+        for p in range(_EDGES):
+            for axis in range(3):
+                own, first, second = edge[p, axis], 3 * _FIRST[p] + axis, 3 * _SECOND[p] + axis
+                for column in range(_WIDTH):
+                    entry = own * stressed[p, column]
+                    block[first, column] -= entry
+                    block[second, column] += entry
+        add_block(stencils, element, 4, block, slots, strides, data)
