@@ -94,6 +94,43 @@ def test_every_python_block_of_contributing_has_a_name_and_is_run_by_a_test():
         assert (ROOT / name).is_file()
 
 
+@pytest.fixture
+def written_guide(tmp_path):
+    """The Python of CONTRIBUTING.md as files, the two of the study apart, with the configuration of the repository."""
+    named = re.findall(r"^\*\*`([\w/.]+\.py)`\*\*", CONTRIBUTING.read_text(encoding="utf-8"), re.MULTILINE)
+    for name in named:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(source(name), encoding="utf-8")
+    return tmp_path
+
+
+def test_the_python_of_contributing_meets_the_rules_of_style(written_guide):
+    shared = ["--config", str(ROOT / "pyproject.toml"), "--no-cache", "."]
+    ignored = ["--ignore", "I001,ARG002"]  # which modules are the package's own, and arguments of an interface
+    for command in (["check", *ignored], ["format", "--check"]):
+        run = subprocess.run(
+            [sys.executable, "-m", "ruff", *command, *shared], cwd=written_guide, capture_output=True, text=True
+        )
+        assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.slow
+def test_the_python_of_contributing_has_the_types_that_it_needs(written_guide):
+    pytest.importorskip("mypy")
+    (written_guide / "toy_fibres" / "kernel.py").touch()
+    files = sorted(str(path.relative_to(written_guide)) for path in written_guide.rglob("*.py"))
+    options = ["--config-file", str(ROOT / "pyproject.toml"), "--explicit-package-bases", "--namespace-packages"]
+    environment = {**os.environ, "MYPYPATH": str(ROOT)}
+    run = subprocess.run(
+        [sys.executable, "-m", "mypy", *options, *files],
+        cwd=written_guide,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert [line for line in run.stdout.splitlines() if line.startswith(tuple(files))] == [], run.stdout
+
+
 def test_the_project_file_of_contributing_names_its_modules():
     written = tomllib.loads(source("pyproject.toml"))
     modules = {*written["tool"]["setuptools"]["py-modules"], *written["tool"]["setuptools"]["packages"]}
