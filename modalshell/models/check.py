@@ -27,7 +27,7 @@ _PATCH = 3
 def check_model(model: ModalModel, *, turn: float = 0.3, states: int = 3, seed: int = 0) -> None:
     """Check a modal model: its shape, its derivatives, its force, its rows for contacts, and its options.
 
-    At random coordinates the derivatives are held against central differences of fourth order, to 1e-6. A model of
+    At random coordinates the derivatives are compared with central differences of fourth order, to 1e-6. A model of
     another package calls this in a test of its own.
 
     Parameters
@@ -37,7 +37,7 @@ def check_model(model: ModalModel, *, turn: float = 0.3, states: int = 3, seed: 
     turn : float
         Largest modal rotation [rad] of the states.
     states : int
-        Number of states besides rest.
+        Number of states, rest not counted.
     seed : int
         Of the random numbers.
 
@@ -85,7 +85,7 @@ def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
     by_work = _slope(model, lambda q: np.vdot(load, model.warped(q)), q)
     yield from _told("warped_gradient", model.warped_gradient(q, load), "d(g . warped)/dq", by_work)
     force = model.warped_force(q, load)
-    # What a turn of the force makes: beside it a derivative of zero is one.
+    # What a turn of the force makes: next to it a derivative of zero is one.
     turned = float(np.abs(force).max() * np.abs(model.basis.rotations).max())
     if model.conservative:
         work, push = model.warped_work(q, load)
