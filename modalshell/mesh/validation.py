@@ -153,7 +153,7 @@ def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
         warnings.warn(
             f"{len(twins)} boundary vertices coincide with another one, first vertices {boundary[i]} and "
             f"{boundary[partner]} (counted from 0): the shell is cut open along that seam; "
-            "join it with mesh = mesh.weld(), or leave it if the cut is meant",
+            "join it with mesh = mesh.weld() (--join, or join = 1e-6 in [mesh]), or leave it if the cut is meant",
             ModalShellWarning,
             stacklevel=3,
         )

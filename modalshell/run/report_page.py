@@ -13,6 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion import Trajectory
 from modalshell.render import Picture, ShadedSurface, View
+from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.run.report_numbers import load_arrows
 from modalshell.run.results import DISPLACEMENT, Colouring
 from modalshell.scene import ShellScene
@@ -169,7 +170,7 @@ def _figure(scene: ShellScene, shell: Shell, run: Trajectory) -> str:
     if len(held):
         surfaces.append(ShadedSurface(*_beads(x[held], 0.008 * size), color="#222222"))
     force = load_arrows(scene, shell, x)
-    if (needles := _needles(x, force, 0.12 * size)) is not None:
+    if (needles := _needles(x, force, 0.12 * size, DEFAULT_CAMERA)) is not None:
         surfaces.append(ShadedSurface(*needles, color="#c8322b"))
     look: dict[str, Any] = {"colormap": shown.colormap, "scalar_range": shown.spread(len(run.times) - 1)}
     picture = Picture.of_views([View(surfaces)], size=(1200, 640), **look)
@@ -191,22 +192,38 @@ def _beads(points: Array, radius: float) -> tuple[Array, NDArray[np.int64]]:
     return (points[:, None] + corners).reshape(-1, 3), faces.reshape(-1, 3)
 
 
-def _needles(points: Array, force: Array, length: float) -> tuple[Array, NDArray[np.int64]] | None:
-    """Slim pyramids that end at the points where the largest forces act; None without a force."""
+def _needles(
+    points: Array, force: Array, length: float, camera: Sequence[float]
+) -> tuple[Array, NDArray[np.int64]] | None:
+    """Slim pyramids along the largest forces; None without a force.
+
+    They end at the points where the forces act, or begin there where the shell would hide them from the ``camera``.
+    """
     size = np.linalg.norm(force, axis=1)
     if not size.max() > 0.0:
         return None
-    chosen = np.flatnonzero(size > 0.05 * size.max())
-    chosen = chosen[:: -(-len(chosen) // _MOST_ARROWS)]
+    chosen = _spread(points, np.flatnonzero(size > 0.05 * size.max()))
     along = force[chosen] / size[chosen, None]
     helper = np.where(np.abs(along[:, [2]]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     side = np.cross(along, helper)
     side /= np.linalg.norm(side, axis=1)[:, None]
     other, reach = np.cross(along, side), length * np.sqrt(size[chosen] / size.max())[:, None]
-    tails, thick = points[chosen] - reach * along, 0.09 * reach
-    corners = np.stack([points[chosen], tails + thick * side, tails + thick * other, tails - thick * (side + other)], 1)
+    thick = 0.09 * reach
+    tips = points[chosen] + np.where(along @ np.asarray(camera) > 0.0, 1.0, 0.0)[:, None] * reach * along
+    tails = tips - reach * along
+    corners = np.stack([tips, tails + thick * side, tails + thick * other, tails - thick * (side + other)], 1)
     sides = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
     return corners.reshape(-1, 3), (sides + 4 * np.arange(len(chosen))[:, None, None]).reshape(-1, 3)
+
+
+def _spread(points: Array, among: NDArray[np.int64]) -> NDArray[np.int64]:
+    """At most as many of the points (n, 3) as a picture takes arrows, one per cube of a grid."""
+    apart = float(np.ptp(points, axis=0).max()) / _MOST_ARROWS
+    while len(among) > _MOST_ARROWS:
+        cubes = np.floor((points[among] - points.min(axis=0)) / apart).astype(np.int64)
+        among = among[np.sort(np.unique(cubes, axis=0, return_index=True)[1])]
+        apart *= 1.2
+    return among
 
 
 def record_part(record: dict[str, Any], name: str) -> Any:
