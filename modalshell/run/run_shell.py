@@ -27,7 +27,7 @@ from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import Look, write_result
+from modalshell.run.results import DISPLACEMENT, Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
@@ -111,7 +111,8 @@ class ShellRun(SceneRun[SceneResult]):
     def _fields(self) -> list[str]:
         """Fields that are stored with the frames, that of the colour among them."""
         output = self._scene.output
-        return list(dict.fromkeys([*output.fields, *([output.color] if output.color else [])]))
+        coloured = [name for name in (output.color,) if name not in (None, DISPLACEMENT)]
+        return list(dict.fromkeys([*output.fields, *coloured]))
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
         """Load the trajectory if its file is intact; files with other fields than requested are rewritten."""

@@ -212,5 +212,5 @@ class Output(Table, frozen=True):
     positions: Literal["float64", "float32"] = "float64"
     formats: list[Format] = []
     fields: list[FieldName] = []
-    color: FieldName | None = None
+    color: FieldName | Literal["displacement"] | None = None
     look: Literal["stage", "plain"] = "stage"

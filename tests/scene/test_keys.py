@@ -39,3 +39,10 @@ def test_the_command_prints_them(capsys):
     printed = capsys.readouterr().out
     assert '[[supports]] with kind = "roller"' in printed
     assert "direction" in printed
+
+
+def test_pictures_are_coloured_by_displacement_in_scenes_too(scene_file, tmp_path):
+    coloured = '[output]\ncolor = "displacement"\nformats = ["png"]\n'
+    file = scene_file(("duration = 1", "duration = 0.2"), more=coloured)
+    run = ms.run_scene(ms.load_scene(file), out=tmp_path / "out")
+    assert not run.trajectory.fields
