@@ -24,6 +24,8 @@ _BACK_MARGIN = 0.39
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
+_DEAF = 0.5
+"""Bar of the first check of a modal rung from which it is left: its modes do not answer the load."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
@@ -136,11 +138,13 @@ class AutoStepper(Stepper):
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            moved = self._length(frames[2] - self.shell.rest_positions)
-            if since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm):
-                memory["checked"][0] = moved
+            moved, first = self._length(frames[2] - self.shell.rest_positions), memory["checked"][0] == 0.0
+            due = since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm)
+            if due or first:
+                memory["checked"][0] = max(moved, np.finfo(float).tiny)
                 seen = self._seen(frames, memory, now)
-                if seen.alarm or seen.bar > _SWITCH * self.model.error:
+                allowed = _SWITCH * self.model.error if due else _DEAF
+                if seen.bar > allowed or (due and seen.alarm):
                     wanted = self._above(level, seen, memory)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
