@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.files.study_result import StudyResult
+from modalshell.models.registry import models
 from modalshell.render import ShadedSurface, View, draw_views
+from paper_figures.model_colors import paler
 
-COLORS = ("#c9dcf0", "#7fa8d6", "#3c6aa5")
-"""Of rising flexure."""
+PALER = (0.5, 0.25, 0.0)
+"""Shares of white in the colour of MWTS, of rising flexure: paler ones would look grey in the shade."""
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -20,10 +22,10 @@ def draw(results: Path, folder: Path) -> Path:
         faces = result.arrays[f"{name}_faces"]
         surfaces = [
             ShadedSurface(
-                result.arrays[f"{name}_x{row['flexure_factor']:g}_mwts"], faces, color=color, edges=True,
-                label=f"flexure ×{row['flexure_factor']:g}",
+                result.arrays[f"{name}_x{row['flexure_factor']:g}_mwts"], faces,
+                color=paler(models()["mwts"].color, white), label=f"flexure ×{row['flexure_factor']:g}",
             )
-            for row, color in zip(rows, COLORS, strict=True)
+            for row, white in zip(rows, PALER, strict=True)
         ]  # fmt: skip
         surfaces.append(ShadedSurface(result.arrays[f"{name}_rest"], faces, color="#999999", style="outline"))
         warped, truth = (", ".join(f"{row[key]:.3f}" for row in rows) for key in ("mwts_tip_drop", "ds_tip_drop"))

@@ -13,7 +13,8 @@ TITLES = {
     "v_beam": "V-beam, ever more load",
     "panel": "Curved panel, ever more load",
 }
-COLORS = ("#8fb3e8", "#2b5fc8", "#c8322b")
+COLORS = ("#e3c48f", "#a6761d", "#5c400d")
+"""Shades of the colour of springs, of rising fold."""
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -24,9 +25,9 @@ def draw(results: Path, folder: Path) -> Path:
         curves = []
         for index, (fold, color) in enumerate(zip(found["folds"], COLORS, strict=False)):
             known = [(row["gamma"], row["springs"][index]["error"]) for row in rows]
-            known = [(gamma, error) for gamma, error in known if error is not None]
+            known = [(gamma, 100.0 * error) for gamma, error in known if error is not None]
             if known:
                 gammas, errors = zip(*known, strict=True)
                 curves.append(Curve(gammas, errors, f"fitted at a fold of {fold:g} rad", color))
-        panels.append(Panel(curves, TITLES[name], "Γ", "displacement error against DS", log=True, log_x=True))
-    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2)
+        panels.append(Panel(curves, TITLES[name], "Γ", "displacement error against DS [%]", log=True, log_x=True))
+    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True)

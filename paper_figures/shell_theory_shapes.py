@@ -11,8 +11,8 @@ from modalshell.render import ShadedSurface, View, draw_views
 MESH = "equilateral"
 CASES = ("V-beam", "twisted strip")
 ENERGIES = {"hinges": "modes of hinges", "theory": "modes of shell theory"}
-OPACITY = 0.6
-"""Of the modal models' shapes; the truth is opaque."""
+TRUTH_COLOR = "#222222"
+CAMERA = (0.3, -1.0, 0.25)
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -20,26 +20,20 @@ def draw(results: Path, folder: Path) -> Path:
     result = StudyResult.load(results, "error_budget")
     rows = [row for row in result.findings["rows"] if row["mesh"] == MESH]
     cases = [case for case in CASES if any(row["case"] == case for row in rows)]
-    views = []
+    views, across = [], 1
     for case in cases:
         row = [row for row in rows if row["case"] == case][-1]
-        faces = result.arrays[f"{case}, {MESH}, faces"]
+        faces, at = result.arrays[f"{case}, {MESH}, faces"], f"{case}, {MESH}, {row['load']:g}"
+        truth = ShadedSurface(result.arrays[f"{at}, whole theory"], faces, color=TRUTH_COLOR, style="outline")
+        across = len(row["models"])
         for energy, title in ENERGIES.items():
-            surfaces = [
-                ShadedSurface(
-                    result.arrays[f"{case}, {MESH}, {row['load']:g}, {model} {energy}"],
-                    faces,
-                    color=models()[model].color,
-                    label=models()[model].name,
-                    opacity=OPACITY,
-                )
-                for model in row["models"]
-            ]
-            truth = result.arrays[f"{case}, {MESH}, {row['load']:g}, whole theory"]
-            surfaces.append(ShadedSurface(truth, faces, color="#bbbbbb", label="shell theory", opacity=1.0))
             key = "on hinges" if energy == "hinges" else "on shell theory"
-            errors = ", ".join(f"{models()[m].name} {100 * part[key]:.1f} %" for m, part in row["models"].items())
-            views.append(
-                View(surfaces, title=f"{case}, {title}", subtitle=f"error: {errors}", camera=(0.3, -1.0, 0.25))
-            )
-    return draw_views(views, folder / "shell_theory_shapes.png", columns=2, size=(1800, 1300))
+            for model, part in row["models"].items():
+                spec = models()[model]
+                shape = ShadedSurface(result.arrays[f"{at}, {model} {energy}"], faces, color=spec.color)
+                told = f"{case}, {title}\n{100 * part[key]:.1f} % off"
+                views.append(View([shape, truth], title=spec.name, subtitle=told, camera=CAMERA))
+    size = (480 * across, 320 * -(-len(views) // across))
+    title = "outlined: shell theory, every vertex free"
+    path = folder / "shell_theory_shapes.png"
+    return draw_views(views, path, columns=across, size=size, legend=False, title=title)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,20 +47,25 @@ def draw_paths(result: StudyResult, folder: Path) -> Path:
         curves: list[Curve] = []
         for number, one in enumerate(row for row in result.findings["curves"] if row["case"] == case):
             color, marks = model_color(one["model"], number), "twisted" not in one["model"]
+            label = one["model"].replace("Isotropic", "DS of shell theory")
             if "moment" in one:
                 turn, moment = np.array(one["turn"]), np.array(one["moment"])
-                curves.append(Curve(turn, moment, one["model"], color, points=False))
+                curves.append(Curve(turn, moment, f"DS of shell theory, {label}", color, points=False))
                 exact = 1.3 if "opposite" in one["model"] else 0.7
                 curves.append(Curve([turn.min(), turn.max()], [exact, exact], "_", color, dashed=True, points=False))
                 continue
             events = one["events"] if len(one["events"]) <= 8 else []
             curves += path_curves(
-                one["displacements"], one["factors"], one["stable"], events, one["model"], color, marks=marks
+                one["displacements"], one["factors"], one["stable"], events, label, color, marks=marks
             )
             if "elastica_loads" in one:
                 curves.append(Curve(one["elastica_drops"], one["elastica_loads"], "elastica", "black", points=False))
-        panels.append(Panel(curves, case, x_label, y_label, legend_inside=True))
-    return draw_curves(panels, folder / "snap.png", columns=4)
+        panels.append(Panel(curves, case, x_label, y_label))
+    start = panels[0].curves[0]
+    text = "unstable (triangles: limit points, squares: bifurcations)"
+    told = Curve(np.ravel(start.x)[:1], np.ravel(start.y)[:1], text, "0.35", dashed=True, points=False)
+    panels[0] = replace(panels[0], curves=[*panels[0].curves, told])
+    return draw_curves(panels, folder / "snap.png", columns=4, one_legend=True)
 
 
 def shapes(case: str, positions: np.ndarray, faces: np.ndarray) -> list[View]:

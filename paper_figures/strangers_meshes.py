@@ -7,7 +7,9 @@ from pathlib import Path
 from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
 
-COLUMNS, CELL, LETTERS = 8, (240, 200), 16
+COLUMNS, CELL = 8, (240, 210)
+LETTERS = 17
+"""Letters of a name that fit on a line."""
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -19,8 +21,26 @@ def draw(results: Path, folder: Path) -> Path:
             continue
         surface = ShadedSurface(result.arrays[f"positions_{index}"], result.arrays[f"faces_{index}"], smooth=False)
         package, _, name = row["name"].partition(": ")
-        title = name if len(name) <= LETTERS else name[: LETTERS - 1] + "…"
-        views.append(View([surface], title=title, subtitle=package))
-    columns = min(COLUMNS, len(views))
+        first, rest = broken(name.removeprefix("Parametric") or name)
+        views.append(View([surface], title=first, subtitle=f"{rest}\n{package}" if rest else package))
+    columns = _columns(len(views))
     size = (CELL[0] * columns, CELL[1] * -(-len(views) // columns))
     return draw_views(views, folder / "strangers_meshes.png", columns=columns, size=size, link_cameras=False)
+
+
+def broken(name: str) -> tuple[str, str]:
+    """A name on two lines, broken after a mark between words or before a capital where it is too long for one."""
+    if len(name) <= LETTERS:
+        return name, ""
+    places = [
+        k for k in range(4, LETTERS + 1) if name[k - 1] in "_- ." or (name[k].isupper() and name[k - 1].islower())
+    ]
+    place = max((k for k in places if len(name) - k <= LETTERS + 6), default=LETTERS)
+    return name[:place], name[place:]
+
+
+def _columns(count: int) -> int:
+    """Columns up to :data:`COLUMNS` that leave the fewest places of the last row empty, more before fewer."""
+    return min(
+        range(min(COLUMNS, count), 0, -1), key=lambda across: -count % across if across > COLUMNS // 2 else count
+    )

@@ -6,7 +6,10 @@ and names of studies, ``python -m studies.readme results snap``, it takes over t
 
 from __future__ import annotations
 
+import ast
+import html
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -122,13 +125,22 @@ def paper_figure(number: str, caption: str) -> str:
     return f"| [Fig. {number}](../paper_figures/figure_{number}.png){link} | {caption} |\n"
 
 
+def described(picture: str) -> str:
+    """What a picture shows: the first sentence of the module that draws it, without the study that it reads."""
+    source = (FOLDER / picture).with_suffix(".py").read_text(encoding="utf-8")
+    first = (ast.get_docstring(ast.parse(source)) or "").split("\n\n")[0].replace("\n", " ")
+    told = re.sub(r"\s*\([^)]*[a-z]_[a-z][^)]*\)", "", first)  # names of studies
+    told = re.sub(r"\s*\(reads[^)]*\)", "", told).replace("``", "").rstrip(".")
+    return html.escape(told).replace("&#x27;", "'")
+
+
 def row(name: str) -> str:
     """The line of one study."""
     study = studies()[name]
     title = (study.__doc__ or name).strip().splitlines()[0].rstrip(".")
     pictures = [f"../paper_figures/{figure}.png" for figure in study.FIGURES]
     picture = next((path for path in pictures if (FOLDER / path).is_file()), None)
-    shown = "" if picture is None else f'[<img src="{picture}" width="320" alt="{name}">]({picture})'
+    shown = "" if picture is None else f'[<img src="{picture}" width="320" alt="{described(picture)}">]({picture})'
     return f"| [**{name}**]({name}.md)<br>{title} | {shown} | {study.finding(committed(name))} |\n"
 
 

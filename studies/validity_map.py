@@ -120,7 +120,9 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     """Cheapest rung within ``tolerance`` at each load of one row; DS where none is, "no answer" without a truth."""
     names = []
     for place, status in enumerate(found["ds_statuses"]):
-        good = [rung for rung in LADDER if (error := found["errors"][rung][place]) is not None and error <= tolerance]
+        good = [
+            name for name, errors in found["errors"].items() if errors[place] is not None and errors[place] <= tolerance
+        ]
         names.append(
             "no answer" if status != ms.Outcome.CONVERGED.value else good[0] if good else ms.DiscreteShell.name
         )
@@ -136,13 +138,13 @@ def reach(case: dict[str, Any], rung: str, tolerance: float, gammas: Sequence[fl
 
 def table(result: StudyResult) -> str:
     """Largest Gamma up to which each rung stays within each tolerance, one row per strip."""
-    found, rows = result.findings, []
+    found, rows, ladder = result.findings, [], result.findings["ladder"]
     for axis, words in {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}.items():
         for value, case in zip(found["maps"][axis]["values"], found["maps"][axis]["rows"], strict=True):
-            reached = [[reach(case, rung, limit, found["gammas"]) for limit in TOLERANCES] for rung in LADDER]
+            reached = [[reach(case, rung, limit, found["gammas"]) for limit in TOLERANCES] for rung in ladder]
             cells = [" / ".join(f"{gamma:.2g}" if gamma else "–" for gamma in one) for one in reached]
             rows.append({**case, "strip": words.format(value), "reached": cells})
-    names = " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
+    names = " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in ladder)
     strips = markdown(
         f"strip | snap at Γ | bifurcation | limit | stable again | {names}",
         "{strip} | {snap:.3g|no} | {bifurcation:.3g|no} | {limit:.3g|no} | {stable_again:.3g|no} | {reached}",
@@ -159,7 +161,8 @@ def finding(result: StudyResult) -> str:
         return reach(case, rung, 0.05, gammas)
 
     folds = dict(zip(maps["fold"]["values"], maps["fold"]["rows"], strict=True))
-    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh]
+    coarse_ones = {spec.name for spec in ms.models().values() if spec.on_coarse_mesh}
+    modal = [rung for rung in result.findings["ladder"] if rung not in coarse_ones]
     best = max(within(case, rung) for fold, case in folds.items() if fold >= 20.0 for rung in modal)
     strips = [*folds.values(), *maps["membrane"]["rows"]]
     coarse = sum(within(case, ms.CoarseDiscreteShell.name) >= gammas[-1] for case in strips)

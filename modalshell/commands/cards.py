@@ -31,6 +31,8 @@ def cards(
             reference = card.source[card.source.index("[") + 1 : card.source.index("]")]
             table.add_row(key, escape(card.what), *numbers, reference)
         CONSOLE.print(table)
+        first = next(iter(CARDS))
+        say(f'In a scene: [material] kind = "card", name = "{first}"; in Python: ms.card("{first}")')
         return
     ms.card(name)  # which refuses another name
     card = CARDS[name]

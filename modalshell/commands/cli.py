@@ -17,6 +17,7 @@ import modalshell as ms
 from modalshell.commands import meshes, results, scenes
 from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
+from modalshell.commands.keys import keys
 from modalshell.commands.licences import show_licences
 from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress, say
@@ -164,6 +165,7 @@ def bench(
 
 
 app.command(cards)
+app.command(keys)
 
 
 @app.command

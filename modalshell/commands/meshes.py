@@ -176,7 +176,9 @@ class _FilmOptions:
     color: Annotated[
         str | None, Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ...")
     ] = None
-    fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed without it.")] = None
+    fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed with --dt, else 30.")] = (
+        None
+    )
     camera: Annotated[
         tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
     ] = DEFAULT_CAMERA
@@ -317,6 +319,8 @@ def simulate(
         say(f"{mesh}: {description}")
     spec = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
+    if rate is not None and scene.motion is not None:
+        say(f"{mesh}: the film shows the motion at {rate * scene.motion.dt:.3g} times its real speed (--fps)")
     look = replace(look, rate=rate, title=f"{mesh.stem}, {spec}", model=spec)
     with progress(f"{spec} steps") as on_step, progress("film") as on_frame:
         result = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)

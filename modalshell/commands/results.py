@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 import webbrowser
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from modalshell.export.usd import save_usd
 from modalshell.files.atomic_io import write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
-from modalshell.run.report_numbers import checked_run, report_numbers
+from modalshell.run.report_numbers import check_convergence, checked_run, report_numbers, texts_of
 from modalshell.run.report_numbers import convergence as mesh_convergence
 from modalshell.run.report_page import report_page
 from modalshell.scene import ShellScene
@@ -127,7 +128,7 @@ def report(
     *,
     scene: Annotated[Path | None, Parameter(help="Scene file of a run that is named by its trajectory.")] = None,
     out: Annotated[Path | None, Parameter(help="HTML file to write; if omitted, next to the run's results.")] = None,
-    convergence: Annotated[bool, Parameter(help="Solve on two coarser meshes, too.")] = False,
+    convergence: Annotated[bool, Parameter(help="Solve on two coarser meshes, too (of a shape with cells).")] = False,
 ) -> None:
     """Write a report on a run as one printable HTML file, and its numbers as JSON.
 
@@ -141,6 +142,8 @@ def report(
     if file is None or (result.suffix == ".toml" and scene is not None):
         raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {result}, --scene {scene})")
     declared = ms.load_scene(file).require_shell()
+    if convergence:
+        check_convergence(declared)
     if result.suffix == ".toml":
         with progress(f"{declared.name} steps") as on_step:
             archive = next(path for path in ms.run_scene(declared, on_step=on_step).files if path.suffix == ".npz")
@@ -149,10 +152,13 @@ def report(
     target = out or archive.with_name(f"{archive.stem}_report.html")
     checked_target("--out", target, (".html", ".htm"), archive, file)
     refuse_foreign(target.with_suffix(".json"))
-    shell = declared.build_shell()
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always", ms.ModalShellWarning)
+        shell = declared.build_shell()
     record = checked_run(declared, shell, archive.with_suffix(".json"))
     run = ms.load_trajectory(archive, verify=True)
     numbers = report_numbers(declared, shell, run)
+    numbers["warnings"][:0] = texts_of(given)
     numbers["command"] = f"modalshell report {result}" + (f" --scene {scene}" if scene else "")
     if convergence:
         numbers["command"] += " --convergence"

@@ -13,6 +13,7 @@ from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress, say
 from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.files.outputs import checked_target, refuse_foreign
+from modalshell.page.drape import drape_page
 from modalshell.run.path_files import write_path
 from modalshell.scene.parts import input_files
 from modalshell.scene.paths import scene_path
@@ -188,17 +189,27 @@ def fit(
 
 
 def page(
-    scene: Annotated[Path, Parameter(help="TOML file.")],
+    scene: Annotated[Path | None, Parameter(help="TOML file; not with --drape.")] = None,
     *,
     out: Annotated[Path, Parameter(help="HTML file to write.")],
+    drape: Annotated[
+        bool, Parameter(negative="", help="Instead of a scene: overhang and weight to bending stiffness and drape.")
+    ] = False,
 ) -> None:
     """Write a scene as one web page that shows it in any browser, without a server.
 
     A motion by LMA (linear modal analysis) or MWTS (modal warping for thin shells) is computed live on the page. Of any
-    other scene the page plays what a run gives, and offers live models where they are near.
+    other scene the page plays what a run gives, and offers live models where they are near. With --drape it is a meter
+    of cloth: bending stiffness from a measured overhang, the nearest cards, and how a round cloth of it hangs.
 
     Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
     """
+    if drape == (scene is not None):
+        raise ms.OptionError("name a scene file to show, or give --drape" + " without one" * drape)
+    if scene is None:
+        checked_target("--out", out, (".html", ".htm"))
+        say(drape_page().save(out))
+        return
     declared = ms.load_scene(scene)
     checked_target("--out", out, (".html", ".htm"), *input_files(declared))
     with progress(f"{scene.stem} steps") as on_step:

@@ -17,6 +17,17 @@ from modalshell.core.timings import Stopwatch
 CONSOLE = Console()
 ERRORS = Console(stderr=True)
 
+LOG_EVERY = 60.0
+"""Seconds between the lines of progress in a log."""
+
+
+def log_line(text: str, done: int, total: int, seconds: float) -> str:
+    """How far some work is after so many seconds, and the time that is left at this rate."""
+    so_far = f"{text}: {done} of {total} after {seconds:.0f} s"
+    if done >= total:
+        return so_far
+    return so_far + (f", {seconds / done * (total - done):.0f} s left" if done > 0 else ", time left unknown")
+
 
 def say(*lines: object, sep: str = " ") -> None:
     """Print what may hold names of files, without the control characters that would steer the terminal."""
@@ -25,12 +36,23 @@ def say(*lines: object, sep: str = " ") -> None:
 
 @contextmanager
 def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar with the time left, as a callback of (done, total); it is shown after ``delay`` [s]."""
+    """A progress bar with the time left, as a callback of (done, total); it is shown after ``delay`` [s].
+
+    Where standard error is no terminal, as in a log, it is one line every :data:`LOG_EVERY` seconds, and a last one.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
     task, watch = bar.add_task(escape(printable(text)), total=None), Stopwatch()
 
+    logged = 0.0
+
     def advance(done: int, total: int) -> None:
+        nonlocal logged
+        if not ERRORS.is_terminal:
+            if watch() - logged >= LOG_EVERY or (done >= total and watch() >= delay):
+                logged = watch()
+                print(printable(log_line(text, done, total, logged)), file=sys.stderr, flush=True)
+            return
         if watch() >= delay:
             bar.start()  # at the first step, so that refused options leave one line alone
         bar.update(task, completed=done, total=total)

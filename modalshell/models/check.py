@@ -108,21 +108,23 @@ def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
 
 def _of_options(model: ModalModel, q: Array, shape: Array) -> Iterator[str]:
     """Whether the same model on another basis, or with another rule of time, has the same shape."""
-    basis, still = model.basis, np.concatenate([q, np.zeros_like(q)])
+    basis = model.basis
     twice = replace(
         basis,
-        eigenvalues=np.tile(basis.eigenvalues, 2),
+        eigenvalues=np.tile(4.0 * basis.eigenvalues, 2),
         modes=np.hstack([basis.modes, basis.modes]),
         rotations=np.hstack([basis.rotations, basis.rotations]),
     )
+    lost = "that of the model: is an option lost?"
+    yield from _told("warped of stepped_by", model.stepped_by(model.integrator).warped(q), lost, shape)
     try:
-        others: dict[str, Any] = {"on_basis": model.on_basis(basis), "on_basis with more modes": model.on_basis(twice)}
+        same, other = model.on_basis(basis), model.on_basis(twice)
     except OptionError:  # its training is that of one basis
-        others = {}
-    others["stepped_by"] = model.stepped_by(model.integrator)
-    for name, other in others.items():
-        moved = other.warped(still[: other.basis.count])
-        yield from _told(f"warped of {name}", moved, "that of the model (a lost option?)", shape)
+        return
+    yield from _told("warped of on_basis", same.warped(q), lost, shape)
+    shared = np.concatenate([0.3 * q, 0.7 * q])  # the same Phi q
+    same_span = "that of the model: is it a function of Phi q and Psi q alone?"
+    yield from _told("warped of on_basis with twice the modes", other.warped(shared), same_span, shape)
 
 
 def _slope(model: ModalModel, function: Callable[[Array], Any], q: Array) -> Array:

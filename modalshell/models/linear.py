@@ -11,8 +11,8 @@ from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
-from modalshell.models.base.modal_motion import contact_shape
 from modalshell.models.base.model import FrameModel
+from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
 from modalshell.statics.path import Followable
@@ -71,7 +71,7 @@ class LinearModal(ModalModel):
 
     @cached_property
     def contact_shape(self) -> tuple[Array, Array, Array, bool]:
-        """See :attr:`ModalMotion.contact_shape`."""
+        """See :attr:`Warp.contact_shape`."""
         return contact_shape(self.basis, turns=False)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:

@@ -61,17 +61,10 @@ def balancing_load(
         if pose is None:
             load = load + loading.live_force(x, v, now.time)
         else:
-            turned = (v + np.cross(pose.turn_rate, x - pose.pivot)) @ pose.rotation.T
-            load = load + loading.live_force(pose.to_world(x), turned + _speed(supports, now.time), now.time)
+            load = load + loading.live_force(pose.to_world(x), pose.world_velocities(x, v), now.time)
     if pose is not None:
         load = pose.shell_load(load, shell.mass, x, v)
     return np.asarray(load - mass * (now.accelerations + damping.mass_factor * v))
-
-
-def _speed(supports: SupportPath | None, time: float, lead: float = 1e-5) -> Array:
-    """Velocity (3,) [m/s] of the supports' pivot."""
-    assert supports is not None
-    return np.asarray((supports.at(time + lead).translation - supports.at(time - lead).translation) / (2.0 * lead))
 
 
 @final

@@ -13,8 +13,8 @@ from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
-from modalshell.models.base.modal_motion import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
+from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
@@ -92,7 +92,7 @@ class ModalWarping(UnstretchedModel):
 
     @cached_property
     def contact_shape(self) -> tuple[Array, Array, Array, bool]:
-        """See :attr:`ModalMotion.contact_shape`."""
+        """See :attr:`Warp.contact_shape`."""
         return contact_shape(self.basis, turns=True)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:

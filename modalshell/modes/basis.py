@@ -245,7 +245,7 @@ def solve_modes(
     about : Equilibrium or array_like, shape (n, 3), optional
         A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their
         stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out. About
-        positions [m] alone loads count as dead.
+        positions [m] alone loads count as dead. Creases have the folds that an equilibrium has kept, and do not yield.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
@@ -283,7 +283,8 @@ def solve_modes(
     else:
         if attachments is not None:
             raise OptionError("attachments are shapes about rest: leave them out, or about=")
-        loaded, whole = loaded_modes(shell, about, count, backend)
+        kept = getattr(about, "creases", None)
+        loaded, whole = loaded_modes(shell if kept is None else shell.creased(kept), about, count, backend)
         found, modes, first = loaded, loaded.modes, 1
     _warn_of_cut(count, whole)
     if remark := unresolved_remark(shell.mesh, modes, "mode", "frequencies", first):

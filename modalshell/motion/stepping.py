@@ -166,7 +166,10 @@ class Motion:
         """Take a step as long as it is; whether it was solved."""
         dt, before = self.setup.dt, self.state
         after, converged = self.stepper.advance(self.time, dt, before, self.load)
-        self._go_on(after, dt, self.errors.of_step(before, after, dt))
+        cost = self.errors.of_step(before, after, dt)
+        if self._go_on(after, cost):
+            self.errors.see(after)
+            self.errors.add(dt, cost)
         return converged
 
     def _divided_step(self) -> bool:
@@ -185,23 +188,22 @@ class Motion:
                 errors.halvings += 1
                 continue
             place, solved = place + part, solved and converged
-            self._go_on(after, dt, cost)
-            if not self.finite:
+            if not self._go_on(after, cost):
                 break
+            errors.add(dt, cost)
             # Twice the step has eight times the error, and may have twice as much.
             if part < _PARTS and error <= _EASY * allowed and place % (2 * part) == 0:
                 errors.halvings -= 1
         return solved
 
-    def _go_on(self, after: MotionState, dt: float, cost: tuple[float, float, float]) -> None:
+    def _go_on(self, after: MotionState, cost: tuple[float, float, float]) -> bool:
+        """Take a step's end; whether it is finite."""
         self.state = after
         squares = cost[1] + cost[2]
         if COST not in after.memory or self.errors.looks:
             squares = float(np.vdot(after.coordinates, after.coordinates) + np.vdot(after.rates, after.rates))
         self.finite = squares < _FARTHEST**2  # False for NaN, too
-        if self.finite:
-            self.errors.see(after)
-            self.errors.add(dt, cost)
+        return self.finite
 
     @property
     def remarks(self) -> list[str]:

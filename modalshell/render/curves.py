@@ -98,10 +98,11 @@ def draw_curves(
     columns: int | None = None,
     share_y: bool = False,
     one_legend: bool = False,
+    title: str = "",
 ) -> Path:
     """Draw panels into a PNG, side by side or in rows of ``columns``, with one range of y for all if ``share_y``.
 
-    With ``one_legend`` what the panels have in common is named once, below all of them.
+    With ``one_legend`` what the panels have in common is named once, below all of them; ``title`` stands above them.
 
     OptionError for values not finite, or <= 0 on a logarithmic axis.
     """
@@ -137,6 +138,8 @@ def draw_curves(
         axes.grid(alpha=0.3)
         if not one_legend:
             _add_legend(axes, panel)
+    if title:
+        figure.suptitle(title, fontsize=11)
     if one_legend:
         named = {
             label: handle

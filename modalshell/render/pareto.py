@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import write_atomically
@@ -132,21 +134,24 @@ def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
     line = -np.inf
     if panel.truth:
         line = float(axes.transData.transform((panel.truth.x, panel.marks[0].y))[0]) * scale
+    dotted = _along_lines(panel, points)
     taken: list[tuple[float, float, float]] = []  # centre and half a width of the texts so far
 
     def clear(x: float, y: float, half: float, own: tuple[float, float]) -> bool:
-        apart = all(abs(x - a) > half + b or abs(y - c) > 8.0 for a, c, b in taken)
+        apart = all(abs(x - a) > half + b or abs(y - c) > 10.0 for a, c, b in taken)
         apart = apart and all(
             abs(x - a) > half + 4.0 or abs(y - c) > 7.5
             for a, c in points
             if max(abs(a - own[0]), abs(c - own[1])) > 0.0
         )
+        apart = apart and not ((np.abs(dotted[:, 0] - x) < half + 1.0) & (np.abs(dotted[:, 1] - y) < 5.0)).any()
         return apart and abs(x - line) > half + 2.0 and left + half < x < right - half
 
     for mark, point in sorted(zip(panel.marks, points, strict=True), key=lambda pair: not pair[0].front):
         half = 1.0 + 2.3 * len(mark.text)
         places = [(0.0, 9.0), (0.0, -10.0), (half + 7.0, 0.0), (-half - 7.0, 0.0), (half, 10.0), (-half, -11.0)]
-        places += [(-half - 3.0, 9.0), (half + 3.0, -9.0), (0.0, 18.0), (0.0, -19.0)]
+        places += [(-half - 3.0, 9.0), (half + 3.0, -9.0), (0.0, 18.0), (0.0, -19.0), (half + 14.0, 12.0)]
+        places += [(-half - 14.0, 12.0), (half + 14.0, -12.0), (-half - 14.0, -12.0)]
         for shift in places:
             x, y = point[0] + shift[0], point[1] + shift[1]
             if clear(x, y, half, tuple(point)):
@@ -156,3 +161,14 @@ def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
                     fontsize=7, color=mark.color, zorder=4,
                 )  # fmt: skip
                 break
+
+
+def _along_lines(panel: ParetoPanel, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places (k, 2) along the dotted lines that join the points (p, 2) of each group, closer than a text is high."""
+    places = [np.empty((0, 2))]
+    for group in dict.fromkeys(mark.group for mark in panel.marks):
+        own = points[[mark.group == group for mark in panel.marks]]
+        for start, end in pairwise(own):
+            share = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 3.0))[:, None]
+            places.append(start + share * (end - start))
+    return np.concatenate(places)

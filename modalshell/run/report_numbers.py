@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,8 +53,10 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
 
     Keys: ``mesh``, ``mass``, ``outcome``, ``message``, ``displacement`` and ``stress`` (each with its value, place and
     time; the stress is None without a thickness), ``load`` and ``reactions`` with their ``balance`` (None in motion),
-    ``frequencies``, and ``buckling`` (the lowest factor of the load by linear theory, or why there is none).
+    ``frequencies``, ``buckling`` (the lowest factor of the load by linear theory, or why there is none), and
+    ``warnings``, texts of what frequencies and buckling warned of.
     """
+    warned: list[str] = []
     mesh = shell.mesh
     numbers: dict[str, Any] = {
         "mesh": {
@@ -79,8 +81,11 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
             "deepest": float(run.deepest.max()),
         }
     numbers |= _balance(scene, shell, run)
-    numbers["frequencies"] = _attempt(lambda: _frequencies(shell))
-    numbers["buckling"] = _attempt(lambda: _buckling(scene, shell)) if scene.motion is None else None
+    numbers["frequencies"] = _attempt(lambda: _frequencies(shell), "frequencies", warned)
+    numbers["buckling"] = None
+    if scene.motion is None:
+        numbers["buckling"] = _attempt(lambda: _buckling(scene, shell), "buckling", warned)
+    numbers["warnings"] = warned
     return numbers
 
 
@@ -142,14 +147,33 @@ def _buckling(scene: ShellScene, shell: Shell) -> float | str:
     return float(np.real(found.factors[0])) if len(found.factors) else "the load does not buckle it"
 
 
-def _attempt(compute: Callable[[], Any]) -> Any:
-    """What is computed, or a text that says why it cannot be."""
+def _attempt(compute: Callable[[], Any], name: str, warned: list[str]) -> Any:
+    """What is computed, or a text that says why it cannot be; its warnings are added to ``warned``, under its name."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModalShellWarning)
-            return compute()
+        with warnings.catch_warnings(record=True) as given:
+            warnings.simplefilter("always", ModalShellWarning)
+            answer = compute()
     except ModalShellError as refusal:
         return f"none: {refusal}"
+    warned += [f"{name}: {text}" for text in texts_of(given)]
+    return answer
+
+
+def texts_of(given: Sequence[warnings.WarningMessage]) -> list[str]:
+    """Texts of this package's warnings, each once."""
+    texts = [str(one.message) for one in given if issubclass(one.category, ModalShellWarning)]
+    return list(dict.fromkeys(texts))
+
+
+def check_convergence(scene: ShellScene) -> tuple[int, int]:
+    """The cells of a scene's mesh; OptionError if it has none, and so no coarser mesh, as those of files."""
+    cells = getattr(scene.mesh, "cells", None)
+    if cells is None:
+        raise OptionError(
+            f"{scene.file}: --convergence needs a mesh by [mesh] shape and cells: one from a file has no coarser one; "
+            "make a finer file and compare two reports"
+        )
+    return (int(cells[0]), int(cells[1]))
 
 
 def convergence(scene: ShellScene, numbers: dict[str, Any], solve: Callable[[ShellScene], Trajectory]) -> list[Any]:
@@ -160,9 +184,7 @@ def convergence(scene: ShellScene, numbers: dict[str, Any], solve: Callable[[She
     OptionError
         If the mesh is from a file, which has no coarser one.
     """
-    cells = getattr(scene.mesh, "cells", None)
-    if cells is None:
-        raise OptionError(f"{scene.file}: --convergence needs a mesh with cells: one from a file has no coarser one")
+    cells = check_convergence(scene)
     rows = []
     for share in _COARSER:
         fewer = tuple(max(2, 2 * round(0.5 * share * count)) for count in cells)

@@ -115,7 +115,7 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
         ("Largest von Mises stress", stressed),
     ]
     if numbers["bar"] is not None:
-        rows.append(("Error bar", numbers["bar"]))
+        rows.append(("Error bar", f"{numbers['bar']} on the same mesh"))
     if (contact := numbers.get("contact")) is not None:
         rows.append((
             "Contact, in the last frame",
@@ -136,6 +136,8 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
         rows.append(
             ("Buckling, linear theory", factor if isinstance(factor, str) else f"at {factor:.4g} times the load")
         )
+    if numbers["warnings"]:
+        rows.append(("Warnings", "; ".join(numbers["warnings"])))
     return rows
 
 

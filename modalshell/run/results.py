@@ -37,7 +37,7 @@ class Colouring:
         """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
         if name == DISPLACEMENT:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
-            return cls(moved, f"{name} [m]", "viridis")
+            return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
         scalars = scalar_of(name, run.fields[name])
         areas = 0.5 * np.linalg.norm(area_vectors(run.rest_positions, run.faces), axis=1)
         count, corners = run.positions.shape[1], run.faces.ravel()

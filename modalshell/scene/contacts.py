@@ -54,12 +54,16 @@ def _motion(table: ContactPath | None) -> SupportPath | None:
     return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
 
 
+def collider_tables() -> dict[str, type[Any]]:
+    """The tables of ``[[contacts]]`` by the kinds of their colliders."""
+    return {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
+
+
 def contact_tables(file: Path, raw: Any) -> tuple[ContactTable, ...]:
     """The tables of ``[[contacts]]``; SceneError where one is refused."""
     if not isinstance(raw, list):
         raise SceneError(f"{file}: contacts: must be a list of tables, [[contacts]] (got {raw!r:.60})")
-    kinds = {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
-    made = []
+    kinds, made = collider_tables(), []
     for index, entry in enumerate(raw):
         path = f"contacts[{index}]"
         made.append(checked_table(file, path, entry, chosen(file, path, entry, "kind", kinds)))

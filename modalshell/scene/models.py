@@ -51,8 +51,9 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
         elif (kind := _in_toml(hints[name])) is not None:
             fields[name] = (kind, parameter.default)
     made = msgspec.defstruct(
-        spec.key, [(name, *field) for name, field in fields.items()], bases=(ModelTable,), namespace={"spec": spec},
-        frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name", tag=spec.key,
+        spec.key, [(name, *field) for name, field in fields.items()], bases=(ModelTable,),
+        namespace={"spec": spec, "__doc__": inspect.getdoc(builder)}, frozen=True, kw_only=True,
+        forbid_unknown_fields=True, tag_field="name", tag=spec.key,
     )  # fmt: skip
     return cast(type[ModelTable], made)
 

@@ -45,7 +45,8 @@ def signature_table(
         return function(**{name: getattr(table, name) for name in names})
 
     return msgspec.defstruct(
-        function.__name__, fields, bases=(base,), namespace={"build": build}, frozen=True, kw_only=True,
+        function.__name__, fields, bases=(base,), frozen=True,
+        namespace={"build": build, "__doc__": inspect.getdoc(function)}, kw_only=True,
         forbid_unknown_fields=True, tag_field=tag_field, tag=tag,
     )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 Next to the tables stand ``name``, of the results' files, and ``bar = true``: the equilibrium, or every 15th frame of a
 motion, then gets an error bar against DS. In sweeps equilibria alone do, in their messages.
+
+Keys of shapes, supports, loads, colliders and models are the parameters of these; ``modalshell keys`` lists them all.
 """
 
 from __future__ import annotations

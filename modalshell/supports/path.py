@@ -37,6 +37,8 @@ class Pose:
         Of the pivot, in the shell's frame [m/s^2].
     turn_rate, turn_acceleration : ndarray, shape (3,)
         Angular velocity [rad/s] and acceleration [rad/s^2], in the shell's frame.
+    velocity : ndarray, shape (3,)
+        Of the pivot, in the world [m/s].
     """
 
     rotation: Array
@@ -45,6 +47,7 @@ class Pose:
     acceleration: Array
     turn_rate: Array
     turn_acceleration: Array
+    velocity: Array
 
     def to_world(self, positions: Array) -> Array:
         """Positions (n, 3) [m] of the shell's frame in the world."""
@@ -53,6 +56,11 @@ class Pose:
     def to_shell(self, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the shell's frame."""
         return (positions - self.pivot - self.translation) @ self.rotation + self.pivot
+
+    def world_velocities(self, positions: Array, velocities: Array) -> Array:
+        """Velocities (n, 3) [m/s] in the world of what has ``positions`` and ``velocities`` (n, 3) in the frame."""
+        turned = velocities + np.cross(self.turn_rate, positions - self.pivot)
+        return np.asarray(turned @ self.rotation.T + self.velocity)
 
     def shell_load(self, load: Array, mass: Array, positions: Array, velocities: Array) -> Array:
         """Load (n, 3) [N] in the shell's frame: the world's ``load`` and the inertial ones.
@@ -183,4 +191,6 @@ class SupportPath:
             if moving:
                 rate, turning = turn_rates(vector, self._rotation(inside, 1), self._rotation(inside, 2))
         acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
-        return Pose(rotation, np.asarray(self._translation(inside)), self.pivot, acceleration, rate, turning)
+        velocity = np.asarray(self._translation(inside, 1)) if moving else none
+        place = np.asarray(self._translation(inside))
+        return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity)

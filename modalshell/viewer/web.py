@@ -113,6 +113,16 @@ class WebViewer(BrowserPage):
         self._state.change("gravity_x", "gravity_y", "gravity_z")(self._take_gravity)
         self._chosen: float | None = None
         self._state.change("model", "modes")(self._note_choice)
+        self._begun = False
+        self._server.controller.on_client_connected.add(self._begin)
+
+    def _begin(self, **_: Any) -> None:
+        """Play from the moment at which the first browser looks."""
+        if not self._begun:
+            self._begun = True
+            self._session.play()
+            with self._state:
+                self._show_status()
 
     def _fill_state(self) -> None:
         session = self._session

@@ -17,6 +17,7 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.units import LENGTHS, TIMES, UnitSystem
 from modalshell.export import save_modes_gltf
+from modalshell.run.results import Colouring
 
 PLACE = np.array([4.5e5, 5.4e6, 300.0])
 NEEDS_USD = pytest.mark.skipif(importlib.util.find_spec("pxr") is None, reason="pip install 'modalshell[interchange]'")
@@ -167,3 +168,9 @@ def test_the_add_on_of_blender_plays_clips_in_metres_and_seconds(run, tmp_path, 
         expected = LENGTHS[length] * run.positions[k]
         found = add_on.positions(clip, TIMES[time] * at)
         np.testing.assert_allclose(found, expected, atol=2e-4 * LENGTHS[length])
+
+
+def test_a_coloured_displacement_is_labelled_in_the_units_of_the_run(run):
+    other = replace(run, units=UnitSystem("mm", "t", "s"))
+    assert Colouring.of(other, "displacement").label == "displacement [mm]"
+    assert Colouring.of(run, "displacement").label == "displacement [m]"

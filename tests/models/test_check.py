@@ -22,7 +22,7 @@ def basis():
 
 
 class Bounded(ModalModel):
-    """Linear modes, their mean displacement below a limit [m]: one hook, all else by differences."""
+    """Linear modes, their root mean square below a limit [m]: one hook, all else by differences."""
 
     name = "bounded"
 
@@ -31,7 +31,8 @@ class Bounded(ModalModel):
         self.limit = limit
 
     def scale(self, q):
-        return 1.0 / np.sqrt(1.0 + q @ q / (self.limit**2 * self.shell.mass.sum()))
+        linear = self.basis.modes @ q
+        return 1.0 / np.sqrt(1.0 + linear @ linear / (self.limit**2 * len(self.shell.mass)))
 
     def warped(self, q):
         return self.scale(q) * (self.basis.modes @ q).reshape(-1, 3)
@@ -89,6 +90,13 @@ def test_what_is_wrong_is_named(basis, name):
 def test_a_shape_that_is_not_that_of_the_modes_at_rest_is_named(basis, warped, message):
     with pytest.raises(ms.OptionError, match=message):
         check_model(type("Wrong", (ModalModel,), {"name": "wrong", "warped": warped})(basis))
+
+
+def test_a_shape_by_the_coordinates_themselves_is_named(basis):
+    """On a basis that is no orthonormal one, as sensitivities take it, q . q is no measure of the displacement."""
+    shape = {"scale": lambda self, q: 1.0 / np.sqrt(1.0 + q @ q / (self.limit**2 * self.shell.mass.sum()))}
+    with pytest.raises(ms.OptionError, match="a function of Phi q and Psi q alone"):
+        check_model(overridden(**shape)(basis, limit=0.2))
 
 
 @pytest.mark.parametrize("name", ["raw_displacement", "displacement_gradient", "modal_force", "work"])

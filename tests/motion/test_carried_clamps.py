@@ -164,3 +164,18 @@ def test_fields_of_a_carried_shell_are_those_in_its_own_frame():
     whole = shell.fields(path.at(float(run.times[10])).to_shell(run.positions[10])).von_mises
     np.testing.assert_allclose(run.fields["von_mises"][10], whole, rtol=1e-9)
     assert run.fields["von_mises"][-1].max() < 2.0 * run.fields["von_mises"][5:15].max()
+
+
+def test_a_pose_knows_the_velocity_of_what_it_carries():
+    path = ms.SupportPath(
+        [0, 0.5, 1.0], [[0, 0, 0], [0, 0.3, 0.2], [0.1, 0, 0]], [[0, 0, 0], [0.4, 1.0, 0], [0, 2.0, 1.0]]
+    )
+    random = np.random.default_rng(3)
+    x, v, time = random.standard_normal((5, 3)), random.standard_normal((5, 3)), 0.37
+
+    def carried(lead):
+        return path.at(time + lead).to_world(x + lead * v)
+
+    slopes = [(carried(h) - carried(-h)) / (2.0 * h) - path.at(time).world_velocities(x, v) for h in (1e-2, 5e-3)]
+    assert np.log2(np.abs(slopes[0]).max() / np.abs(slopes[1]).max()) == pytest.approx(2.0, abs=0.1)
+    assert not path.at(2.0).velocity.any()

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from guide import ROOT
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -133,3 +134,74 @@ def test_a_report_prints_on_two_pages(plate, browser):
     page.pdf(path=plate / "plate.pdf", prefer_css_page_size=True)
     assert len(re.findall(rb"/Type\s*/Page\b", (plate / "plate.pdf").read_bytes())) == 2
     page.close()
+
+
+def test_a_report_says_what_is_too_coarse_and_what_is_not_joined(plate, capsys):
+    coarse = PLATE.replace("cells = [12, 12]", "cells = [4, 4]")
+    assert coarse != PLATE
+    (plate / "coarse.toml").write_text(coarse)
+    assert command("coarse.toml") == 0
+    numbers = json.loads((plate / "results" / "coarse_report.json").read_text())
+    assert any(text.startswith("frequencies: ") and "half wave" in text for text in numbers["warnings"])
+    assert "half wave" in (plate / "results" / "coarse_report.html").read_text()
+    ms.save_mesh(ms.sheet(length=1.0, width=1.0, cells=(4, 4)), plate / "own.obj")
+    start, end = PLATE.index("[mesh]"), PLATE.index("[material]")
+    (plate / "own.toml").write_text(PLATE[:start] + '[mesh]\nfile = "own.obj"\n' + PLATE[end:])
+    capsys.readouterr()
+    assert command("own.toml", "--convergence") == 2
+    assert "one from a file has no coarser one" in capsys.readouterr().err
+    assert not (plate / "results" / "own.npz").exists()
+
+
+def numbers_in(content):
+    """Every number in nested lists, tables and texts of JSON."""
+    if isinstance(content, dict):
+        return [value for part in content.values() for value in numbers_in(part)]
+    if isinstance(content, list):
+        return [value for part in content for value in numbers_in(part)]
+    if isinstance(content, str):
+        return [float(value) for value in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", content)]
+    return [float(content)] if isinstance(content, int | float) else []
+
+
+def stands_for(shown, value):
+    """Whether a printed number is ``value`` to its own digits, as it is, in percent or with a prefix of its unit."""
+    digits = shown.lower().split("e")[0].lstrip("-").replace(",", "")
+    step = 10.0 ** -len(digits.partition(".")[2]) * 10.0 ** float(shown.lower().partition("e")[2] or 0)
+    seen = float(shown.replace(",", ""))
+    return any(abs(seen - value * factor) <= 0.501 * step for factor in (1.0, 100.0, 1e-3, 1e-6, 1e-9, 1e3))
+
+
+def test_a_number_stands_for_a_value_to_its_own_digits():
+    assert stands_for("1.235", 1.2349)
+    assert stands_for("1.235", 1.2349e6)
+    assert stands_for("12", 0.1203)
+    assert not stands_for("1.235", 1.2341)
+    assert not stands_for("-1.235", 1.235)
+
+
+@pytest.mark.slow
+def test_the_report_on_the_plate_of_the_readme_prints_on_two_pages_of_its_own_numbers(tmp_path, monkeypatch, browser):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (scene,) = [part for part in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if 'shape = "sheet"' in part]
+    (tmp_path / "plate.toml").write_text(scene)
+    assert command("plate.toml") == 0
+    page = browser.new_page()
+    page.goto((tmp_path / "results" / "plate_report.html").as_uri())
+    page.pdf(path=tmp_path / "plate.pdf", prefer_css_page_size=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "plate.pdf").read_bytes())) == 2
+    rows = page.eval_on_selector_all("tr", "rows => rows.map(row => [...row.children].map(cell => cell.innerText))")
+    page.close()
+    files = [json.loads(path.read_text()) for path in (tmp_path / "results").glob("*.json")]
+    known, tried = numbers_in(files), 0
+    for name, shown in rows:
+        if name in ("Versions", "Computed", "Command") or "SHA-256" in name:
+            continue
+        for number in re.findall(r"(?<![\w.])-?\d[\d,]*\.?\d*(?:e[-+]?\d+)?", shown):
+            tried += 1
+            assert any(stands_for(number.rstrip(","), value) for value in known), (
+                f"{name}: {number} is in no result file"
+            )
+    assert tried > 30

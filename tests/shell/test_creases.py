@@ -316,6 +316,19 @@ def test_what_knows_no_creases_says_so():
         ms.Shell(shell.mesh, SHEET, creases=[ms.Crease("x > 0.4", 1.0), ms.Crease("x > 0.6", 1.0)])
 
 
+@ENERGIES
+def test_modes_about_a_folded_state_are_those_of_its_folds(material):
+    shell = strip(material, hardening=0.02)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -0.5))
+    assert np.abs(state.creases.angles).min() > 0.1
+    about = ms.solve_modes(shell, 2, about=state)
+    kept = ms.solve_modes(shell.creased(state.creases), 2, about=state.positions)
+    np.testing.assert_allclose(about.eigenvalues, kept.eigenvalues, rtol=1e-10)
+    assert ms.DiscreteShell(shell).tangent_eigenvalue(state, state.loading.dead) == pytest.approx(about.eigenvalues[0])
+    hinge = np.linalg.norm(shell.creased(state.creases).force(state.positions)[~shell.clamped], axis=1).max()
+    assert hinge < np.linalg.norm(shell.force(state.positions)[~shell.clamped], axis=1).max()
+
+
 def test_a_mechanism_is_not_called_an_equilibrium():
     """Without hardening a crease holds no more than its yield moment: a larger couple has no equilibrium."""
     shell = strip(HINGES, hardening=0.0, cells=(4, 1), clamped="x < 0.26")

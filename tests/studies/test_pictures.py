@@ -1,16 +1,22 @@
 """Pictures of the studies, drawn from the committed findings: no text lies on another or leaves the picture."""
 
 import importlib
+from itertools import pairwise
 
 import matplotlib
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from text_boxes import faults
 
+from modalshell.compare.draw import draw_fronts
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
+from paper_figures.mesh_bias import twist_in_words
 from paper_figures.model_colors import model_color, paler
+from paper_figures.strangers_meshes import LETTERS, broken
 from studies.pages import committed
 from studies.reproduce import studies
 
@@ -54,6 +60,55 @@ def test_no_text_lies_on_another(figure, saved, tmp_path, monkeypatch):
 def test_no_text_of_the_paths_through_snaps_lies_on_another(saved, tmp_path):
     importlib.import_module("paper_figures.snap").draw_paths(committed("snap"), tmp_path)
     assert saved == [[]]
+
+
+def whole(row):
+    """A row of the committed page as the study writes it."""
+    specs = [spec for spec in models().values() if row["label"].startswith(spec.name)]
+    spec = max(specs, key=lambda spec: len(spec.name))
+    size = row["label"].removeprefix(spec.name).strip()
+    return row | {"outside_error": None, "key": spec.key, "rung": spec.name, "size": size}
+
+
+@pytest.mark.slow
+def test_no_label_of_the_fronts_lies_on_another(saved, tmp_path):
+    scenes = committed("tradeoff").findings["scenes"]
+    fronts = [{"case": name, "rows": [whole(row) for row in one["rows"]]} for name, one in scenes.items()]
+    draw_fronts(fronts, tmp_path / "tradeoff.png")
+    assert saved == [[]]
+
+
+def test_labels_of_a_front_keep_off_points_and_dotted_lines(monkeypatch, tmp_path):
+    kept = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    marks = [Mark(10.0**k, 10.0**-k, "a", "label", False, "#112233") for k in (0.0, 0.3, 1.0)]
+    draw_pareto([ParetoPanel(marks, "t")], tmp_path / "x.png")
+    (axes,) = kept[0].axes
+    kept[0].canvas.draw()
+    renderer = kept[0].canvas.get_renderer()
+    places = axes.transData.transform([[mark.x, mark.y] for mark in marks])
+    line = np.concatenate([a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(places)])
+    assert len(axes.texts) == 3
+    for text in axes.texts:
+        box = text.get_window_extent(renderer)
+        assert not box.count_contains(line)
+
+
+@pytest.mark.parametrize(
+    "name", ["BONEPhalanges_Basic_Left.stl", "burnerplate_mesh.stl", "CrossCap", "ConicSpiralOfManyTurns", "x" * 30]
+)
+def test_a_long_name_is_broken_and_not_cut(name):
+    first, rest = broken(name)
+    assert first + rest == name
+    assert len(first) <= LETTERS
+
+
+def test_the_picture_of_mesh_bias_says_pure_twist_in_words():
+    rows = committed("mesh_bias").findings["rows"]
+    hinges = [abs(row["error"]) for row in rows if (row["problem"], row["energy"]) == ("twisted", "hinges")]
+    told = twist_in_words(rows)
+    assert "exact to rounding" in told
+    assert f"{100 * min(hinges):.0f} to {100 * max(hinges):.0f} % off" in told
 
 
 def test_the_checker_sees_texts_on_one_another_and_cut_ones():

@@ -90,6 +90,16 @@ class ModalIntegrator(Integrator):
         v = state.rates
         return MotionState(*self.step(state.coordinates, v, lambda q: force(q, v, 1.0), stiffness, damp, h))
 
+    def stood_in_for(
+        self,
+        before: MotionState,  # noqa: ARG002 (for rules that keep something)
+        after: MotionState,
+        force: Array,  # noqa: ARG002
+        h: float,  # noqa: ARG002
+    ) -> MotionState:
+        """``after`` a step of ``h`` [s] by implicit Euler from ``before`` under a ``force`` (m,)."""
+        return MotionState(after.coordinates, after.rates)
+
     def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
         """Change (m,) of coordinates and rates within a step per unit of modal force at its end."""
         return self.impulse(stiffness, damp, h)

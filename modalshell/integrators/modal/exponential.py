@@ -77,6 +77,14 @@ class Exponential(ModalIntegrator, key="exponential"):
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
 
+    def stood_in_for(self, before: MotionState, after: MotionState, force: Array, h: float) -> MotionState:
+        """``after`` a step of implicit Euler, its force kept, with the error of that step."""
+        gained, moved = after.rates - before.rates, after.coordinates - before.coordinates
+        error, none = 0.5 * h * gained, np.zeros_like(force)
+        cost = np.array([part @ part for part in (error, gained, moved)])
+        keeps = {"force": force, "gain": force - before.memory["force"], "curvature": none}
+        return MotionState(after.coordinates, after.rates, keeps | {"step": np.array([h]), COST: cost})
+
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step that keeps nothing: the force of the beginning and one predicted."""
         c = self._coefficients(stiffness, damp, h)

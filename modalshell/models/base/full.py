@@ -159,7 +159,8 @@ class FullModel(Model):
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
-        return self.lowest_eigenvalue(answer.positions)
+        model = self if answer.creases is None else self.with_creases(answer.creases.angles)
+        return model.lowest_eigenvalue(answer.positions)
 
     def lowest_eigenvalue(self, positions: Array) -> float:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""

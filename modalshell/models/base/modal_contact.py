@@ -219,8 +219,8 @@ class ModalContactMotion:
         kept = before.memory[LOCAL], before.memory[PUSHES]
         pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
         memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
-        if "force" in before.memory:
-            memory |= model.kept_of_euler(before, free, (free - q) / dt, force, dt)
+        ahead = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, ahead, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
 
     def _compliance(self, dt: float) -> Array:

@@ -17,7 +17,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.model import FrameModel, probes
@@ -227,18 +227,10 @@ class ModalMotion(ModalShape, FrameModel):
         return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
 
     def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), as a rule that keeps forces keeps it."""
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
         damp = self._modal_damping(damping)
         after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return MotionState(*after, self.kept_of_euler(state, *after, force, dt))
-
-    @staticmethod
-    def kept_of_euler(before: MotionState, q: Array, rates: Array, force: Array, dt: float) -> dict[str, Array]:
-        """What a rule that keeps forces keeps of a step of implicit Euler to q and ``rates`` (m,)."""
-        gain, none, faster = force - before.memory["force"], np.zeros_like(q), rates - before.rates
-        error, way = 0.5 * dt * faster, q - before.coordinates
-        cost = np.array([part @ part for part in (error, faster, way)])
-        return {"force": force, "gain": gain, "curvature": none, "step": np.array([dt]), COST: cost}
+        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
@@ -264,11 +256,6 @@ class ModalMotion(ModalShape, FrameModel):
         if self.frames is None:
             return self.warped_rows(q, vertices)
         return self.frames.rows(q, vertices, self.warped_rows, self.warped_positions)
-
-    @property
-    def contact_shape(self) -> tuple[Array, Array, Array, bool] | None:
-        """Positions at rest (n, 3), modes and rotations (3n, m), and whether these turn; None without a closed form."""
-        return None
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
@@ -355,10 +342,3 @@ class ModalMotion(ModalShape, FrameModel):
         if self.frames is not None:
             return self.frames.kinetic_energy(state, self.warped_positions)
         return float(0.5 * state.rates @ state.rates)
-
-
-def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array, bool]:
-    """What compiled contacts need of a warp in closed form; see :attr:`ModalMotion.contact_shape`."""
-    own = [np.array(part, dtype=np.float64, order="C") for part in (basis.shell.rest_positions, basis.modes)]
-    rotations = np.array(basis.rotations, dtype=np.float64, order="C") if turns else np.empty((0, basis.count))
-    return own[0], own[1], rotations, turns

@@ -52,9 +52,10 @@ class ModalShape(Warp):
     """The shape of a shell at modal coordinates q (m,), free parts in their frames.
 
     A model defines :meth:`warped`. Its derivatives, its work, the modal force and the rows of contacts and patches
-    follow by differences of fourth order, with errors about 1e-10; a model overrides them where it knows better. To
-    first order about rest the shape must be ``Phi q``: coordinates have unit mass, and positions are projected onto
-    the modes. :func:`modalshell.models.check.check_model` checks all of it.
+    follow by differences of fourth order, with errors about 1e-10; a model overrides them where it knows better. The
+    shape is a function of ``Phi q`` and of the modal rotations ``Psi q`` alone, as sensitivities ask for it on modes
+    that are not orthonormal. To first order about rest it is ``Phi q``: coordinates have unit mass, and positions are
+    projected onto the modes. :func:`modalshell.models.check.check_model` checks all of it.
 
     Attributes
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_vectors
@@ -53,6 +54,18 @@ class Warp(ABC):
         """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
         return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
 
+    @property
+    def contact_shape(self) -> tuple[Array, Array, Array, bool] | None:
+        """Positions at rest (n, 3), modes and rotations (3n, m), and whether these turn; None without a closed form."""
+        return None
+
     @abstractmethod
     def on_basis(self, basis: Basis) -> Warp:
         """The same model on another basis of its shell."""
+
+
+def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array, bool]:
+    """What compiled contacts need of a warp in closed form; see :attr:`Warp.contact_shape`."""
+    own = [np.array(part, dtype=np.float64, order="C") for part in (basis.shell.rest_positions, basis.modes)]
+    rotations = np.array(basis.rotations, dtype=np.float64, order="C") if turns else np.empty((0, basis.count))
+    return own[0], own[1], rotations, turns

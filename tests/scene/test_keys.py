@@ -1,0 +1,41 @@
+"""The list of keys: every table that a scene takes, with the units and defaults of what it builds."""
+
+import pytest
+
+import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.scene.keys import scene_keys
+from modalshell.scene.load import _OPTIONAL, _REQUIRED
+
+
+def test_every_table_of_a_scene_is_listed():
+    headings = " ".join(one.heading for one in scene_keys())
+    for name in {*_REQUIRED, *_OPTIONAL, "flock"} - {"energies"}:  # only plug-ins register energies
+        assert f"[{name}]" in headings or f"[{name}." in headings, name
+
+
+def test_keys_have_types_defaults_and_units():
+    sphere = next(one for one in scene_keys("contacts") if '"sphere"' in one.heading)
+    keys = {key.name: key for key in sphere.keys}
+    assert (keys["radius"].takes, keys["radius"].default) == ("number", "required")
+    assert "[m]" in keys["radius"].about
+    assert keys["friction"].default == "0.0"
+    assert "Coulomb" in keys["friction"].about
+    pressure = next(one for one in scene_keys("loads") if one.heading == "[[loads.pressure]]")
+    assert next(key.default for key in pressure.keys if key.name == "follower") == "true"
+    motion = scene_keys("motion")[0]
+    assert "[s]" in motion.about
+
+
+def test_another_name_is_refused_with_the_tables():
+    with pytest.raises(ms.OptionError, match=r"a scene has the tables mesh, material, .* \(got 'ball'\)"):
+        scene_keys("ball")
+
+
+def test_the_command_prints_them(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["keys", "supports"])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert '[[supports]] with kind = "roller"' in printed
+    assert "direction" in printed
