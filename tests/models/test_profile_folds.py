@@ -63,7 +63,7 @@ def profile_hessian(shell, x):
     kernels.tensions_of(own.stretches, folds.membrane, own.tensions)
     kernels.add_bending(own.slopes, folds.bending, body.strides, values)
     kernels.add_membrane(own.points, folds.membrane, own.vectors, values)
-    add_fold_curvatures(own.points, folds.hinges, own.couples, False, folds.slots, body.strides, values)
+    add_fold_curvatures(own.points, folds.hinges, own.couples, folds.slots, body.strides, values)
     kernels.add_tensions(own.tensions, folds.membrane, body.strides, values)
     size = 3 * body.first.size
     rows, columns = np.indices((size, size))

@@ -332,7 +332,7 @@ def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
     values[:] = elastic.shares
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
-    add_fold_curvatures(own.points, elastic.hinges, own.couples, False, elastic.slots, strides, values)
+    add_fold_curvatures(own.points, elastic.hinges, own.couples, elastic.slots, strides, values)
     add_tensions(own.tensions, elastic.membrane, strides, values)
 
 
