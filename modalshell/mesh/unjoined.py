@@ -6,7 +6,6 @@ import warnings
 
 import numpy as np
 from scipy.spatial import cKDTree
-from trimesh.triangles import closest_point
 
 from modalshell.core.errors import ModalShellWarning
 from modalshell.mesh.topology import FloatArray, IntArray
@@ -48,6 +47,8 @@ def unjoined(mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
     vertex, face, corners = vertex[apart], face[apart], corners[apart]
     if not len(vertex):
         return vertex, face
+    from trimesh.triangles import closest_point  # not before a mesh needs it: its import takes long
+
     nearest = closest_point(corners, points[vertex])  # type: ignore[no-untyped-call]
     on = np.linalg.norm(nearest - points[vertex], axis=1) <= near
     kept, first = np.unique(vertex[on], return_index=True)

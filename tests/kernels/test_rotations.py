@@ -198,7 +198,7 @@ def test_slopes_of_the_coefficients_keep_their_digits(angle):
         phi = mpmath.mpf(angle)
         exact_second = (phi * mpmath.sin(phi) - 2 * (1 - mpmath.cos(phi))) / phi**4
         exact_third = (3 * mpmath.sin(phi) - phi * (2 + mpmath.cos(phi))) / phi**5
-    found = rotations._slopes(squared, first, second, third)
+    found = rotations.slopes(squared, first, second, third)
     # Where the closed form cancels, at angles of 1 and a little more, two digits go.
     assert found[0] == pytest.approx(float(exact_second), rel=1e-13, abs=1e-17)
     assert found[1] == pytest.approx(float(exact_third), rel=1e-13, abs=1e-17)
