@@ -313,4 +313,5 @@ def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):
     with pytest.raises((Exception, BaseExceptionGroup)) as caught:
         fuzz(inputs, 2000, limit=0.5 if kinds is Hang else 10.0, random_seed=SEEDS.get(plant), shrink=False)
     found = caught.value  # a group where it does not happen each time, as between threads
-    assert isinstance(found, kinds) or (isinstance(found, BaseExceptionGroup) and found.subgroup(kinds) is not None)
+    if not isinstance(found, kinds) and not (isinstance(found, BaseExceptionGroup) and found.subgroup(kinds)):
+        raise found
