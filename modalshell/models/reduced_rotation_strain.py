@@ -182,6 +182,9 @@ class ReducedRotationStrain(TurnedTriangles):
         else:
             shape = (vector_count(loads), *shell.rest_positions.shape)
             forces = list(checked_vectors("loads", loads, shape, OptionError))
+        if not forces:
+            given = "gravities" if loads is None else "loads"
+            raise OptionError(f"training needs at least one of {given} (got none: an array of shape (0, ...))")
         answers = np.array([model.equilibrium(force=force).coordinates for force in forces])
         factors = rng.uniform(-_MIXED, _MIXED, (checked_count("mixtures", mixtures), *answers.shape))
         mixed = factors * answers

@@ -130,6 +130,15 @@ def test_bad_training_is_refused(models, coordinates, rank, words):
         ReducedRotationStrain(models[0], coordinates, rank=rank)
 
 
+def test_training_on_no_load_is_refused():
+    shell = ms.Shell(ms.flat_beam(cells=(8, 2)), ms.Isotropic(1e8, 0.3, 5e-3, 100.0), clamped="x < 1e-9")
+    model = ms.RotationStrain(ms.solve_modes(shell, 4))
+    with pytest.raises(ms.OptionError, match="at least one of gravities"):
+        ms.ReducedRotationStrain.trained(model, gravities=np.zeros((0, 3)))
+    with pytest.raises(ms.OptionError, match="at least one of loads"):
+        ms.ReducedRotationStrain.trained(model, loads=np.zeros((0, len(shell.mass), 3)))
+
+
 def test_rest_may_be_among_the_training(models):
     full, reduced = models
     answers = [full.equilibrium(gravity=gravity).coordinates for gravity in loads(40, 12.0, seed=0)]
