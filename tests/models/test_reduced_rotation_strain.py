@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scenes import held
 
+import modalshell as ms
 from modalshell import ReducedRotationStrain, RotationStrain, leaf, measure, solve_modes
 from modalshell.core.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
