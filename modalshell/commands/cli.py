@@ -199,9 +199,14 @@ def main(arguments: list[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):  # names of files need not be text that the terminal can show
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = lambda message, *_, **__: print(
-        f"modalshell: warning: {printable(str(message))}", file=sys.stderr
-    )
+    shown: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if (text := printable(str(message))) not in shown:  # a mesh that is read twice warns twice
+            shown.add(text)
+            print(f"modalshell: warning: {text}", file=sys.stderr)
+
+    warnings.showwarning = show
     try:
         app(given, exit_on_error=False, print_error=False)
     except (ModalShellError, CycloptsError, OSError) as error:

@@ -1,12 +1,14 @@
 import json
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.commands import cli
 from modalshell.commands.cli import main
 
 BAD = sorted(path for path in (Path(__file__).parents[1] / "data" / "bad").iterdir() if path.suffix in (".obj", ".ply"))
@@ -138,3 +140,16 @@ def test_debug_shows_the_traceback():
     assert plain.returncode == 2
     with pytest.raises(ms.OptionError, match="no_such_file"):  # Python itself shows where it was raised
         main([*command[3:], "--debug"])
+
+
+def test_a_warning_is_shown_once(capsys, monkeypatch):
+    def warn_twice(*_, **__):
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            for _ in range(2):
+                warnings.warn("the sheet is cut open", UserWarning, stacklevel=1)
+
+    monkeypatch.setattr(cli, "app", warn_twice)
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    cli.main([])
+    assert capsys.readouterr().err.count("cut open") == 1
