@@ -105,6 +105,7 @@ def written_guide(tmp_path):
 
 
 def test_the_python_of_contributing_meets_the_rules_of_style(written_guide):
+    pytest.importorskip("ruff")
     shared = ["--config", str(ROOT / "pyproject.toml"), "--no-cache", "."]
     ignored = ["--ignore", "I001,ARG002"]  # which modules are the package's own, and arguments of an interface
     for command in (["check", *ignored], ["format", "--check"]):
