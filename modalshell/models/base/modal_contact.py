@@ -72,25 +72,21 @@ def equilibrium_on_modal_contacts(
     pressing.touching.refuse_inside(rest if start is None else start)
     q = np.zeros(model.basis.count) if start is None else model.coordinates_of(start)
     pushes, steps, iterations = np.zeros(pressing.touching.vertices.size), Steps(), 0
-    found: Pressed | None = None
     x, change = rest + model.raw_displacement(q), np.inf
     while steps.fraction < 1.0:
         with np.errstate(over="ignore", invalid="ignore"):  # of problems that run away, and are refused
             pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
         iterations += taken
-        reached = None if pressed is None else rest + model.raw_displacement(pressed.q) + pressed.local
-        if pressed is None or reached is None or pressing.touching.crossed(x, reached):
+        if pressed is None or pressing.touching.crossed(
+            x, reached := rest + model.raw_displacement(pressed.q) + pressed.local
+        ):
             if steps.refuse():
                 continue
             break
-        found, q, pushes, x = pressed, pressed.q, pressed.pushes, reached
+        q, pushes, x = pressed.q, pressed.pushes, reached
         steps.accept()
-    converged = found is not None and steps.fraction >= 1.0
-    local = np.zeros_like(rest) if found is None else found.local
-    x = rest + model.raw_displacement(q) + local
-    gaps = pressing.touching.distances(x)
-    touches = np.zeros(len(x), dtype=bool)
-    touches[pressing.touching.vertices[pushes > 0.0]] = True
+    converged = steps.fraction >= 1.0
+    forces, touches, deepest = touched_frame(pressing.touching, x, pushes)
     answer = Equilibrium(
         x,
         Outcome.CONVERGED if converged else Outcome.NOT_CONVERGED,
@@ -99,9 +95,9 @@ def equilibrium_on_modal_contacts(
         change,
         None,
         coordinates=q,
-        contact_forces=pressing.touching.forces(x, pushes),
+        contact_forces=forces,
         in_contact=touches,
-        deepest=max(0.0, -float(gaps.min(initial=0.0))),
+        deepest=deepest,
     )
     return answer, q
 
