@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 import warnings
 
 import collecting  # first, for nothing below may be built at import, either
@@ -16,10 +17,12 @@ from hypothesis import settings
 from scenes import beam_text, cantilever
 
 from modalshell import ModalShellWarning, solve_modes
+from modalshell.core.errors import OptionError
 from modalshell.core.plugins import load_plugins
+from modalshell.files.lock import acquire_lock
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
-from studies.reproduce import reproduce
+from studies.reproduce import reproduce, studies
 
 with contextlib.suppress(ImportError):
     # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.
@@ -138,18 +141,49 @@ def pytest_addoption(parser):
     parser.addoption("--accept-golden", action="store_true", help=text)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Processes take whole files, so that each compiles other kernels, and a file's fixtures are made once.
+
+    The tests of one study are a file of their own: all studies in one process would take the longest.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file, _, test = nodeid.partition("::")
+            name = test.partition("[")[2].removesuffix("]")
+            return name if name in studies() else file
+
+    return ByFile(config, log)
+
+
 @pytest.fixture(scope="session")
 def quick_study(tmp_path_factory):
-    """A function of a study's name that runs it once a session, quick and without OpenGL; the results' folder."""
-    folder = tmp_path_factory.mktemp("results")
-    done = set()
+    """A function of a study's name that runs it, quick and without OpenGL, and returns the results' folder.
+
+    It runs once for all processes of pytest-xdist: one of them runs it, and the others wait.
+    """
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "quick_studies"
+    folder.mkdir(exist_ok=True)
 
     def run(name):
-        if name not in done:
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("MODALSHELL_RENDERER", "built-in")
-                reproduce(name, folder, folder / "figures", quick=True)
-            done.add(name)
+        done = folder / f"{name}.done"
+        while not done.exists():
+            try:
+                lock = acquire_lock(folder / f"{name}.lock")
+            except OptionError:  # another process runs it
+                time.sleep(0.1)
+                continue
+            try:
+                if not done.exists():
+                    with pytest.MonkeyPatch.context() as patch:
+                        patch.setenv("MODALSHELL_RENDERER", "built-in")
+                        reproduce(name, folder, folder / "figures", quick=True)
+                    done.touch()
+            finally:
+                os.close(lock)
         return folder
 
     return run
