@@ -12,8 +12,8 @@ from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.elasticity import Elasticity, directions_on
-from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, checked_constant, checked_direction, evaluated
+from modalshell.shell.elasticity import Elasticity
+from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant, evaluated
 
 _Constants = tuple[Field, Field, Field] | tuple[Field, Field, Field, Field]
 _UNITS = {"stretch": "N/m", "bending": "N m"}
@@ -79,10 +79,7 @@ class Fabric(Sheet, kind="fabric"):
                         f"{name}[3], the coupling, must be below the geometric mean of the first two, else some "
                         f"strain has no stiffness (got {shown(raw)})"
                     )
-        if not callable(self.density):
-            object.__setattr__(self, "density", checked_constant("density", self.density, "kg/m^2"))
-        if not callable(self.direction):
-            object.__setattr__(self, "direction", checked_direction(self.direction))
+        self._check({"density": "kg/m^2", "direction": "deg"})
 
     def on(self, mesh: TriangleMesh) -> Fabric:
         """The same sheet, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
@@ -95,17 +92,10 @@ class Fabric(Sheet, kind="fabric"):
         """Mass per area of every triangle (T,) [kg/m^2]."""
         return np.asarray(np.broadcast_to(np.asarray(self.on(mesh).density), (len(mesh.faces),)))
 
-    def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
-        """Means over directions of membrane stiffness, bending stiffness and Poisson's ratio of every triangle (T,)."""
-        membrane, bending = self.directed(mesh)
-        return membrane.mean()[0], *bending.mean()
-
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by a constant, directions turning in its plane."""
         sheet = self.on(mesh)
-        along: Any = directions_on(mesh, np.asarray(sheet.direction))
-        if slope == "direction":
-            along = along + 1j * np.radians(IMAGINARY) * np.cross(mesh.face_normals, along)
+        along = axes_on(mesh, sheet.direction, slope)
         found = []
         for name in _UNITS:
             values = [np.asarray(value) for value in getattr(sheet, name)]

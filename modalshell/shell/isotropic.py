@@ -7,12 +7,11 @@ from typing import final
 
 import numpy as np
 
-from modalshell.core.checks import LARGEST, as_array, shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.sheet import Field, Sheet
+from modalshell.shell.sheet import Field, Sheet, evaluated
 
 _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
@@ -48,25 +47,14 @@ class Isotropic(Sheet, kind="isotropic"):
     density: Field
 
     def __post_init__(self) -> None:
-        for name in _UNITS:
-            raw = getattr(self, name)
-            if callable(raw):
-                continue
-            value = _checked(name, raw)
-            value.flags.writeable = False
-            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+        self._check(_UNITS)
+        ratio = np.zeros(1) if callable(self.poisson) else np.asarray(self.poisson)
+        if not ((ratio > -1.0) & (ratio <= 0.5)).all():
+            raise MaterialError(f"poisson must be above -1 and at most 0.5 (got {ratio.min():g} to {ratio.max():g})")
 
     def on(self, mesh: TriangleMesh) -> Isotropic:
         """The same material, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
-        centroids = mesh.vertices[mesh.faces].mean(axis=1)
-        fields = []
-        for name in _UNITS:
-            raw = getattr(self, name)
-            value = _checked(name, raw(centroids)) if callable(raw) else np.asarray(raw)
-            if value.ndim == 1 and value.size != len(mesh.faces):
-                raise MaterialError(f"{name} has {value.size} values, but the mesh has {len(mesh.faces)} triangles")
-            fields.append(value)
-        return Isotropic(*fields)
+        return Isotropic(*(evaluated(name, getattr(self, name), mesh) for name in _UNITS))
 
     def area_density(self, mesh: TriangleMesh) -> Array:
         """Mass per area of every triangle (T,) [kg/m^2]."""
@@ -87,15 +75,3 @@ class Isotropic(Sheet, kind="isotropic"):
         young, poisson, thickness, _ = self._arrays(mesh)
         membrane = young * thickness / (1.0 - poisson**2)
         return membrane, membrane * thickness**2 / 12.0, poisson
-
-
-def _checked(name: str, raw: object) -> Array:
-    unit = f" [{_UNITS[name]}]" if _UNITS[name] else ""
-    value = as_array(name, raw, f"one number or one per triangle{unit}", MaterialError).astype(np.float64)
-    if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
-        raise MaterialError(f"{name} must be finite, one number or one per triangle{unit} (got {shown(raw)})")
-    if name == "poisson" and not ((value > -1.0) & (value <= 0.5)).all():
-        raise MaterialError(f"poisson must be above -1 and at most 0.5 (got {value.min():g} to {value.max():g})")
-    if name != "poisson" and (value < 1.0 / LARGEST).any():
-        raise MaterialError(f"{name} must be positive (got {value.min():g}{unit})")
-    return value

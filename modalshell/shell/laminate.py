@@ -17,7 +17,7 @@ from modalshell.shell.elasticity import Elasticity, directions_on, plane_elastic
 from modalshell.shell.fields import ShellFields, triangle_axes
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.orthotropic import Orthotropic
-from modalshell.shell.sheet import IMAGINARY, SHEETS, Direction, Sheet, checked_direction, evaluated
+from modalshell.shell.sheet import SHEETS, Direction, Sheet, axes_on, evaluated
 
 _COUPLED = 1e-9
 """Least size of the coupling B, over membrane stiffness times thickness, that counts."""
@@ -122,8 +122,7 @@ class Laminate(Sheet, kind="laminate"):
             if not isinstance(ply, Ply):
                 raise MaterialError(f"plies[{k}] must be an ms.Ply (got {shown(ply)})")
         object.__setattr__(self, "plies", tuple(self.plies))
-        if not callable(self.direction):
-            object.__setattr__(self, "direction", checked_direction(self.direction))
+        self._check({"direction": "deg"})
         membrane, coupling, _ = self.matrices
         share = float(np.abs(coupling).max() / (np.abs(membrane).max() * self.thickness))
         if share > _COUPLED:
@@ -162,16 +161,9 @@ class Laminate(Sheet, kind="laminate"):
         """Thickness of every triangle (T,) [m]."""
         return np.full(len(mesh.faces), self.thickness)
 
-    def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
-        """Means over directions of membrane stiffness, bending stiffness and Poisson's ratio of every triangle (T,)."""
-        membrane, bending = self.directed(mesh)
-        return membrane.mean()[0], *bending.mean()
-
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by the direction."""
-        along: Any = directions_on(mesh, np.asarray(self.on(mesh).direction))
-        if slope == "direction":
-            along = along + 1j * np.radians(IMAGINARY) * np.cross(mesh.face_normals, along)
+        along = axes_on(mesh, self.on(mesh).direction, slope)
         membrane, _, bending = (np.broadcast_to(c, (len(mesh.faces), 3, 3)) for c in self.matrices)
         return Elasticity(membrane, along), Elasticity(bending, along)
 

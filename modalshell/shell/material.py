@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
+from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import MaterialError, ModalShellWarning
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays
@@ -18,6 +18,7 @@ from modalshell.shell.bending import BendingConstants, bending_constants
 from modalshell.shell.calibration_range import calibration_doubts
 from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import Orientation, orient
+from modalshell.shell.sheet import checked_constant
 
 
 @short_repr
@@ -56,16 +57,10 @@ class Material(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         for name, unit in (("stretch", "N/m"), ("shear", "N"), ("flexure", "N m"), ("density", "kg/m^2")):
-            raw = getattr(self, name)
-            value = as_array(name, raw, f"one number or one per element in {unit}", MaterialError).astype(np.float64)
-            if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
-                raise MaterialError(f"{name} must be finite, one number or one per element [{unit}] (got {shown(raw)})")
-            if name == "density" and (value < 1.0 / LARGEST).any():
-                raise MaterialError(f"density must be positive (got {value.min():g} kg/m^2)")
-            if name in ("shear", "flexure") and (value < 0).any():
-                raise MaterialError(f"{name} must not be negative (got {value.min():g} {unit})")
-            value.flags.writeable = False
-            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+            value = checked_constant(name, getattr(self, name), unit, ratio=name != "density", each="element")
+            if name in ("shear", "flexure") and np.min(value, initial=0.0) < 0.0:
+                raise MaterialError(f"{name} must not be negative (got {np.min(value):g} {unit})")
+            object.__setattr__(self, name, value)
 
     @classmethod
     def from_physical(

@@ -12,10 +12,10 @@ from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.elasticity import Elasticity, directions_on, plane_elasticity
-from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, checked_constant, checked_direction, evaluated
+from modalshell.shell.elasticity import Elasticity, plane_elasticity
+from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant, evaluated
 
-_UNITS = {"shear": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
+_UNITS = {"shear": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3", "direction": "deg"}
 
 
 @final
@@ -67,12 +67,7 @@ class Orthotropic(Sheet, kind="orthotropic"):
             raise MaterialError(f"young must be two moduli, along axis 1 and axis 2 [Pa] (got {shown(self.young)})")
         pair = tuple(e if callable(e) else checked_constant(f"young[{k}]", e, "Pa") for k, e in enumerate(self.young))
         object.__setattr__(self, "young", pair)
-        for name, unit in _UNITS.items():
-            raw = getattr(self, name)
-            if not callable(raw):
-                object.__setattr__(self, name, checked_constant(name, raw, unit, ratio=name == "poisson"))
-        if not callable(self.direction):
-            object.__setattr__(self, "direction", checked_direction(self.direction))
+        self._check(_UNITS)
         if not any(map(callable, (*self.young, self.poisson))):
             self._refuse_unstable()
 
@@ -87,7 +82,7 @@ class Orthotropic(Sheet, kind="orthotropic"):
 
     def on(self, mesh: TriangleMesh) -> Orthotropic:
         """The same sheet, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
-        values = {name: evaluated(name, getattr(self, name), mesh) for name in (*_UNITS, "direction")}
+        values = {name: evaluated(name, getattr(self, name), mesh) for name in _UNITS}
         pair = (evaluated("young[0]", self.young[0], mesh), evaluated("young[1]", self.young[1], mesh))
         return Orthotropic(young=pair, **values)
 
@@ -100,11 +95,6 @@ class Orthotropic(Sheet, kind="orthotropic"):
         """Thickness of every triangle (T,) [m]."""
         return np.asarray(np.broadcast_to(np.asarray(self.on(mesh).thickness), (len(mesh.faces),)))
 
-    def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
-        """Means over directions of membrane stiffness, bending stiffness and Poisson's ratio of every triangle (T,)."""
-        membrane, bending = self.directed(mesh)
-        return membrane.mean()[0], *bending.mean()
-
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by a constant, directions turning in its plane."""
         sheet, moved = self.on(mesh), {} if slope is None else {slope: 1j * IMAGINARY}
@@ -115,8 +105,6 @@ class Orthotropic(Sheet, kind="orthotropic"):
         thickness = value("thickness", sheet.thickness)
         first, second = (value(f"young_{k + 1}", e) for k, e in enumerate(sheet.young))
         plane = plane_elasticity(first, second, value("poisson", sheet.poisson), value("shear", sheet.shear))
-        along = directions_on(mesh, np.asarray(sheet.direction))
-        if slope == "direction":
-            along = along + 1j * np.radians(IMAGINARY) * np.cross(mesh.face_normals, along)
+        along = axes_on(mesh, sheet.direction, slope)
         found = (thickness[:, None, None] * plane, thickness[:, None, None] ** 3 / 12.0 * plane)
         return Elasticity(found[0], along), Elasticity(found[1], along)

@@ -16,14 +16,13 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import LARGEST, as_array, checked_number, shown
-from modalshell.core.errors import MaterialError, MeshError, SupportError
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.checks import as_array, checked_number, shown
+from modalshell.core.errors import MaterialError, MeshError
+from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fields import triangle_axes
-from modalshell.shell.sheet import Sheet
-from modalshell.shell.slopes import HeldSlopes
+from modalshell.shell.sheet import Sheet, checked_constant
 from modalshell.shell.split_folds import SplitFolds
 from modalshell.shell.triangle_pairs import moment_tensors
 
@@ -58,11 +57,7 @@ class Temperature(ReadOnlyArrays):
     def __post_init__(self) -> None:
         object.__setattr__(self, "expansion", checked_number("expansion", self.expansion, MaterialError, unit="1/K"))
         for name in ("change", "through"):
-            raw = getattr(self, name)
-            value = as_array(name, raw, "one number or one per triangle [K]", MaterialError).astype(np.float64)
-            if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
-                raise MaterialError(f"{name} must be finite, one number or one per triangle [K] (got {shown(raw)})")
-            object.__setattr__(self, name, float(value) if value.ndim == 0 else read_only(value))
+            object.__setattr__(self, name, checked_constant(name, getattr(self, name), "K", ratio=True))
 
 
 @final
@@ -161,12 +156,6 @@ def mesh_at_rest(mesh: TriangleMesh, rest: TriangleMesh | ArrayLike | None) -> T
             "one mesh to make the other"
         )
     return rest
-
-
-def refuse_mirrors(slopes: HeldSlopes) -> None:
-    """SupportError where planes of symmetry hold the slope of a shell with another mesh at rest."""
-    if slopes.mirrored.size:
-        raise SupportError("rest does not go with planes of symmetry: take a mesh of the whole surface")
 
 
 def _tensors(name: str, given: Tensor, mesh: TriangleMesh) -> Array:

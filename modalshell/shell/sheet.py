@@ -16,7 +16,7 @@ from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.elasticity import Elasticity
+from modalshell.shell.elasticity import Elasticity, directions_on
 
 Field = float | Array | Callable[[Array], Array]
 """One number, one per triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""
@@ -41,6 +41,14 @@ class Sheet(ReadOnlyArrays, ABC):
         cls.kind = kind
         SHEETS[kind] = cls
 
+    def _check(self, units: Mapping[str, str]) -> None:
+        """Check the constants with these units that are no functions; those without a unit may have any sign."""
+        for name, unit in units.items():
+            if not callable(raw := getattr(self, name)):
+                direction = name == "direction"
+                value = checked_direction(raw) if direction else checked_constant(name, raw, unit, ratio=not unit)
+                object.__setattr__(self, name, value)
+
     def sourced(self, source: str) -> Self:
         """The same sheet that says where its constants are from."""
         other = copy.copy(self)
@@ -55,12 +63,14 @@ class Sheet(ReadOnlyArrays, ABC):
     def area_density(self, mesh: TriangleMesh) -> Array:
         """Mass per area of every triangle (T,) [kg/m^2]."""
 
-    @abstractmethod
     def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
         """Membrane stiffness [N/m], bending stiffness [N m] and Poisson's ratio of every triangle (T,).
 
         Of a sheet that is not isotropic they are means over directions, by which scales and pairs are chosen.
         """
+        parts = self.directed(mesh)
+        assert parts is not None  # an isotropic sheet has its own
+        return parts[0].mean()[0], *parts[1].mean()
 
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity] | None:  # noqa: ARG002
         """Elasticity of membrane and bending, or their ``slope`` by a constant; None of an isotropic sheet."""
@@ -128,12 +138,14 @@ def _listed(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def checked_constant(name: str, raw: object, unit: str, *, ratio: bool = False) -> float | Array:
+def checked_constant(
+    name: str, raw: object, unit: str, *, ratio: bool = False, each: str = "triangle"
+) -> float | Array:
     """A positive number, or one per triangle (T,), read-only; or a ``ratio``, of any sign. MaterialError otherwise."""
     text = f" [{unit}]" if unit else ""
-    value = as_array(name, raw, f"one number or one per triangle{text}", MaterialError).astype(np.float64)
+    value = as_array(name, raw, f"one number or one per {each}{text}", MaterialError).astype(np.float64)
     if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
-        raise MaterialError(f"{name} must be finite, one number or one per triangle{text} (got {shown(raw)})")
+        raise MaterialError(f"{name} must be finite, one number or one per {each}{text} (got {shown(raw)})")
     if not ratio and (value < 1.0 / LARGEST).any():
         raise MaterialError(f"{name} must be positive (got {value.min():g}{text})")
     value.flags.writeable = False
@@ -156,6 +168,14 @@ def checked_direction(raw: object) -> float | tuple[float, float, float] | Array
         return float(value[0]), float(value[1]), float(value[2])
     value.flags.writeable = False
     return float(value) if value.ndim == 0 else value
+
+
+def axes_on(mesh: TriangleMesh, direction: Any, slope: str | None) -> Any:
+    """Axis 1 (T, 3) of every triangle, with its imaginary turn in the plane for the ``slope`` by the direction."""
+    along = directions_on(mesh, np.asarray(direction))
+    if slope != "direction":
+        return along
+    return along + 1j * np.radians(IMAGINARY) * np.cross(mesh.face_normals, along)
 
 
 def evaluated(name: str, raw: Any, mesh: TriangleMesh) -> Any:

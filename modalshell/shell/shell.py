@@ -26,7 +26,7 @@ from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.material import Material
 from modalshell.shell.rest_folds import RestFolds
-from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, refuse_mirrors, rest_shape
+from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, rest_shape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -141,7 +141,8 @@ class Shell(EnergyAccess):
         self.mass = read_only(masses_of(self.rest_mesh, material, unknowns.held, self.supports))
         self._energy = energy_of(self.rest_mesh, material, self._slopes, self.energies, unknowns.held)
         if self.rest_mesh is not mesh:
-            refuse_mirrors(self._slopes)
+            if self._slopes.mirrored.size:
+                raise SupportError("rest does not go with planes of symmetry: take a mesh of the whole surface")
             self._energy = self._energy.anchored(mesh)
         self._rest = {
             "rest": rest,
