@@ -1,7 +1,5 @@
 """Compiled: small complementarity problems, by an exact active set and projected Gauss-Seidel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from modalshell.kernels.compiler import njit

@@ -1,7 +1,5 @@
 """Compiled: turns of vertices' unknowns and prescribed ones in a Hessian, on its own pattern."""
 
-from __future__ import annotations
-
 from modalshell.kernels.compiler import njit
 
 

@@ -5,8 +5,6 @@ along axis i on the vertex of a slot, and ``blocks[slot, other]`` (3, 3), row i 
 of the other slots.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from modalshell.contact.complementarity import complementary

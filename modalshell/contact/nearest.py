@@ -1,7 +1,5 @@
 """Compiled: the nearest point of a triangle mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from modalshell.kernels.compiler import njit

@@ -4,8 +4,6 @@ Every message says what was got, what was expected and how to correct it. The co
 line and exits with status 2.
 """
 
-from __future__ import annotations
-
 
 class ModalShellError(Exception):
     """Base of every error that this package raises on purpose."""

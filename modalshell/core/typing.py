@@ -1,7 +1,5 @@
 """Type aliases that the whole package shares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

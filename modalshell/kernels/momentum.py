@@ -1,7 +1,5 @@
 """The rotation between two shapes that keeps an angular momentum, and the sums over vertices that it takes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ by w are within 1e-14 of those of w as it is stored, in the Frobenius norm and r
 derivative). Beyond, the rounding of :math:`\phi` itself dominates: within 4.5e-16 for every radian.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drawing triangles into a depth buffer, and the normals and shades of their corners, compiled."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

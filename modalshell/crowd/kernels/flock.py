@@ -4,8 +4,6 @@ The neighbours of boid i are the others nearer than a distance, within its field
 sums, so that the result does not depend on the threads.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

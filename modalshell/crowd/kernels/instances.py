@@ -12,8 +12,6 @@ modes takes 48 cycles, of which 82 multiplications need 41, and the shuffles and
 with them, the others.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import prange
 

@@ -1,7 +1,5 @@
 """Compiled arithmetic of a step of the exponential rule: some twenty operations on vectors of a few modes."""
 
-from __future__ import annotations
-
 from modalshell.kernels.compiler import njit
 
 

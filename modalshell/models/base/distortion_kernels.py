@@ -1,7 +1,5 @@
 """Distortion measures of a deformed surface, in one pass over its faces and one over pairs of neighbours."""
 
-from __future__ import annotations
-
 import math
 
 from modalshell.kernels.compiler import njit

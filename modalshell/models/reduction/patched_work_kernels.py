@@ -1,7 +1,5 @@
 """Work on a fitted surface by patches of its triangles, each turned and strained as one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from modalshell.kernels.compiler import njit

@@ -22,8 +22,6 @@ mode; its shape is (12 * 128): rows a, b, n (three each), then half the height, 
 length of the first edge. Padding is zero.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ the matrix is ``a I + m m^T``, four numbers; a product needs no diagonal blocks,
     (A p)_i = mass_i p_i + sum_j a_ij (p_i - p_j) + m_ij (m_ij . (p_i - p_j)).
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import prange

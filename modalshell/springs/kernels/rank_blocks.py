@@ -1,7 +1,5 @@
 """One rank's rows of an implicit step's matrix, as 3 x 3 blocks in compressed rows."""
 
-from __future__ import annotations
-
 from modalshell.kernels.compiler import njit
 
 
