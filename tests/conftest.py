@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections import Counter
 
 import collecting  # first, for nothing below may be built at import, either
 import numpy as np
@@ -124,12 +125,15 @@ def opengl():
         yield
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     for item in items:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
         if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
+    if hasattr(config, "workerinput"):  # studies take longest, then files of many tests: first, to end together
+        sizes = Counter(taken_together(item.nodeid) for item in items)
+        items.sort(key=lambda item: (taken_together(item.nodeid) not in studies(), -sizes[taken_together(item.nodeid)]))
 
 
 def pytest_collection_finish():
@@ -141,20 +145,23 @@ def pytest_addoption(parser):
     parser.addoption("--accept-golden", action="store_true", help=text)
 
 
+def taken_together(nodeid):
+    """What one process of pytest-xdist does alone: a file's tests, or those of one study."""
+    file, _, test = nodeid.partition("::")
+    name = test.partition("[")[2].removesuffix("]")
+    return name if name in studies() else file
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Processes take whole files, so that each compiles other kernels, and a file's fixtures are made once.
-
-    The tests of one study are a file of their own: all studies in one process would take the longest.
-    """
+    """Processes take whole files, so that each compiles other kernels, and a file's fixtures are made once."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
-            file, _, test = nodeid.partition("::")
-            name = test.partition("[")[2].removesuffix("]")
-            return name if name in studies() else file
+            return taken_together(nodeid)
 
+    config.option.loadscopereorder = False  # they are in order, as below
     return ByFile(config, log)
 
 
