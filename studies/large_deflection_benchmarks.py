@@ -91,8 +91,7 @@ def annulus(family: str, cells: tuple[int, int]) -> Problem:
     u, v, _ = plain.vertices.T
     radius, angle = 6.0 * (10.0 / 6.0) ** v, 2.0 * np.pi * u
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * u])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ms.ModalShellWarning)  # the slit is meant
+    with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):  # the slit is meant
         mesh = ms.TriangleMesh(points, plain.faces[:, ::-1])
     shell = ms.Shell(mesh, ms.Isotropic(21e6, 0.0, 0.03, 1.0), clamped=u < 1e-9)
     end = np.isclose(u, 1.0)

@@ -155,9 +155,8 @@ def matched_frequencies(
     pins = [ms.Pin(mesh.boundary_vertices)] if supports == "SSSS" else []
     shell = flat_shell(energy, mesh, SHEET, clamp, pins)
     rigid = 6 if supports == "FFFF" else 0
-    with warnings.catch_warnings():
-        # The last candidate may be one of two with the same frequency: that is far beyond the modes compared.
-        warnings.simplefilter("ignore", ms.ModalShellWarning)
+    # The last candidate may be one of two with the same frequency: that is far beyond the modes compared.
+    with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         basis = ms.solve_modes(shell, rigid + CANDIDATES)
     unit = np.sqrt(SHEET["young"] * SHEET["thickness"] ** 2 / (12.0 * (1.0 - SHEET["poisson"] ** 2) * SHEET["density"]))
     measured = np.sqrt(basis.eigenvalues[rigid:]) / unit

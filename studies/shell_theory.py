@@ -85,9 +85,8 @@ def flat_shell(
     """
     if energy == "Isotropic":
         return ms.Shell(mesh, ms.Isotropic(**sheet), clamped=held, supports=supports)
-    with warnings.catch_warnings():
-        # Obtuse triangles change the membrane alone, and these sheets hardly stretch.
-        warnings.simplefilter("ignore", ms.ModalShellWarning)
+    # Obtuse triangles change the membrane alone, and these sheets hardly stretch.
+    with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         material = ms.Material.from_physical(**sheet, mesh=mesh, direction=direction)
         if held is not None:
             mesh, held = with_mirrored_triangles(mesh, held)

@@ -72,7 +72,6 @@ def _blas() -> list[Reading]:
 
 def _drawing() -> Reading:
     """The renderer of this machine."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):
         renders = choose_backend() == "pyvista"
     return Reading("drawing", "PyVista" if renders else "built-in rasteriser", "" if renders else drawing_hint())

@@ -214,8 +214,8 @@ def _choose(
     tables["supports"] = {"clamped": np.flatnonzero(held).tolist()}
     if options.young is not None:
         return options, _TIMING, end
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ms.ModalShellWarning)  # they are repeated for the shell that is simulated
+    # They are repeated for the shell that is simulated.
+    with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
     young, timing = softening(model_basis(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)

@@ -259,8 +259,7 @@ def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
 
     options: dict[str, Any] = {"process": False, "maintain_order": True, "skip_materials": True}
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             if suffix == ".gltf":  # its buffers lie in files beside it
                 options["resolver"] = _beside(file)
             return trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], **options)

@@ -60,8 +60,7 @@ def _numbers(lines: list[bytes], end: bytes, kind: Any) -> tuple[Array, int] | N
     blank = np.frombuffer(text, np.uint8) <= ord(" ")
     words = int(np.count_nonzero(blank[:-1] & ~blank[1:])) + int(not blank[:1].all())
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it stops at the first word that is no number
+        with warnings.catch_warnings(action="ignore"):  # it stops at the first word that is no number
             numbers = np.fromstring(text, kind, sep=" ")
     except ValueError:
         return None

@@ -187,8 +187,7 @@ def repair(
     points, triangles, count["collapsed_faces"] = weld_arrays(points, triangles, tolerance)
     count["merged_vertices"] = before - len(points)
     points, triangles = _into_sheets(points, triangles, split, count)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # of seams, which are where sheets were split
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):  # of seams: there sheets were split
         whole = TriangleMesh(points, triangles)
         mesh = chosen_part(whole, component)
     parts = int(mesh.components.max()) + 1

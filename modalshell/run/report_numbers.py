@@ -150,8 +150,7 @@ def _buckling(scene: ShellScene, shell: Shell) -> float | str:
 def _attempt(compute: Callable[[], Any], name: str, warned: list[str]) -> Any:
     """What is computed, or a text that says why it cannot be; its warnings are added to ``warned``, under its name."""
     try:
-        with warnings.catch_warnings(record=True) as given:
-            warnings.simplefilter("always", ModalShellWarning)
+        with warnings.catch_warnings(record=True, action="always", category=ModalShellWarning) as given:
             answer = compute()
     except ModalShellError as refusal:
         return f"none: {refusal}"

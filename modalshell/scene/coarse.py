@@ -83,8 +83,8 @@ def scene_coarse_meshes(table: MeshFile | Shape, material: MaterialTable, shell:
         kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
         return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
     meshes = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # of another number of triangles: nobody asked for this one
+    # Nobody asked for this number of triangles, so that another one needs no warning.
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):
         for factor in _COARSENINGS:
             with suppress(MeshError, OptionError, SupportError):
                 size = round(len(shell.mesh.faces) / factor**2)

@@ -241,8 +241,8 @@ def _cantilever(mesh: TriangleMesh, axis: Array) -> tuple[float, ...]:
             continue
         weights = hinge_weights(mesh) * np.where(clamp_line_hinges(mesh, held), 2.0, 1.0)
         stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(weights) @ operator)
-        with warnings.catch_warnings():  # where the clamp holds the strip by no hinge the drop is no number
-            warnings.simplefilter("ignore", spla.MatrixRankWarning)
+        # Where the clamp holds the strip by no hinge the drop is no number.
+        with warnings.catch_warnings(action="ignore", category=spla.MatrixRankWarning):
             drop = spla.spsolve(stiffness[free][:, free], vertex_area[free])
         tip = drop[along[free] > (1.0 - 1e-6) * length].mean()
         constants.append(float((length - clamp) ** 4 / (16.0 * tip)))

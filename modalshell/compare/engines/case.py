@@ -96,8 +96,7 @@ def with_images(mesh: TriangleMesh, held: NDArray[np.bool_]) -> tuple[TriangleMe
 
 def _hinges(mesh: TriangleMesh, held: NDArray[np.bool_], constants: dict[str, float]) -> tuple[list[Any], Array]:
     """Ends and stiffness [N] of every hinge, calibrated as this package's own are; and the lumped masses [kg]."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):
         material = Material.from_physical(mesh=mesh, **{name: constants[name] for name in CONSTANTS})  # type: ignore[arg-type]
         shell = Shell(mesh, material, held)
     hinges = shell.elements[2]

@@ -67,8 +67,7 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     fixed = _part(mesh, held)
     vertices, faces = _with_held_triangles(coarse, edges, np.asarray(fixed.vertices))
     fixed = _fewer_held(shell, fixed, round(triangles * fixed.area / mesh.area))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # of the seam between the parts, which is meant
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):  # of the seam, which is meant
         return TriangleMesh(
             np.concatenate([vertices, fixed.vertices]), np.concatenate([faces, fixed.faces + len(vertices)])
         )
@@ -110,8 +109,7 @@ def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMe
     """The clamped region ``fixed`` in about ``triangles``, if all their corners lie on clamped vertices then."""
     if len(fixed.faces) <= max(_FEWEST, triangles):
         return fixed
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # its number of triangles does not matter
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):  # of the triangles' number
         try:
             found = remesh(fixed, max(_FEWEST, triangles))
         except MeshError:
@@ -122,8 +120,7 @@ def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMe
 
 def _part(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:
     """The chosen (T,) triangles of a mesh."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)
+    with warnings.catch_warnings(action="ignore", category=ModalShellWarning):
         return TriangleMesh(*drop_unused(mesh.vertices, mesh.faces[chosen]))
 
 
