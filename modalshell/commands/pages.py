@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,9 +21,11 @@ from modalshell.page import Page, Tones, live_model, recorded, shell_page
 from modalshell.page.clip_page import farthest
 from modalshell.page.modal_page import live_tip
 from modalshell.run.results import Colouring, corners_about
+from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
+from modalshell.scene.tables import MotionTable
 
 _RANK, _SAMPLES, _MIXTURES = 8, 32, 8
 """Shapes and triangles of reduced RSW on a page, and copies of each answer in its training."""
@@ -103,7 +102,7 @@ class _ShellPage:
                 mesh.vertices, mesh.faces, title=scene.name, tip=live_tip(self.basis), live=self._live(),
                 gravity=gravity, units=units, notes=["Computed live on this page.", *self.warned],
             )  # fmt: skip
-        run = self._run()
+        run = run_in_memory(scene, self.on_step)
         motion = compress(centred(run)[0], _ERROR)
         shapes = motion.displacements()
         what = "motion" if scene.motion is not None else "equilibrium"
@@ -123,15 +122,6 @@ class _ShellPage:
             bodies=[contact.body(corners, motion.times, inset) for contact in contacts],
         )  # fmt: skip
 
-    def _run(self) -> ms.Trajectory:
-        """The scene's motion or equilibrium, by the command's own run."""
-        plain = replace(self.scene, output=msgspec.structs.replace(self.scene.output, formats=[]))
-        with tempfile.TemporaryDirectory() as folder:
-            found: Any = ms.run_scene(plain, out=folder, on_step=self.on_step)
-            run: ms.Trajectory = found.trajectory
-            fields = {name: np.array(values) for name, values in run.fields.items()}
-            return replace(run, positions=np.array(run.positions), fields=fields)
-
     def _tones(self, run: ms.Trajectory) -> Tones | None:
         """The scene's colour, if it has one."""
         if (name := self.scene.output.color) is None:
@@ -145,10 +135,13 @@ class _ShellPage:
         reduced = _reduced(self.basis, np.array(self.gravity), self.force)
         if motion is None:
             return live_model(self.basis, force=self.force, reduced=reduced)
+        return live_model(self.basis, force=self.force, damping=self._damping(motion), dt=motion.dt, reduced=reduced)
+
+    def _damping(self, motion: MotionTable) -> tuple[float, float]:
+        """Rayleigh factors of mass [1/s] and stiffness [s]."""
         with located(self.scene.file, "motion", motion):
             damping = build_damping(motion)
-        factors = damping.mass_factor, damping.stiffness_factor
-        return live_model(self.basis, force=self.force, damping=factors, dt=motion.dt, reduced=reduced)
+        return damping.mass_factor, damping.stiffness_factor
 
     def _offered(self, run: ms.Trajectory) -> tuple[dict[str, Any] | None, list[str]]:
         """The live models offered with a record, None where they are too far from it, and what is said about them."""
@@ -170,12 +163,9 @@ class _ShellPage:
         if motion is None:
             answer = model.equilibrium(gravity=pull, force=self.force)
             return _difference(answer.positions[None], run.positions, self.shell) if answer.converged else None
-        with located(self.scene.file, "motion", motion):
-            damping = build_damping(motion)
-        factors = damping.mass_factor, damping.stiffness_factor
         moved = ms.simulate(
-            model, duration=motion.duration, dt=motion.dt, gravity=pull, force=self.force, damping=factors,
-            store_every=motion.store_every,
+            model, duration=motion.duration, dt=motion.dt, gravity=pull, force=self.force,
+            damping=self._damping(motion), store_every=motion.store_every,
         )  # fmt: skip
         if len(moved.times) != len(run.times):
             return None

@@ -5,12 +5,9 @@ from __future__ import annotations
 import tempfile
 import warnings
 import webbrowser
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import msgspec
-import numpy as np
 from cyclopts import App, Parameter
 
 import modalshell as ms
@@ -24,6 +21,7 @@ from modalshell.page import Page, clip_page
 from modalshell.run.report_numbers import check_convergence, checked_run, report_numbers, texts_of
 from modalshell.run.report_numbers import convergence as mesh_convergence
 from modalshell.run.report_page import report_page
+from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
@@ -152,8 +150,7 @@ def report(
     target = out or archive.with_name(f"{archive.stem}_report.html")
     checked_target("--out", target, (".html", ".htm"), archive, file)
     refuse_foreign(target.with_suffix(".json"))
-    with warnings.catch_warnings(record=True) as given:
-        warnings.simplefilter("always", ms.ModalShellWarning)
+    with warnings.catch_warnings(record=True, action="always", category=ms.ModalShellWarning) as given:
         shell = declared.build_shell()
     record = checked_run(declared, shell, archive.with_suffix(".json"))
     run = ms.load_trajectory(archive, verify=True)
@@ -169,11 +166,8 @@ def report(
 
 def _solved(scene: ShellScene) -> ms.Trajectory:
     """The motion or equilibrium of a scene, in a folder that is not kept."""
-    plain = replace(scene, output=msgspec.structs.replace(scene.output, formats=[]))
-    with tempfile.TemporaryDirectory() as folder, progress(f"{scene.name} steps") as on_step:
-        found: Any = ms.run_scene(plain, out=folder, on_step=on_step)
-        trajectory: ms.Trajectory = found.trajectory
-        return replace(trajectory, positions=np.array(trajectory.positions), fields={})
+    with progress(f"{scene.name} steps") as on_step:
+        return run_in_memory(scene, on_step)
 
 
 def _result_of(path: Path) -> Path:

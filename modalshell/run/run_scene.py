@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from dataclasses import replace
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.typing import Progress
 from modalshell.export import check_formats
+from modalshell.motion import Trajectory
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.run_shell import ShellRun
-from modalshell.scene import Scene, load_scene
+from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.tables import Format
 from modalshell.shell import Shell
 from modalshell.shell.fields import FIELDS
@@ -71,6 +74,16 @@ def run_scene(
     shell = declared.build_shell()
     result: RunResult = new_run(declared, shell, folder).run(restart, on_step)
     return result
+
+
+def run_in_memory(scene: ShellScene, on_step: Progress | None = None) -> Trajectory:
+    """The motion or equilibrium that :func:`run_scene` gives, of which no file is kept."""
+    plain = replace(scene, output=msgspec.structs.replace(scene.output, formats=[]))
+    with tempfile.TemporaryDirectory() as folder:
+        found: Any = run_scene(plain, out=folder, on_step=on_step)
+        run: Trajectory = found.trajectory
+        fields = {name: np.array(values) for name, values in run.fields.items()}
+        return replace(run, positions=np.array(run.positions), fields=fields)
 
 
 @singledispatch
