@@ -69,7 +69,9 @@ def _read(file: Path) -> Polygons:
         own, indices, counts = _arrays(mesh, start, str(prim.GetPath()))
         if not len(counts):
             continue
-        smooth += mesh.GetSubdivisionSchemeAttr().Get() not in ("none", None) and _authored(mesh)
+        scheme = mesh.GetSubdivisionSchemeAttr()
+        # By definition a mesh without one is Catmull-Clark: it counts where it is the file's own choice.
+        smooth += scheme.Get() not in ("none", None) and bool(scheme.HasAuthoredValue())
         matrix = np.array(places.GetLocalToWorldTransform(prim), dtype=np.float64)
         turned = (mesh.GetOrientationAttr().Get() == "leftHanded") != (np.linalg.det(matrix[:3, :3]) < 0.0)
         points.append(own @ matrix[:3, :3] + matrix[3, :3])
@@ -88,11 +90,6 @@ def _read(file: Path) -> Polygons:
             stacklevel=4,
         )
     return Polygons(metres * np.concatenate(points), np.concatenate(corners), np.concatenate(sizes))
-
-
-def _authored(mesh: Any) -> bool:
-    """Whether the scheme is the file's own choice: by definition a mesh without one is Catmull-Clark."""
-    return bool(mesh.GetSubdivisionSchemeAttr().HasAuthoredValue())
 
 
 def _opened(file: Path) -> Any:

@@ -30,25 +30,16 @@ _ARROW_LENGTH = 0.35
 class Shown(Protocol):
     """Source of a stage: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
 
-    @property
-    def rest_positions(self) -> Array:
-        """Vertex positions (n, 3) at rest [m]."""
-
-    @property
-    def positions(self) -> Array:
-        """Vertex positions (n, 3) [m]."""
-
-    @property
-    def faces(self) -> NDArray[np.integer]:
-        """Triangles (T, 3)."""
-
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """Which vertices (n,) are held."""
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration on every vertex (3,) [m/s^2]."""
+    rest_positions: Array
+    """Vertex positions (n, 3) at rest [m]."""
+    positions: Array
+    """Vertex positions (n, 3) [m]."""
+    faces: Any
+    """Triangles (T, 3)."""
+    held: NDArray[np.bool_]
+    """Which vertices (n,) are held."""
+    gravity: Array
+    """Acceleration on every vertex (3,) [m/s^2]."""
 
     def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
         """Vertices [m] and triangles of the colliders, where they are now."""
