@@ -5,23 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from modalshell.contact import COLLIDERS, Contact
-from modalshell.core.errors import OptionError, SceneError
 from modalshell.scene import tables
-from modalshell.scene.read import checked_table, chosen
+from modalshell.scene.parts import moved_path
+from modalshell.scene.read import listed_tables
 from modalshell.scene.signatures import Built, signature_table
-from modalshell.supports import SupportPath
-
-
-class ContactPath(tables.Table, frozen=True):
-    """``path`` of ``[[contacts]]``: keyframes along which the collider moves."""
-
-    times: tables.Times
-    translations: tables.Keyframes | None = None
-    rotations: tables.Keyframes | None = None
-    pivot: tables.Vector | None = None
 
 
 class ContactTable(Built, frozen=True):
@@ -35,23 +23,12 @@ class ContactTable(Built, frozen=True):
     friction: float = 0.0
     restitution: float = 0.0
     push_out: float = 0.0
-    path: ContactPath | None = None
+    path: tables.Moved | None = None
 
     def contact(self) -> Contact:
         """The contact."""
-        return Contact(
-            self.build(), self.sel, self.friction, self.restitution, _motion(self.path), push_out=self.push_out
-        )
-
-
-def _motion(table: ContactPath | None) -> SupportPath | None:
-    if table is None:
-        return None
-    if table.translations is None and table.rotations is None:
-        raise OptionError("path needs translations or rotations, one entry for each of times")
-    still = np.zeros((len(table.times), 3))
-    moved = still if table.translations is None else table.translations
-    return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
+        path = None if self.path is None else moved_path(self.path, "path needs")
+        return Contact(self.build(), self.sel, self.friction, self.restitution, path, push_out=self.push_out)
 
 
 def collider_tables() -> dict[str, type[Any]]:
@@ -61,10 +38,4 @@ def collider_tables() -> dict[str, type[Any]]:
 
 def contact_tables(file: Path, raw: Any) -> tuple[ContactTable, ...]:
     """The tables of ``[[contacts]]``; SceneError where one is refused."""
-    if not isinstance(raw, list):
-        raise SceneError(f"{file}: contacts: must be a list of tables, [[contacts]] (got {raw!r:.60})")
-    kinds, made = collider_tables(), []
-    for index, entry in enumerate(raw):
-        path = f"contacts[{index}]"
-        made.append(checked_table(file, path, entry, chosen(file, path, entry, "kind", kinds)))
-    return tuple(made)
+    return listed_tables(file, "contacts", raw, collider_tables())

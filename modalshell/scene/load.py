@@ -18,26 +18,15 @@ from modalshell.scene.index_files import with_index_files
 from modalshell.scene.kinds import KINDS
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
-from modalshell.scene.read import T, checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
+from modalshell.scene.read import checked_name, checked_table, chosen, listed_tables, read_toml, refuse_unknown_keys
 from modalshell.scene.rest import CreaseTable, RestTable
 from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
-_OPTIONAL = (
-    "supports",
-    "energies",
-    "loads",
-    "constraints",
-    "contacts",
-    "creases",
-    "rest",
-    "motion",
-    "path",
-    "output",
-    "units",
-)
+_LISTS = ("supports", "constraints", "contacts", "creases")
+"""Tables of which there may be several."""
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -71,25 +60,14 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     """
     load_plugins()
     raw = with_index_files(file, raw)
-    refuse_unknown_keys(file, "", raw, ("name", "bar", *_REQUIRED, *_OPTIONAL, *KINDS))
+    single = single_tables()
+    refuse_unknown_keys(file, "", raw, ("name", "bar", *_REQUIRED, *_LISTS, *single))
     for name in _REQUIRED:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = checked_name(file, raw)
-    further: tuple[tuple[str, Any], ...] = tuple((key, kind.table) for key, kind in KINDS.items())
     optional: dict[str, Any] = {
-        key: checked_table(file, key, raw[key], kind)
-        for key, kind in (
-            ("energies", energies_table()),
-            ("loads", loads_table()),
-            ("motion", tables.MotionTable),
-            ("units", tables.Units),
-            ("path", tables.PathTable),
-            ("rest", RestTable),
-            ("output", tables.Output),
-            *further,
-        )
-        if key in raw
+        key: checked_table(file, key, raw[key], kind) for key, kind in single.items() if key in raw
     }
     if "supports" in raw:
         optional["supports"] = _supports_table(file, raw["supports"])
@@ -106,8 +84,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         "material": checked_table(file, "material", sheet, _material_kind(file, sheet)),
         "model": checked_table(file, "model", raw["model"], model),
     }
-    declared["constraints"] = _listed(file, raw, "constraints", tables.Constrained)
-    declared["creases"] = _listed(file, raw, "creases", CreaseTable)
+    declared["constraints"] = listed_tables(file, "constraints", raw.get("constraints", []), tables.Constrained)
+    declared["creases"] = listed_tables(file, "creases", raw.get("creases", []), CreaseTable)
     if "contacts" in raw:
         from modalshell.scene.contacts import contact_tables  # not without contacts
 
@@ -120,19 +98,25 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     return ShellScene(**declared) if own is None else own.builder(declared)
 
 
-def _listed(file: Path, raw: dict[str, Any], key: str, kind: type[T]) -> tuple[T, ...]:
-    """The tables of a list, ``[[key]]``."""
-    entries = raw.get(key, [])
-    if not isinstance(entries, list):
-        raise SceneError(f"{file}: {key}: must be a list of tables, [[{key}]] (got {entries!r:.60})")
-    return tuple(checked_table(file, f"{key}[{index}]", entry, kind) for index, entry in enumerate(entries))
-
-
 def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:
     given = raw.get("bar", False)
     if not isinstance(given, bool):
         raise SceneError(f"{file}: bar: must be true or false (got {given!r:.60})")
     return given
+
+
+def single_tables() -> dict[str, type[tables.Table]]:
+    """The tables of which a scene may have one, by their names."""
+    return {
+        "energies": energies_table(),
+        "loads": loads_table(),
+        "rest": RestTable,
+        "motion": tables.MotionTable,
+        "path": tables.PathTable,
+        "output": tables.Output,
+        "units": tables.Units,
+        **{key: kind.table for key, kind in KINDS.items()},
+    }
 
 
 def pickled_scene(scene: Scene) -> tuple[Any, ...]:
@@ -172,11 +156,8 @@ def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
 def _supports_table(file: Path, raw: Any) -> tables.Supports | tables.SupportList:
     if not isinstance(raw, list):
         return checked_table(file, "supports", raw, tables.Supports)
-    kinds, entries = support_tables(), []
-    for index, entry in enumerate(raw):
-        path = f"supports[{index}]"
-        entries.append(checked_table(file, path, entry, chosen(file, path, entry, "kind", kinds)))
+    entries = listed_tables(file, "supports", raw, support_tables())
     paths = [index for index, entry in enumerate(entries) if isinstance(entry, tables.Path)]
     if len(paths) > 1:
         raise SceneError(f"{file}: supports[{paths[1]}]: supports move along one path (got another at {paths[0]})")
-    return tables.SupportList(entries=entries)
+    return tables.SupportList(entries=list(entries))

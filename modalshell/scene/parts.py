@@ -30,6 +30,7 @@ from modalshell.scene.tables import (
     Force,
     MeshFile,
     MotionTable,
+    Moved,
     PhysicalSheet,
     Stiffnesses,
     SupportList,
@@ -107,12 +108,13 @@ def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
     values = {name: getattr(table, name) for name in ("young", "poisson", "thickness", "density")}
     for name, value in values.items():
         if isinstance(value, str):
-            values[name] = _numbers(name, found_file(value, folder))
+            values[name] = file_numbers(name, value, folder)
     return values
 
 
-def _numbers(name: str, file: Path) -> Array:
-    """Read numbers (T,) from a ``.npy`` file, or from text with one per line."""
+def file_numbers(name: str, given: str, folder: Path) -> Array:
+    """Numbers (T,) of the parameter ``name`` from a ``.npy`` file, or from text with one per line."""
+    file = found_file(given, folder)
     try:
         return read_numbers(file, float).astype(np.float64)
     except (ValueError, TypeError) as error:
@@ -132,11 +134,16 @@ def build_path(declared: Supports | SupportList | None) -> SupportPath | None:
             if getattr(table, key) is not None:
                 raise OptionError(f"{key} needs keyframe times: give times")
         return None
+    return moved_path(table, "times need")
+
+
+def moved_path(table: Moved | Supports, what: str) -> SupportPath:
+    """The path through the keyframes of a table; OptionError that begins with ``what`` where nothing moves."""
     if table.translations is None and table.rotations is None:
-        raise OptionError("times need translations or rotations, one entry each")
-    still = np.zeros((len(table.times), 3))
-    moved = still if table.translations is None else table.translations
-    return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
+        raise OptionError(f"{what} translations or rotations, one entry for each of times")
+    times = table.times or []
+    moved = np.zeros((len(times), 3)) if table.translations is None else table.translations
+    return SupportPath(times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
 
 
 def build_damping(table: MotionTable) -> Damping:

@@ -132,6 +132,18 @@ def chosen(file: Path, path: str, raw: Any, key: str, kinds: dict[str, type[T]])
     return kinds[name]
 
 
+def listed_tables(file: Path, key: str, raw: Any, kinds: type[T] | dict[str, type[T]]) -> tuple[T, ...]:
+    """The tables of a list, ``[[key]]``: of one kind, or each of that which its ``kind`` names."""
+    if not isinstance(raw, list):
+        raise SceneError(f"{file}: {key}: must be a list of tables, [[{key}]] (got {raw!r:.60})")
+    made = []
+    for index, entry in enumerate(raw):
+        path = f"{key}[{index}]"
+        kind = chosen(file, path, entry, "kind", kinds) if isinstance(kinds, dict) else kinds
+        made.append(checked_table(file, path, entry, kind))
+    return tuple(made)
+
+
 def _explained(message: str, path: str, raw: dict[str, Any], kind: type[msgspec.Struct]) -> str:
     """A message of msgspec as ``path: what is allowed (what was got)``."""
     text, _, place = message.partition(" - at `$")

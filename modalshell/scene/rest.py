@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from modalshell.core.checks import as_array
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh, load_mesh
 from modalshell.scene import tables
-from modalshell.scene.index_files import read_numbers
-from modalshell.scene.parts import found_file
+from modalshell.scene.parts import file_numbers, found_file
 from modalshell.scene.read import located
 from modalshell.shell import Crease, Temperature
 
@@ -107,11 +107,8 @@ def rest_content(file: Path, table: RestTable) -> dict[str, Any]:
 def _values(name: str, value: Any, folder: Path) -> float | Array:
     if isinstance(value, float | int):
         return value
-    try:
-        if not isinstance(value, str):
-            return np.array(value, dtype=np.float64)
-        return read_numbers(found_file(value, folder), float).astype(np.float64)
-    except (ValueError, TypeError) as error:
-        raise OptionError(
-            f"{name} must be a number, one per triangle, or a readable file of these (got {value!r:.60}: {error})"
-        ) from error
+    if isinstance(value, str):
+        return file_numbers(name, value, folder)
+    return as_array(name, value, "a number, one per triangle, or a readable file of these", OptionError).astype(
+        np.float64
+    )

@@ -84,12 +84,8 @@ class LaminateTable(SheetTable, frozen=True):
 
     def sheet(self) -> Laminate:
         """The sheet."""
-        plies = []
-        for ply in self.plies:
-            own = Orthotropic(
-                young=ply.young, shear=ply.shear, poisson=ply.poisson, thickness=ply.thickness, density=ply.density
-            )
-            plies.append(Ply(own, ply.angle, ply.thickness))
+        own = [Orthotropic(**_parameters(ply, "angle")) for ply in self.plies]
+        plies = [Ply(material, ply.angle, ply.thickness) for material, ply in zip(own, self.plies, strict=True)]
         return Laminate(plies, self.direction)
 
 
@@ -113,8 +109,8 @@ class CardTable(SheetTable, frozen=True):
         return replace(sheet, direction=self.direction).sourced(sheet.source)
 
 
-def _parameters(table: SheetTable) -> dict[str, Any]:
-    return {name: getattr(table, name) for name in table.__struct_fields__ if name != "kind"}
+def _parameters(table: Table, without: str = "kind") -> dict[str, Any]:
+    return {name: getattr(table, name) for name in table.__struct_fields__ if name != without}
 
 
 MaterialTable = Stiffnesses | PhysicalSheet | SheetTable

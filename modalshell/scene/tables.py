@@ -107,13 +107,17 @@ class Units(Table, frozen=True):
     time: Literal["s", "ms", "us", "min"] = "s"
 
 
-class Path(Table, frozen=True, tag_field="kind", tag="path"):
-    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
+class Moved(Table, frozen=True):
+    """``path`` of ``[[contacts]]``: keyframes along which the collider moves."""
 
     times: Times
     translations: Keyframes | None = None
     rotations: Keyframes | None = None
     pivot: Vector | None = None
+
+
+class Path(Moved, frozen=True, tag_field="kind", tag="path"):
+    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
 
 
 class SupportList(Table, frozen=True):

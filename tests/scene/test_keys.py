@@ -5,12 +5,12 @@ import pytest
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.scene.keys import scene_keys
-from modalshell.scene.load import _OPTIONAL, _REQUIRED
+from modalshell.scene.load import _LISTS, _REQUIRED, single_tables
 
 
 def test_every_table_of_a_scene_is_listed():
     headings = " ".join(one.heading for one in scene_keys())
-    for name in {*_REQUIRED, *_OPTIONAL, "flock"} - {"energies"}:  # only plug-ins register energies
+    for name in {*_REQUIRED, *_LISTS, *single_tables()} - {"energies"}:  # only plug-ins register energies
         assert f"[{name}]" in headings or f"[{name}." in headings, name
 
 
