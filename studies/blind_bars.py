@@ -354,10 +354,10 @@ def finding(result: StudyResult) -> str:
     both = result.findings["bars"][-1]
     low, middle, high = both["ratio"]
     snaps = [row["walked"] for row in result.findings["snaps"] if row["valid"]]
-    near = sum(abs(ratio - 1.0) <= 0.1 for ratio in snaps)
+    near = f"{sum(abs(ratio - 1.0) <= 0.1 for ratio in snaps)} of {len(snaps)}"
     return (
         f"Of {both['answers']} answers of MWTS and RSW on shells drawn by a seed, {both['void']} bars are void; where "
         f"one holds and is at most 30 %, it is {low:.2f} to {high:.2f} times the true error (5 to 95 %, median "
         f"{middle:.2f}), and {both['missed']} answers on another branch than DS pass for good. From half the load at "
-        f"which a shell turns unstable, where bars hold, a walk foretells it within 10 % on {near} of {len(snaps)}."
+        f"which a shell turns unstable, where bars hold, a walk foretells it within 10 % on {near}."
     )
