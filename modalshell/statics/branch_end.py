@@ -1,10 +1,10 @@
 """Where the branch of a static answer ends under a growing load: a walk along it by error bars.
 
-From the corrected answer the load grows in long steps. At each load two mixed Newton steps and a third by the factor at
-hand lead back to the branch, and the margin ``mu`` is found again (:mod:`modalshell.statics.error_bar`). Near the end it
-falls as ``(c - f)^(1/p)``: with p = 2 before a limit point, where the tangent grows without bound, and p = 1 before a
-bifurcation, which the branch passes at a finite tangent. The exponent for which the last three margins ``mu^p`` lie on
-a line, between these two, extrapolates to the end ``c`` (theory 14, eq. 6).
+From the corrected answer the load grows in long steps. At each load two mixed Newton steps, and a third by the factor
+at hand, lead back to the branch, and the margin ``mu`` is found again (:mod:`modalshell.statics.error_bar`). Near the
+end it falls as ``(c - f)^(1/p)``: with p = 2 before a limit point, where the tangent grows without bound, and p = 1
+before a bifurcation, which the branch passes at a finite tangent. The exponent for which the last three margins
+``mu^p`` lie on a line, between these two, extrapolates to the end ``c`` (theory 14, eq. 6).
 """
 
 from __future__ import annotations
