@@ -91,7 +91,7 @@ class MotionCheck:
     def __init__(self, shell: Shell, loading: Loading, damping: Damping, supports: SupportPath | None = None) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._estimator = ErrorEstimator(shell)
+        self._estimator = ErrorEstimator(shell, repeated=True)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""

@@ -26,6 +26,7 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness
+from modalshell.modes.profile_factoriser import ProfileFactoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import Margin, lowest_ratio
@@ -130,8 +131,8 @@ class ErrorEstimator:
     ----------
     shell : Shell
         A shell that its supports hold.
-    backend : str, optional
-        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+    repeated : bool
+        Whether many bars are to be found: small shells then take a factorisation that must be compiled once.
 
     Attributes
     ----------
@@ -141,11 +142,11 @@ class ErrorEstimator:
         What the last bar has left for bars of quantities.
     """
 
-    def __init__(self, shell: Shell, backend: str | None = None) -> None:
+    def __init__(self, shell: Shell, *, repeated: bool = False) -> None:
         self.shell, self.origin = shell.centred()
         self.costs = Timings()
         self.last: LastStep | None = None
-        self._factoriser = Factoriser(backend)
+        self._factoriser = ProfileFactoriser() if repeated else Factoriser()
 
     def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""
