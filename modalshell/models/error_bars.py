@@ -83,7 +83,7 @@ def error_bar(
     check_bar(shell, constrained=constrained)
     if isinstance(on, str) and on == "shell":
         return bar_on_shell(shell, positions, loading, walk=walk)
-    return CoarseBars(_coarse(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
+    return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 
 def shell_of(model_or_shell: Model | Shell) -> Shell:
@@ -121,7 +121,8 @@ class CoarseBars:
         return replace(found, corrected=corrected, seconds=watch())
 
 
-def _coarse(model: Model | Shell, shell: Shell, on: str | Shell) -> CoarseDiscreteShell:
+def coarse_of(model: Model | Shell, shell: Shell, on: str | Shell) -> CoarseDiscreteShell:
+    """The coarse shell on which bars of a shell are found, as :func:`error_bar` takes it; OptionError for others."""
     if isinstance(on, Shell):
         return CoarseDiscreteShell(shell, on)
     if on != "coarse":
