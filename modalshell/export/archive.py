@@ -65,6 +65,8 @@ _BARS = {
     "bar_valid": Field("b", ("B",)),
 }
 """Error bars, of trajectories that have them."""
+_BARS_ON = "bar_on"
+"""Where they were found, if not on the shell itself."""
 _LEVELS = {"levels": Field("U", ("F",))}
 """Models of the frames, of trajectories of a model that switches itself."""
 _CREASES = {"crease_angles": Field("f", ("F", "C"), "rad"), "crease_heat": Field("f", ("F",), "J")}
@@ -75,7 +77,7 @@ _CONTACTS = {
     "deepest": Field("f", ("F",), "m"),
 }
 """What touches, of trajectories with contacts."""
-_FURTHER = _BARS | _LEVELS | _CREASES | _CONTACTS
+_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _LEVELS | _CREASES | _CONTACTS
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -89,6 +91,7 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     values |= {f"{_FIELD}{name}": field for name, field in run.fields.items()}
     if run.bars is not None:
         values |= {name: getattr(run.bars, name.removeprefix(_BAR)) for name in _BARS}
+        values |= {} if run.bars.on == "shell" else {_BARS_ON: np.array(run.bars.on)}
     if run.levels:
         values["levels"] = np.array(run.levels)
     if run.crease_angles.size:
@@ -159,7 +162,8 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             values[name] = float(values[name][0]) if values[name].size else None
         fields = {name.removeprefix(_FIELD): data[name] for name in further if name in _TRIANGLES}
         if _BARS.keys() & further.keys():
-            values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS})
+            on = str(data[_BARS_ON]) if _BARS_ON in further else "shell"
+            values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS}, on=on)
         values |= {name: data[name] for name in _CONTACTS if name in further}
         if "levels" in further:
             values["levels"] = tuple(str(name) for name in data["levels"])

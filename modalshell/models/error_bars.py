@@ -17,6 +17,7 @@ from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
+from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 
 COARSE_TRIANGLES = 300
@@ -28,6 +29,7 @@ def error_bar(
     answer: Equilibrium | ArrayLike,
     on: str | Shell = "shell",
     *,
+    walk: bool = False,
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
@@ -50,6 +52,9 @@ def error_bar(
         than a bar, as errors below those of coarse DS itself (3 to 15 % on some hundred triangles) do not show. With
         "coarse" it is that of the model, or one of 300 triangles (extra ``remesh``), made at each call; give one
         of :func:`coarse_shell` to keep it.
+    walk : bool
+        Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
+        takes some four further bars, in place of an estimate from this one margin.
     gravity, force, loads : optional
         The load, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows it.
 
@@ -77,8 +82,8 @@ def error_bar(
     positions = shell.checked_positions(answer.positions if isinstance(answer, Equilibrium) else answer)
     check_bar(shell, constrained=constrained)
     if isinstance(on, str) and on == "shell":
-        return bar_on_shell(shell, positions, loading)
-    return CoarseBars(_coarse(model_or_shell, shell, on)).bar(positions, loading)
+        return bar_on_shell(shell, positions, loading, walk=walk)
+    return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 
 def shell_of(model_or_shell: Model | Shell) -> Shell:
@@ -99,18 +104,25 @@ class CoarseBars:
 
     def __init__(self, coarse: CoarseDiscreteShell) -> None:
         self.coarse = coarse
-        self._estimator = ErrorEstimator(coarse.coarse.shell)
+        self._estimator = ErrorEstimator(coarse.coarse.shell, repeated=True)
 
-    def bar(self, positions: ArrayLike, loading: Loading) -> ErrorBar:
-        """The bar of an answer at ``positions`` (n, 3) [m]; loads that change act as they are there."""
+    def bar(self, positions: ArrayLike, loading: Loading, *, walk: bool = False) -> ErrorBar:
+        """The bar of an answer at ``positions`` (n, 3) [m]; loads that change act as they are there.
+
+        With ``walk`` its critical load is found by a walk along its branch.
+        """
         watch, coarse = Stopwatch(), self.coarse
         x = coarse.shell.checked_positions(positions)
-        found = self._estimator.bar(coarse.sampled(x), coarse.restrict(loading.force(x)), on="coarse")
+        load = coarse.restrict(loading.force(x))
+        found = self._estimator.bar(coarse.sampled(x), load, on="coarse")
+        if walk:
+            found = with_branch_end(self._estimator, found, load)
         corrected = x if found.message else coarse.prolong(found.corrected)
         return replace(found, corrected=corrected, seconds=watch())
 
 
-def _coarse(model: Model | Shell, shell: Shell, on: str | Shell) -> CoarseDiscreteShell:
+def coarse_of(model: Model | Shell, shell: Shell, on: str | Shell) -> CoarseDiscreteShell:
+    """The coarse shell on which bars of a shell are found, as :func:`error_bar` takes it; OptionError for others."""
     if isinstance(on, Shell):
         return CoarseDiscreteShell(shell, on)
     if on != "coarse":

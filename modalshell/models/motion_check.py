@@ -10,6 +10,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import SupportPath
@@ -81,6 +82,8 @@ class MotionCheck:
         Its damping.
     supports : SupportPath, optional
         How its supports move.
+    coarse : CoarseDiscreteShell, optional
+        The coarse shell of it on which bars are found, in place of itself.
 
     Raises
     ------
@@ -88,10 +91,18 @@ class MotionCheck:
         For a shell that its supports do not hold.
     """
 
-    def __init__(self, shell: Shell, loading: Loading, damping: Damping, supports: SupportPath | None = None) -> None:
+    def __init__(
+        self,
+        shell: Shell,
+        loading: Loading,
+        damping: Damping,
+        supports: SupportPath | None = None,
+        coarse: CoarseDiscreteShell | None = None,
+    ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._estimator = ErrorEstimator(shell)
+        self._coarse = coarse
+        self._estimator = ErrorEstimator(shell if coarse is None else coarse.coarse.shell, repeated=True)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
@@ -107,7 +118,10 @@ class MotionCheck:
         own = np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
         now = instant_of(times, own)
         load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
-        return self._estimator.bar(now.positions, load), load
+        if self._coarse is None:
+            return self._estimator.bar(now.positions, load), load
+        sampled, restricted = self._coarse.sampled(now.positions), self._coarse.restrict(load)
+        return self._estimator.bar(sampled, restricted, on="coarse"), load
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
@@ -117,7 +131,8 @@ class MotionCheck:
         """Distance of positions in the frame of the supports from those that a bar corrects them to."""
         if bar.message:
             return np.inf
-        return self._norm(bar.corrected - positions)
+        own = positions if self._coarse is None else self._coarse.sampled(positions)
+        return self._estimator.length(bar.corrected - own)
 
     def _norm(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._shell.mass[:, None] * displacement**2)))

@@ -33,12 +33,15 @@ class Bars:
     valid : ndarray of bool, shape (B,)
         Whether the bar holds. Of models that do not know which branch DS has taken, none holds once one was void: bars
         tell of branches, not of histories.
+    on : str
+        "shell", or "coarse" where they were found on a coarse shell, whose own error is a floor to them.
     """
 
     times: Array
     displacement: Array
     margin: Array
     valid: NDArray[np.bool_]
+    on: str = "shell"
 
     @classmethod
     def of(cls, times: Array, displacement: Array, margin: Array, valid: NDArray[np.bool_]) -> Bars:
@@ -72,7 +75,7 @@ class Bars:
         if self.valid.any():
             large = self.largest > LARGEST_BAR
             error = f"beyond {100.0 * LARGEST_BAR:.0f} %" if large else f"up to {share_as_text(self.largest)}"
-            parts.append(f"{error} from DS")
+            parts.append(f"{error} from DS" + ", found on a coarse shell" * (self.on == "coarse"))
         if self.void_from is not None:
             first = int(np.flatnonzero(~self.valid)[0])
             parts.append(f"void from {self.void_from:.4g} s on (stability margin {self.margin[first]:.2f} there)")

@@ -15,13 +15,13 @@ from modalshell.core.typing import Progress
 from modalshell.integrators.state import Damping
 from modalshell.loads import Load
 from modalshell.models import Model
-from modalshell.models.base.bars import check_bar
 from modalshell.motion.fields import checked_fields, with_fields
-from modalshell.motion.motion_check import with_bars
+from modalshell.motion.motion_check import wanted_bars, with_bars
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.trajectory import Trajectory
+from modalshell.shell import Shell
 from modalshell.supports import SupportPath
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def simulate(
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
     fields: Sequence[str] = (),
-    bars: int | None = None,
+    bars: int | tuple[int, str | Shell] | None = None,
     on_step: Progress | None = None,
 ) -> Trajectory:
     """Step a model from rest under a dead load.
@@ -92,11 +92,12 @@ def simulate(
     fields : sequence of str
         Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
         :class:`~modalshell.ShellFields`.
-    bars : int, optional
+    bars : int or (int, on), optional
         Check every this many stored frames how far the motion is from that of DS: two Newton steps and a stability
         margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of
         a model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
-        differences. Lags of phase that add up do not show.
+        differences. Lags of phase that add up do not show. With ``on``, "coarse" or a coarse shell, bars are found
+        there, in milliseconds, as those of :func:`modalshell.error_bar`.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -124,9 +125,7 @@ def simulate(
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
-    if bars is not None:
-        bars = checked_count("bars", bars)
-        check_bar(model.true_shell, constrained=bool(constraints) or bool(contacts))
+    wanted = None if bars is None else wanted_bars(bars, model, constrained=bool(constraints) or bool(contacts))
     if integrator is not None:
         model = model.stepped_by(integrator)
     motion = Motion(
@@ -143,10 +142,10 @@ def simulate(
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)
     positions = _stored_frames(recorder, dtype, on_step)
     run = with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
-    if bars is None:
+    if wanted is None:
         return run
     setup = motion.setup
-    return with_bars(run, model, setup.loading, every=bars, damping=setup.damping, supports=supports)
+    return with_bars(run, model, setup.loading, **wanted, damping=setup.damping, supports=supports)
 
 
 def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:

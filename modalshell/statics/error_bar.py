@@ -26,6 +26,7 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness
+from modalshell.modes.profile_factoriser import ProfileFactoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import Margin, lowest_ratio
@@ -60,9 +61,9 @@ class ErrorBar:
         Stability margin: the least ratio of the stiffness under stress to that without; 1 without stress, 0 where the
         branch ends, minus infinity where there is a ``message``.
     critical_load : float
-        Factor on the load at which the branch is expected to end, ``1 / (1 - margin)``: infinite where stresses do not
-        soften the shell, 0 where there is a ``message``. It is meant for ends that are near: where no branch ends, it
-        grows with the load.
+        Factor on the load at which the branch is expected to end. At no further cost that is ``1 / (1 - margin)``:
+        infinite where stresses do not soften the shell, 0 where there is a ``message``, and for ends that are near, as
+        it grows with the load elsewhere. Where the branch was ``walked``, it is where that ends; infinite beyond 4.
     valid : bool
         Whether the bar holds.
     corrected : ndarray, shape (n, 3)
@@ -73,6 +74,8 @@ class ErrorBar:
         Why the bar could not be found at all; empty otherwise.
     on : str
         "shell", or "coarse" where it was found on a coarse shell, whose own error is a floor to it.
+    walked : bool
+        Whether the critical load was found by a walk along the branch.
     """
 
     displacement: float
@@ -83,6 +86,7 @@ class ErrorBar:
     seconds: float
     message: str = ""
     on: str = "shell"
+    walked: bool = False
 
     @property
     def beyond(self) -> bool:
@@ -95,7 +99,12 @@ class ErrorBar:
     def __str__(self) -> str:
         if self.message:
             return f"no error bar: {self.message}"
-        return bar_as_text(self.displacement, self.margin)
+        text = bar_as_text(self.displacement, self.margin)
+        if not self.walked:
+            return text
+        if not np.isfinite(self.critical_load):
+            return f"{text}; no end of its branch is near"
+        return f"{text}; its branch ends at about {self.critical_load:.2g} times the load"
 
 
 def bar_as_text(displacement: float, margin: float) -> str:
@@ -122,8 +131,8 @@ class ErrorEstimator:
     ----------
     shell : Shell
         A shell that its supports hold.
-    backend : str, optional
-        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+    repeated : bool
+        Whether many bars are to be found: small shells then take a factorisation that must be compiled once.
 
     Attributes
     ----------
@@ -133,11 +142,11 @@ class ErrorEstimator:
         What the last bar has left for bars of quantities.
     """
 
-    def __init__(self, shell: Shell, backend: str | None = None) -> None:
+    def __init__(self, shell: Shell, *, repeated: bool = False) -> None:
         self.shell, self.origin = shell.centred()
         self.costs = Timings()
         self.last: LastStep | None = None
-        self._factoriser = Factoriser(backend)
+        self._factoriser = ProfileFactoriser() if repeated else Factoriser()
 
     def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""
@@ -153,8 +162,8 @@ class ErrorEstimator:
                 margin = self._margin(problem, corrected, stresses)
         except SolverError as error:
             return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
-        moved = self._norm(corrected - shell.rest_positions)
-        off = self._norm(corrected - x)
+        moved = self.length(corrected - shell.rest_positions)
+        off = self.length(corrected - x)
         tiny = _NOTHING * shell.size
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
         softer = 1.0 - margin.value
@@ -220,7 +229,8 @@ class ErrorEstimator:
             raise SolverError("no bar has been found yet")
         return self.last
 
-    def _norm(self, displacement: Array) -> float:
+    def length(self, displacement: Array) -> float:
+        """Of displacements (n, 3) [m], in the norm of the mass [kg^(1/2) m]."""
         return float(np.sqrt(np.sum(self.shell.mass[:, None] * displacement**2)))
 
 

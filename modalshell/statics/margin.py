@@ -58,27 +58,26 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
     """
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0
-    vectors, images = [vector / length], [start / length]  # images are K_1 times vectors
     most = min(_STEPS, start.size)
-    diagonal, beside = np.zeros(most), np.zeros(most)
+    vectors, images = np.empty((most, start.size)), np.empty((most, start.size))  # images are K_1 times vectors
+    vectors[0], images[0] = vector / length, start / length
+    tridiagonal = np.zeros((most, most))
     for step in range(most):
-        product = softening(vectors[step])
-        diagonal[step] = vectors[step] @ product
-        following = solve(product)
-        image = product
+        count = step + 1
+        image = softening(vectors[step])
+        tridiagonal[step, step] = vectors[step] @ image
+        following = solve(image)
         # Twice, as rounding would let found directions come back.
         for _ in range(2):
-            shares = np.array([one @ following for one in images])
-            following = following - np.column_stack(vectors) @ shares
-            image = image - np.column_stack(images) @ shares
-        beside[step] = np.sqrt(max(float(following @ image), 0.0))
-        count = step + 1
-        tridiagonal = np.diag(diagonal[:count]) + np.diag(beside[:step], 1) + np.diag(beside[:step], -1)
-        values, shapes = np.linalg.eigh(tridiagonal)
-        lowest, residual = float(values[0]), float(beside[step] * abs(shapes[-1, 0]))
-        ended = beside[step] <= _ENDED * max(float(np.abs(values).max()), 1e-300)
+            shares = images[:count] @ following
+            following = following - shares @ vectors[:count]
+            image = image - shares @ images[:count]
+        beside = np.sqrt(max(float(following @ image), 0.0))
+        values, shapes = np.linalg.eigh(tridiagonal[:count, :count])
+        lowest, residual = float(values[0]), float(beside * abs(shapes[-1, 0]))
+        ended = beside <= _ENDED * max(float(np.abs(values).max()), 1e-300)
         if ended or count == most or (count >= _FEWEST and residual <= _TOLERANCE * max(abs(lowest), _FAINT)):
             break
-        vectors.append(following / beside[step])
-        images.append(image / beside[step])
-    return Margin(1.0 + lowest, np.column_stack(vectors) @ shapes[:, 0], count)
+        tridiagonal[step, count] = tridiagonal[count, step] = beside
+        vectors[count], images[count] = following / beside, image / beside
+    return Margin(1.0 + lowest, shapes[:, 0] @ vectors[:count], count)

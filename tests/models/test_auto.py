@@ -6,6 +6,7 @@ import pytest
 import modalshell as ms
 from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
+from modalshell.models.auto.answered import LinearAnswers
 
 DT = 1.0 / 60.0
 SCENE = """
@@ -111,6 +112,59 @@ def test_a_shell_that_falls_at_once_is_checked_as_it_moves():
     assert len(set(run.levels)) > 1
     assert np.abs(exact.positions - mesh.vertices).max() > 0.3
     assert worst(leaf, run, exact) < 0.05
+
+
+@pytest.fixture(scope="module")
+def panel():
+    mesh = ms.cylinder_panel(length=1.0, radius=1.0, angle=50.0, cells=(8, 6))
+    edge = np.abs(mesh.vertices[:, 1]) > np.abs(mesh.vertices[:, 1]).max() - 1e-9
+    return ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 0.006, 200.0), supports=[ms.Pin(edge)])
+
+
+def test_a_load_that_the_modes_do_not_answer_starts_on_ds(panel):
+    """A sudden pressure snaps the panel, whose modes do not answer it: MWTS would move by nothing."""
+    setting = {"duration": 0.3, "dt": DT, "loads": [ms.Pressure(-1500.0)], "damping": (2.0, 0.001)}
+    cheap, run, exact = (
+        ms.simulate(model, **setting)
+        for model in (ms.ModalWarping(ms.solve_modes(panel, 8)), ms.Auto(panel), ms.DiscreteShell(panel))
+    )
+    assert np.abs(exact.positions - panel.rest_positions).max() > 0.15
+    assert worst(panel, cheap, exact) > 0.5
+    assert worst(panel, run, exact) < 1e-6
+    assert "to DS at 0 s (the modes lack 9" in run.message
+
+
+def test_a_load_is_compared_as_it_changes(beam):
+    """A weight that the modes answer, then a force at one corner that they do not."""
+    pinch = [ms.Scaled(ms.PointForce("nearest(0.5, 0.1, 0)", (0.0, 0.0, -1.0)), ([0.0, 0.3, 0.32, 1.0], [0, 0, 6, 6]))]
+    loads = [ms.SelfWeight((0.0, 0.0, -8.0)), *pinch]
+    runs = [
+        ms.simulate(model, duration=0.6, dt=DT, loads=loads, damping=(2.0, 0.001))
+        for model in (ms.Auto(beam, 2, check_every=1000), ms.DiscreteShell(beam))
+    ]
+    assert runs[0].levels[:17] == ("MWTS",) * 17
+    assert "to DS at 0.3" in runs[0].message
+    assert "of the linear answer to the load" in runs[0].message
+    assert worst(beam, *runs) < 0.05
+
+
+def test_linear_answers_lack_what_no_mode_moves(beam):
+    basis = ms.solve_modes(beam, 6)
+    answers = LinearAnswers(basis)
+    mass = np.repeat(beam.mass, 3)
+    own = mass * (basis.modes @ (basis.eigenvalues * [1.0, 2.0, 0.0, 0.5, 0.0, 1.0]))
+    whole, missing = answers.of(own.reshape(-1, 3))
+    assert whole == pytest.approx(2.5, rel=1e-8)  # modes have unit mass
+    assert missing < 1e-8
+    further = ms.solve_modes(beam, 7)
+    other = 3.0 * mass * further.modes[:, 6] * further.eigenvalues[6]
+    assert answers.of((own + other).reshape(-1, 3)) == pytest.approx((np.sqrt(2.5**2 + 9.0), 3.0), rel=1e-8)
+    memory = {"pushed": np.zeros_like(beam.rest_positions), "answer": np.zeros(2)}
+    assert answers.following(np.zeros_like(beam.rest_positions), memory) == (0.0, 0.0)
+    assert answers.following(other.reshape(-1, 3), memory) == pytest.approx((3.0, 3.0), rel=1e-8)
+    assert answers.following(-2.0 * other.reshape(-1, 3), memory) == pytest.approx((6.0, 6.0), rel=1e-8)
+    assert np.array_equal(memory["pushed"], other.reshape(-1, 3))
+    assert answers.following((own + other).reshape(-1, 3), memory)[1] == pytest.approx(3.0, rel=1e-8)
 
 
 def test_statics_is_corrected_where_the_bar_is_small_and_ds_elsewhere(beam):

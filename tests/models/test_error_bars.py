@@ -81,6 +81,45 @@ def test_a_snap_is_foretold_and_past_it_the_bar_is_void():
     assert "void: " in str(past)
 
 
+@pytest.mark.parametrize("gravity", [12.0, 20.0, 60.0])
+def test_a_walk_along_the_branch_finds_where_it_ends(gravity):
+    """From a quarter of the snap's load, from half of it, and from rest where the answer is past it."""
+    shell = beam()
+    path = ms.equilibrium_path(shell, gravity=aside(1.0), until=60.0)
+    ends = path.events[0].factor
+    answer = ms.RotationStrain(ms.solve_modes(shell, 6)).equilibrium(gravity=aside(gravity))
+    bar = ms.error_bar(shell, answer, walk=True)
+    assert bar.walked
+    assert bar.valid == (gravity < 50.0)
+    assert gravity * bar.critical_load == pytest.approx(ends, rel=0.05)
+    assert "ends at about" in str(bar)
+    coarse = ms.Shell(ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 2)), shell.material, "x < 0.072")
+    other = ms.error_bar(shell, answer, coarse, walk=True)
+    assert gravity * other.critical_load == pytest.approx(ends, rel=0.3)
+
+
+def test_a_walk_under_pressure_that_follows_a_panel():
+    mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))
+    edge = np.abs(mesh.vertices[:, 1]) > np.abs(mesh.vertices[:, 1]).max() - 1e-9
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e7, poisson=0.3, thickness=4e-3, density=100.0), supports=[ms.Pin(edge)])
+    truth = ms.DiscreteShell(shell)
+    answers = {p: truth.equilibrium(loads=[ms.Pressure(-p)]) for p in (1.5, 3.0)}
+    ends = [p * ms.error_bar(shell, answer, walk=True).critical_load for p, answer in answers.items()]
+    assert ends[0] == pytest.approx(ends[1], rel=0.02)
+    before, past = (truth.equilibrium(loads=[ms.Pressure(-f * ends[0])]) for f in (0.9, 1.1))
+    moved = [np.abs(one.positions - shell.rest_positions).max() for one in (before, past)]
+    assert moved[1] > 10.0 * moved[0]
+
+
+def test_a_walk_says_where_no_end_is_near():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 2))
+    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.07")
+    answer = ms.RotationStrain(ms.solve_modes(shell, 6)).equilibrium(gravity=(0.0, 0.0, -0.5))
+    bar = ms.error_bar(shell, answer, walk=True)
+    assert bar.critical_load == np.inf
+    assert "; no end of its branch is near" in str(bar)
+
+
 def test_a_wrong_branch_that_two_steps_do_not_leave_is_void():
     """Of a panel that sinks in: to Newton's steps an unstable answer in balance looks exact."""
     mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))

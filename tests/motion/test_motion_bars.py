@@ -76,6 +76,35 @@ def test_a_load_that_balances_a_motion_is_one_under_which_it_rests(beam):
     assert load == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
 
 
+@pytest.fixture(scope="module")
+def coarse(beam):
+    return ms.coarse_shell(beam, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 2)))
+
+
+def test_on_a_coarse_shell_they_are_near_those_on_the_shell_and_void_at_the_same_snap(rung, coarse, tmp_path):
+    run, fine = (move(rung, 60.0, bars=bars) for bars in ((6, coarse), 6))
+    assert np.array_equal(run.positions, fine.positions)
+    assert np.array_equal(run.bars.times, fine.bars.times)
+    assert abs(run.bars.void_from - fine.bars.void_from) <= 6 * DT + 1e-9
+    held = fine.bars.valid & (fine.bars.displacement > 0.005)
+    assert held.any()
+    assert np.abs(run.error[held] - fine.error[held]).max() < 0.02
+    assert (run.bars.on, fine.bars.on) == ("coarse", "shell")
+    assert "found on a coarse shell" in str(run.bars)
+    again = ms.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert again.bars.on == "coarse"
+    assert str(again.bars) == str(run.bars)
+
+
+def test_a_coarse_shell_may_move_with_the_supports(rung, coarse):
+    path = ms.SupportPath([0.0, 0.4, 0.8], [(0, 0, 0), (0, 0.2, 0), (0, 0, 0)])
+    run = ms.simulate(
+        rung, duration=0.8, dt=DT, gravity=(0, 0, -8.0), damping=(1.0, 0.0), supports=path, bars=(6, coarse)
+    )
+    assert run.bars.valid.all()
+    assert run.error.max() < 0.1
+
+
 def test_supports_may_move(rung):
     path = ms.SupportPath([0.0, 0.4, 0.8], [(0, 0, 0), (0, 0.2, 0), (0, 0, 0)])
     run = ms.simulate(rung, duration=0.8, dt=DT, gravity=(0, 0, -8.0), damping=(1.0, 0.0), supports=path, bars=6)
@@ -102,6 +131,8 @@ def test_files_keep_them(rung, tmp_path):
 def test_what_has_none_is_refused(beam, rung):
     with pytest.raises(ms.OptionError, match="bars must be"):
         move(rung, 5.0, bars=0)
+    with pytest.raises(ms.OptionError, match='on must be "shell"'):
+        move(rung, 5.0, bars=(5, "fine"))
     with pytest.raises(ms.OptionError, match="constraints"):
         move(rung, 5.0, bars=5, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
     free = ms.Shell(beam.mesh, beam.material)

@@ -13,6 +13,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
+from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.stepper import AutoStepper, told
 from modalshell.models.base.bars import bar_on_shell, check_bar
@@ -33,15 +34,16 @@ class Auto(Model):
     """A model that switches itself by error bars, so as to stay within a given error of DS.
 
     Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
-    the first. Every ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the
-    last check, its error bar under d'Alembert's load is found on the fine shell
-    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
-    at the modal positions and velocities; where the stability margin has failed DS, as modal rungs err alike there and
-    coarse DS snaps under another load. Coarse DS is left for DS where its margin fails, and for good where its own bar
-    exceeds half of ``error``. Full levels try to hand back to the first from time to time, more seldom where that has
-    not lasted: twice in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's
-    load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which
-    bars alone cannot tell after a snap.
+    the first, unless its modes lack more than half of ``error`` of the linear answer to the load
+    (:class:`modalshell.models.auto.answered.LinearAnswers`), which is looked at before each of their steps. Every
+    ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the last check, its
+    error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
+    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities; where the
+    stability margin has failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is
+    left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to
+    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
+    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
+    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere.
@@ -93,7 +95,7 @@ class Auto(Model):
         self.check_every = checked_count("check_every", check_every)
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
-        basis = model_basis(shell, min(count, shell.unknowns.count))
+        self._basis = basis = model_basis(shell, min(count, shell.unknowns.count))
         self.levels: list[Level] = [ModalLevel(consistent_warping(basis)), ModalLevel(RotationStrain(basis))]
         if coarse is not None:
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
@@ -134,6 +136,11 @@ class Auto(Model):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; OptionError for constraints, or supports that move."""
         return AutoStepper(self, self.levels, setup)
+
+    @cached_property
+    def answers(self) -> LinearAnswers:
+        """Linear answers to loads, of the shell and of its modes."""
+        return LinearAnswers(self._basis)
 
     @cached_property
     def _templates(self) -> list[MotionState]:

@@ -24,8 +24,6 @@ _BACK_MARGIN = 0.39
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
-_DEAF = 0.5
-"""Bar of the first check of a modal rung from which it is left: its modes do not answer the load."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
@@ -57,10 +55,11 @@ class AutoStepper(Stepper):
     """Takes each step by the present level, and switches levels after it.
 
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
-    ("level"), the steps taken on it ("since"), the level's own state ("inner"), the two frames before ("before",
-    "earlier") and how many of them are known, the largest displacement so far and that of the last check of a modal
+    ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before")
+    and how many are known, the largest displacement so far and that of the last check of a modal
     rung ("checked"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a row
-    it could have ("ready"), steps by level, and what was switched when and why ("log").
+    it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), steps by
+    level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -83,7 +82,6 @@ class AutoStepper(Stepper):
             "since": np.zeros(1),
             "inner": np.zeros(max(sizes)),
             "before": x.copy(),
-            "earlier": x.copy(),
             "frames": np.zeros(1),
             "largest": np.zeros(1),
             "checked": np.zeros(1),
@@ -92,7 +90,9 @@ class AutoStepper(Stepper):
             "again": np.full(1, float(_TRY_EVERY)),
             "ready": np.zeros(1),
             "steps": np.zeros(len(sizes)),
-            "log": np.zeros((_MOST_TOLD, 4)),
+            "pushed": np.zeros_like(x),
+            "answer": np.zeros(2),
+            "log": np.zeros((_MOST_TOLD, 5)),
             "switches": np.zeros(1),
             "time": np.zeros(1),
         }
@@ -107,10 +107,17 @@ class AutoStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
         level, inner = self.model.inner(state)
-        stepper, time = self._steppers[level], begin + dt
+        memory = {name: part.copy() for name, part in state.memory.items()}
+        time = begin + dt
+        if self._levels[level].quadratic:
+            missed = self._missed(state.coordinates, state.rates, memory, (time, load))
+            if missed > _SWITCH * self.model.error:
+                level = self._above(level, memory, deaf=True)
+                self._note(memory, (begin, level, missed, 0.0, 1.0))
+                inner = self._levels[level].entered(self._steppers[level], state.coordinates, state.rates, begin)
+        stepper = self._steppers[level]
         after, solved = stepper.advance(begin, dt, inner, load)
         x, v = self._levels[level].left(stepper, after, time, dt)
-        memory = {name: part.copy() for name, part in state.memory.items()}
         memory["time"][0] = time
         memory["since"] += 1.0
         memory["steps"][level] += 1.0
@@ -121,7 +128,7 @@ class AutoStepper(Stepper):
             level, after = self._switched(level, after, (frames, v), memory, (time, dt, load))
         numbers = self._levels[level].packed(after)
         memory["inner"][: numbers.size] = numbers
-        memory["earlier"], memory["before"] = memory["before"], state.coordinates.copy()
+        memory["before"] = state.coordinates.copy()
         memory["frames"] += 1.0
         return MotionState(x, v, memory), solved
 
@@ -138,14 +145,12 @@ class AutoStepper(Stepper):
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            moved, first = self._length(frames[2] - self.shell.rest_positions), memory["checked"][0] == 0.0
-            due = since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm)
-            if due or first:
-                memory["checked"][0] = max(moved, np.finfo(float).tiny)
+            moved = self._length(frames[2] - self.shell.rest_positions)
+            if since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm):
+                memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
-                allowed = _SWITCH * self.model.error if due else _DEAF
-                if seen.bar > allowed or (due and seen.alarm):
-                    wanted = self._above(level, seen, memory)
+                if seen.alarm or seen.bar > _SWITCH * self.model.error:
+                    wanted = self._above(level, memory, snapping=seen.alarm)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._seen(frames, memory, now)
@@ -163,17 +168,42 @@ class AutoStepper(Stepper):
                     wanted = 0
         if wanted == level or seen is None:
             return level, after
-        place = int(memory["switches"][0])
-        if place < _MOST_TOLD:
-            memory["log"][place] = time, wanted, min(seen.bar, _LARGE), max(seen.margin, -_LARGE)
-        memory["switches"] += 1.0
-        memory["level"][0], memory["since"][0], memory["ready"][0] = wanted, 0.0, 0.0
+        self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
-    def _above(self, level: int, seen: _Seen, memory: dict[str, Array]) -> int:
-        """The level that takes over: DS on an alarm of the margin, as others snap under another load or not at all."""
+    @staticmethod
+    def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float]) -> None:
+        """Remember a switch: its time, level, bar and margin, and whether it was for what the modes do not answer."""
+        place = int(memory["switches"][0])
+        if place < _MOST_TOLD:
+            memory["log"][place] = np.clip(switch, -_LARGE, _LARGE)
+        memory["switches"] += 1.0
+        memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
+
+    def _missed(self, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, Array]) -> float:
+        """What the modes lack of the linear answer to the loads, over the largest displacement, that answer's too."""
+        time, dead = now
+        loading = self.setup.loading
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = dead + loading.live_force(x, v, time) if loading.live else dead
+        if not np.isfinite(force).all():
+            return 0.0  # the motion itself says so
+        answer = self.model.answers.following(force, memory)
+        largest = max(answer.whole, float(memory["largest"][0]))
+        return answer.missing / largest if largest > 0.0 else 0.0
+
+    def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
+        """The level that takes over.
+
+        That is DS where a branch ends, as others snap under another load or not at all; and none of modes where these
+        do not answer the load.
+        """
         last = len(self._levels) - 1
-        fitting = (k for k in range(level + 1, last + 1) if not memory["barred"][k] and (k == last or not seen.alarm))
+        fitting = (
+            k
+            for k in range(level + 1, last + 1)
+            if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
+        )
         again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
         memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
         memory["again"][0] = memory["wait"][0]
@@ -192,8 +222,11 @@ class AutoStepper(Stepper):
     ) -> _Seen | None:
         """The check by which the lowest level can take over, or None.
 
-        It comes near, the margin holds, and the level would rest near under d'Alembert's load: the cheapest first.
+        Its modes answer the load, it comes near, the margin holds, and the level would rest near under d'Alembert's
+        load: the cheapest first.
         """
+        if self._missed(frames[2], v, memory, (now[0], now[2])) > _SWITCH * self.model.error:
+            return None
         lowest, allowed = self._levels[0], _BACK * self.model.error * memory["largest"][0]
         fitted = self._steppers[0].positions(lowest.entered(self._steppers[0], frames[2], v, now[0]), now[0])
         if not self._length(fitted - frames[2]) <= allowed:
@@ -217,8 +250,10 @@ def told(state: MotionState, names: Sequence[str]) -> str:
     taken = [(name, count) for name, count in zip(names, steps, strict=True) if count]
     shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in taken)
     lines = []
-    for time, level, bar, margin in memory["log"][: int(memory["switches"][0])]:
-        if int(level) == 0 or margin <= LEAST_MARGIN:
+    for time, level, bar, margin, deaf in memory["log"][: int(memory["switches"][0])]:
+        if deaf:
+            reason = f"the modes lack {share_as_text(bar)} of the linear answer to the load"
+        elif int(level) == 0 or margin <= LEAST_MARGIN:
             reason = f"stability margin {margin:.2f}"
         else:
             reason = f"{share_as_text(bar)} from DS"

@@ -7,6 +7,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
+from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.statics.live_loads import LiveLoads
 
@@ -20,7 +21,12 @@ def check_bar(shell: Shell, *, constrained: bool = False) -> None:
         raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
 
 
-def bar_on_shell(shell: Shell, positions: Array, loading: Loading) -> ErrorBar:
-    """The bar of an answer at ``positions`` (n, 3) [m], loads of time being those at time 0."""
+def bar_on_shell(shell: Shell, positions: Array, loading: Loading, *, walk: bool = False) -> ErrorBar:
+    """The bar of an answer at ``positions`` (n, 3) [m], loads of time being those at time 0.
+
+    With ``walk`` its critical load is found by a walk along its branch.
+    """
     live = LiveLoads(loading) if loading.live else None
-    return ErrorEstimator(shell).bar(positions, loading.dead, live)
+    estimator = ErrorEstimator(shell)
+    bar = estimator.bar(positions, loading.dead, live)
+    return with_branch_end(estimator, bar, loading.dead, live) if walk else bar

@@ -1,0 +1,75 @@
+"""How much of the linear answer to a load a basis of modes lacks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.modes import Basis, Factoriser, condensed_factor
+from modalshell.shell import GAUSS_NEWTON
+
+_ALIKE = 0.05
+"""What a load may have that is no multiple of the last one, as a share of it, for the same answer to serve."""
+
+
+class Answer(NamedTuple):
+    """Lengths of the linear answer to a load in the norm of the mass [kg^(1/2) m].
+
+    Attributes
+    ----------
+    whole : float
+        Of all of it.
+    missing : float
+        Of what the modes lack.
+    """
+
+    whole: float
+    missing: float
+
+
+@final
+class LinearAnswers:
+    """Compares the linear answers of a shell with those of its modes.
+
+    The answer ``u = K^-1 f`` at rest has the modal part ``Phi Lambda^-1 Phi^T f = Phi Phi^T M u``, its projection.
+    One factorisation serves all loads, and one solve all loads that are multiples of each other.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes of a shell that its supports hold.
+    """
+
+    def __init__(self, basis: Basis) -> None:
+        self._basis, shell = basis, basis.shell
+        internal = shell.pattern.internal
+        data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+        factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
+        self._factor = condensed_factor(factor, 0 if internal is None else internal.count)
+        self._mass = np.repeat(shell.mass, 3)
+
+    def of(self, force: Array) -> Answer:
+        """The answer to forces (n, 3) [N]."""
+        unknowns, modes = self._basis.shell.unknowns, self._basis.modes
+        moved = np.asarray(unknowns.prolong(self._factor.solve(np.asarray(unknowns.restrict(force.ravel())))))
+        rest = moved - modes @ (modes.T @ (self._mass * moved))
+        return Answer(self._length(moved), self._length(rest))
+
+    def following(self, force: Array, memory: dict[str, Array]) -> Answer:
+        """As :meth:`of`, from the last load that was solved for where the force is nearly a multiple of it.
+
+        That load stands in ``memory["pushed"]`` (n, 3) [N], its answer in ``memory["answer"]`` (2,).
+        """
+        last = memory["pushed"]
+        size = float(np.vdot(last, last))
+        share = float(np.vdot(force, last)) / size if size > 0.0 else 0.0
+        if float(np.linalg.norm(force - share * last)) > _ALIKE * float(np.linalg.norm(force)):
+            memory["pushed"], memory["answer"] = force.copy(), np.array(self.of(force))
+            share = 1.0
+        whole, missing = abs(share) * memory["answer"]
+        return Answer(float(whole), float(missing))
+
+    def _length(self, moved: Array) -> float:
+        return float(np.sqrt(np.vdot(self._mass * moved, moved)))
