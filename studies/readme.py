@@ -67,8 +67,9 @@ kernels, and 0.67 million with AVX2 alone, as many as the products.
 TUTORIALS = """
 ## Tutorials
 
-Scripts in cells (`# %%`): open one in a notebook or an editor that knows cells, or run it, `python -m
-studies.tutorials.first_film`; it writes into the working folder.
+Scripts in cells (`# %%`) and the same as notebooks with their outputs, which `python -m studies.notebooks` makes. Run a
+script, `python -m studies.tutorials.first_film`, or open it in an editor that knows cells; it writes into the working
+folder.
 
 | tutorial | question |
 |---|---|
@@ -161,7 +162,8 @@ def tutorials() -> str:
     lines = []
     for file in sorted((FOLDER / "tutorials").glob("[!_]*.py")):
         about = file.read_text(encoding="utf-8").splitlines()[0].strip('"')
-        lines.append(f"| [{file.stem}](tutorials/{file.name}) | {about} |\n")
+        names = f"[{file.stem}](tutorials/{file.name}), [notebook](tutorials/{file.stem}.ipynb)"
+        lines.append(f"| {names} | {about} |\n")
     return TUTORIALS + "".join(lines)
 
 

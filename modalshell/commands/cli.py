@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.commands import meshes, results, scenes
+from modalshell.commands import meshes, reports, results, scenes
 from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
 from modalshell.commands.keys import keys
@@ -44,6 +44,7 @@ app.register_install_completion_command(
 scenes.register(app)
 meshes.register(app)
 results.register(app)
+reports.register(app)
 _LONGEST_MESSAGE = 1000
 """Characters of an error that the command line prints."""
 

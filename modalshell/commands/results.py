@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,14 +14,8 @@ from modalshell.commands.terminal import progress, say
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
 from modalshell.export.usd import save_usd
-from modalshell.files.atomic_io import write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
-from modalshell.run.report_numbers import check_convergence, checked_run, report_numbers, texts_of
-from modalshell.run.report_numbers import convergence as mesh_convergence
-from modalshell.run.report_page import report_page
-from modalshell.run.run_scene import run_in_memory
-from modalshell.scene import ShellScene
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
@@ -45,7 +38,7 @@ def export(
     """
     if up != "z" and to != "usd":
         raise ms.OptionError(f"--up goes with --to usd; {to} files have their own axis")
-    result = _result_of(result)
+    result = result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
     checked_target("--out", target, (_SUFFIXES[to],), result)
     rest = target.with_name(f"{target.stem}_rest.obj")
@@ -100,7 +93,7 @@ def open_result(
 
     Example: modalshell open results/leaf.npz
     """
-    shown = _result_of(result)
+    shown = result_of(result)
     if not shown.is_file():
         raise ms.OptionError(f"{shown} is no file: name a result, as 'results/leaf.npz', or the folder of a run")
     if shown.suffix in (".npz", ".clip"):
@@ -121,56 +114,7 @@ def open_result(
         say("no browser was found: open the file in one yourself")
 
 
-def report(
-    result: Annotated[Path, Parameter(help="Scene file (.toml), or the trajectory (.npz) or folder of a run of one.")],
-    *,
-    scene: Annotated[Path | None, Parameter(help="Scene file of a run that is named by its trajectory.")] = None,
-    out: Annotated[Path | None, Parameter(help="HTML file to write; if omitted, next to the run's results.")] = None,
-    convergence: Annotated[bool, Parameter(help="Solve on two coarser meshes, too (of a shape with cells).")] = False,
-) -> None:
-    """Write a report on a run as one printable HTML file, and its numbers as JSON.
-
-    It has the scene, a picture with supports and loads, peak displacement and stress with their places, reactions and
-    their balance, natural frequencies, the factor of buckling, versions, and the command that made it. A scene that has
-    not been run is run first.
-
-    Example: modalshell report studies/scenes/v_beam.toml
-    """
-    file = result if result.suffix == ".toml" else scene
-    if file is None or (result.suffix == ".toml" and scene is not None):
-        raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {result}, --scene {scene})")
-    declared = ms.load_scene(file).require_shell()
-    if convergence:
-        check_convergence(declared)
-    if result.suffix == ".toml":
-        with progress(f"{declared.name} steps") as on_step:
-            archive = next(path for path in ms.run_scene(declared, on_step=on_step).files if path.suffix == ".npz")
-    else:
-        archive = _result_of(result)
-    target = out or archive.with_name(f"{archive.stem}_report.html")
-    checked_target("--out", target, (".html", ".htm"), archive, file)
-    refuse_foreign(target.with_suffix(".json"))
-    with warnings.catch_warnings(record=True, action="always", category=ms.ModalShellWarning) as given:
-        shell = declared.build_shell()
-    record = checked_run(declared, shell, archive.with_suffix(".json"))
-    run = ms.load_trajectory(archive, verify=True)
-    numbers = report_numbers(declared, shell, run)
-    numbers["warnings"][:0] = texts_of(given)
-    numbers["command"] = f"modalshell report {result}" + (f" --scene {scene}" if scene else "")
-    if convergence:
-        numbers["command"] += " --convergence"
-        numbers["convergence"] = mesh_convergence(declared, numbers, _solved)
-    say(write_text(target, report_page(declared, shell, run, record, numbers)))
-    say(write_record(target.with_suffix(".json"), numbers))
-
-
-def _solved(scene: ShellScene) -> ms.Trajectory:
-    """The motion or equilibrium of a scene, in a folder that is not kept."""
-    with progress(f"{scene.name} steps") as on_step:
-        return run_in_memory(scene, on_step)
-
-
-def _result_of(path: Path) -> Path:
+def result_of(path: Path) -> Path:
     """The saved motion in the folder of a run, or ``path`` itself if it is no folder."""
     if not path.is_dir():
         return path
@@ -193,4 +137,3 @@ def register(app: App) -> None:
     """Add the commands to ``app``."""
     app.command(export)
     app.command(open_result, name="open")
-    app.command(report)

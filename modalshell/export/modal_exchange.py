@@ -3,7 +3,8 @@
 No public format of modal bodies serves several engines: Newton 1.8 has no such bodies, Chrono reduces assemblies of
 its own, and OpenFAST reads superelements of Craig-Bampton matrices about the motions of one interface. The
 layout holds what a floating frame of reference needs [shabana2020]: lumped masses, mass-orthonormal modes with their
-rotations, and the constant integrals that couple them with rigid motion.
+rotations, and the constant integrals that couple them with rigid motion. ``studies/tutorials/other_engines.py`` reads
+it back and moves it by NumPy alone and in Newton.
 """
 
 from __future__ import annotations

@@ -59,6 +59,6 @@ def _draw_shapes(path: EquilibriumPath, file: Path) -> Path:
         state = "stable" if path.stable[index] else f"{path.unstable_directions[index]} unstable"
         surface = ShadedSurface(path.positions[index], path.mesh.faces, smooth=True)
         views.append(View([surface], title=f"{text}, {path.factors[index]:.4g}", subtitle=state))
-    columns = min(4, len(views))
+    columns = min(3, len(views))
     rows = -(-len(views) // columns)
     return draw_views(views, file, columns=columns, size=(400 * columns, 330 * rows), legend=False)

@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.files.atomic_io import read_record
 from modalshell.modes import solve_modes
 from modalshell.motion import Trajectory
+from modalshell.page.report import shell_numbers
 from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_path
@@ -57,16 +58,8 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
     ``warnings``, texts of what frequencies and buckling warned of.
     """
     warned: list[str] = []
-    mesh = shell.mesh
     numbers: dict[str, Any] = {
-        "mesh": {
-            "vertices": len(mesh.vertices),
-            "triangles": len(mesh.faces),
-            "extent": np.ptp(mesh.vertices, axis=0).tolist(),
-            "area": float(mesh.face_areas.sum()),
-            "held": int(shell.unknowns.supported.sum()),
-        },
-        "mass": float(shell.mass.sum()),
+        **shell_numbers(shell),
         "outcome": run.status,
         "message": run.message,
         "frames": len(run.times),

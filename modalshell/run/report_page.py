@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,17 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion import Trajectory
+from modalshell.page.report import (
+    document,
+    figure,
+    listing,
+    made_rows,
+    paragraph,
+    section,
+    shell_rows,
+    table,
+    vector,
+)
 from modalshell.render import Picture, ShadedSurface, View
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.run.report_numbers import load_arrows
@@ -21,19 +31,6 @@ from modalshell.shell import Shell
 
 _MOST_ARROWS = 80
 """Arrows of the load in a picture."""
-_STYLE = """
-@page { size: A4; margin: 13mm; }
-body { font: 10.5pt/1.4 system-ui, sans-serif; color: #222; background: #fff; }
-body { max-width: 52rem; margin: 1rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5em; margin: 0.2em 0; } h2 { font-size: 1.1em; margin: 1em 0 0.3em; }
-img { width: 100%; } figure { margin: 0; break-inside: avoid; } figcaption { color: #555; font-size: 0.9em; }
-table { border-collapse: collapse; width: 100%; break-inside: avoid; }
-td { border-bottom: 1px solid #ddd; padding: 0.15em 0.4em; vertical-align: top; overflow-wrap: anywhere; }
-td:first-child { width: 34%; color: #444; }
-pre { font-size: 8pt; line-height: 1.25; background: #f6f6f6; padding: 0.6em; white-space: pre-wrap; columns: 2; }
-@media print { body { margin: 0; padding: 0; max-width: none; } }
-@media (max-width: 640px) { pre { columns: 1; } }
-"""
 
 
 def report_page(
@@ -41,51 +38,23 @@ def report_page(
 ) -> str:
     """The HTML of a report, from the numbers of :func:`modalshell.run.report_numbers.report_numbers`."""
     of = run.units.of
-    rows = _answer_rows(numbers, of)
-    versions = record.get("record", {}).get("versions", {})
-    material = scene.material.plain()
+    stored = record.get("record", {})
+    declared = stored.get("parameters", {}) | {"material": scene.material.plain()}
+    made = made_rows(numbers["command"], stored)
+    digests = [("Scene, SHA-256", record["identity"]["scene"]), ("Mesh, SHA-256", record["identity"]["mesh"])]
     parts = [
-        f"<h1>{html.escape(scene.name)}</h1>",
-        f"<p>{html.escape(_headline(scene, numbers, of('s')))}</p>",
+        paragraph(_headline(scene, numbers, of("s"))),
         _figure(scene, shell, run),
-        "<h2>Answer</h2>",
-        _table(rows),
-        "<h2>Shell</h2>",
-        _table(
-            [
-                ("Mesh", f"{numbers['mesh']['vertices']:,} vertices, {numbers['mesh']['triangles']:,} triangles"),
-                ("Extent", f"{_vector(numbers['mesh']['extent'])} {of('m')}"),
-                ("Area, mass", f"{numbers['mesh']['area']:.5g} {_squared(of('m'))}, {numbers['mass']:.5g} {of('kg')}"),
-                ("Material", _plain(material)),
-                ("Supports", f"{numbers['mesh']['held']} vertices: {_plain(record_part(record, 'supports'))}"),
-                ("Loads", _plain(record_part(record, "loads"))),
-                ("Model", _plain(record_part(record, "model"))),
-            ]
-        ),
+        section("Answer", table(_answer_rows(numbers, of))),
+        section("Shell", table(shell_rows(numbers, declared, of))),
     ]
     if "convergence" in numbers:
-        parts += ["<h2>Coarser meshes</h2>", _convergence_table(numbers["convergence"], of)]
+        parts.append(section("Coarser meshes", _convergence_table(numbers["convergence"], of)))
     parts += [
-        "<h2>How it was made</h2>",
-        _table(
-            [
-                ("Command", numbers["command"]),
-                ("Computed", str(record.get("record", {}).get("made", "unknown"))),
-                ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
-                ("Scene, SHA-256", record["identity"]["scene"]),
-                ("Mesh, SHA-256", record["identity"]["mesh"]),
-            ]
-        ),
-        "<h2>Scene file</h2>",
-        f"<pre>{html.escape(scene.file.read_text(encoding='utf-8'))}</pre>",
+        section("How it was made", table([*made, *digests])),
+        section("Scene file", listing(scene.file.read_text(encoding="utf-8"))),
     ]
-    body = "\n".join(parts)
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(scene.name)}: report</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}\n"
-        "</body>\n</html>\n"
-    )
+    return document(scene.name, parts)
 
 
 def _headline(scene: ShellScene, numbers: dict[str, Any], second: str) -> str:
@@ -105,7 +74,7 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
 
     def where(one: dict[str, Any]) -> str:
         when = f", at {one['time']:.4g} {of('s')}" if numbers["frames"] > 1 else ""
-        return f"at {_vector(one['place'])} {length}{when}"
+        return f"at {vector(one['place'])} {length}{when}"
 
     if stress is None:
         stressed = "none: stresses need a material of shell theory"
@@ -120,13 +89,13 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
     if (contact := numbers.get("contact")) is not None:
         rows.append((
             "Contact, in the last frame",
-            f"{contact['vertices']} vertices touch, force {_vector(contact['force'])} {of('N')}; "
+            f"{contact['vertices']} vertices touch, force {vector(contact['force'])} {of('N')}; "
             f"deepest of all frames {contact['deepest']:.2g} {length}",
         ))  # fmt: skip
     if numbers["load"] is not None:
         rows += [
-            ("Resultant of the load", f"{_vector(numbers['load'])} {of('N')}"),
-            ("Resultant of the reactions", f"{_vector(numbers['reactions'])} {of('N')}"),
+            ("Resultant of the load", f"{vector(numbers['load'])} {of('N')}"),
+            ("Resultant of the reactions", f"{vector(numbers['reactions'])} {of('N')}"),
             ("Missing to their balance", f"{100 * numbers['balance']:.2g} % of the load"),
         ]
     found = numbers["frequencies"]
@@ -153,7 +122,7 @@ def _convergence_table(rows: Sequence[dict[str, Any]], of: Any) -> str:
         f"{100 * abs(last[name] / before[name] - 1):.2g} %" if last[name] and before[name] else "none"
         for name in ("displacement", "stress")
     ]
-    return _table([*lines, ("Change by the last step", *changes)])
+    return table([*lines, ("Change by the last step", *changes)])
 
 
 def _figure(scene: ShellScene, shell: Shell, run: Trajectory) -> str:
@@ -177,11 +146,7 @@ def _figure(scene: ShellScene, shell: Shell, run: Trajectory) -> str:
     words = (
         f"At its end, coloured by {shown.label}, over the outline at rest; black: supports; red: the load's direction."
     )
-    alt = f"The shell coloured by {shown.label}"
-    return (
-        f'<figure><img alt="{html.escape(alt)}" src="data:image/png;base64,{picture.base64}">'
-        f"<figcaption>{html.escape(words)}</figcaption></figure>"
-    )
+    return figure(picture.base64, f"The shell coloured by {shown.label}", words)
 
 
 def _beads(points: Array, radius: float) -> tuple[Array, NDArray[np.int64]]:
@@ -226,46 +191,9 @@ def _spread(points: Array, among: NDArray[np.int64]) -> NDArray[np.int64]:
     return among
 
 
-def record_part(record: dict[str, Any], name: str) -> Any:
-    """A table of the scene as the run's record keeps it."""
-    return record.get("record", {}).get("parameters", {}).get(name)
-
-
-def _plain(value: Any) -> str:
-    """A table of a scene as text, without what is not set."""
-    if value is None:
-        return "none"
-    if isinstance(value, dict):
-        parts = {key: _plain(inner) for key, inner in value.items() if inner not in (None, [], {}, False)}
-        return "; ".join(f"{key} {text}" if key != "entries" else text for key, text in parts.items())
-    if isinstance(value, list):
-        if all(isinstance(one, int | float) for one in value):
-            return _vector(value)
-        return "; ".join(f"({_plain(one)})" for one in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _squared(unit: str) -> str:
-    """A unit of area."""
-    return f"{unit}²"
-
-
-def _vector(values: Iterable[float]) -> str:
-    """A few numbers in brackets; what is rounding next to the largest is 0."""
-    listed = list(values)
-    least = 1e-9 * max((abs(value) for value in listed), default=0.0)
-    return f"({', '.join(f'{value:.4g}' if abs(value) > least else '0' for value in listed)})"
-
-
 def _stress(value: float, unit: str) -> str:
     """A stress in the unit of the scene; pascals by the thousand, million or billion."""
     for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if unit == "Pa" and value >= factor:
             return f"{value / factor:.5g} {prefix}Pa"
     return f"{value:.5g} {unit}"
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells."""
-    lines = ("".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in rows)
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"

@@ -73,7 +73,9 @@ class _Summary:
 
     def name(self, chosen: Chosen, between: str = ", ") -> str:
         """The chosen values as text."""
-        parts = (f"{self.axes[place].key} = {_text(self.axes[place].values[index])}" for place, index in chosen.items())
+        parts = (
+            f"{self.axes[place].key} = {axis_text(self.axes[place].values[index])}" for place, index in chosen.items()
+        )
         return between.join(parts)
 
     def heading(self, chosen: Chosen) -> str:
@@ -82,9 +84,15 @@ class _Summary:
 
 
 def draw_summary(
-    rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str, units: Mapping[str, str]
+    rows: Sequence[SummaryRow],
+    axes: Sequence[Axis],
+    value: str,
+    path: Path,
+    title: str,
+    units: Mapping[str, str],
+    columns: int = 3,
 ) -> str:
-    """Draw ``value`` over the axes into a PNG.
+    """Draw ``value`` over the axes into a PNG, with at most that many ``columns`` of panels.
 
     Returns
     -------
@@ -100,11 +108,11 @@ def draw_summary(
     longest = sorted(numeric, key=lambda place: -len(numeric[place]))  # stable: the first in the file where they tie
     if len(longest) > 1 and len(numeric[longest[1]]) > 3:
         x, y = sorted(longest[:2], key=lambda place: (-len(numeric[place]), place))  # cells may be narrow along x
-        return _draw_map(summary, x, y, numeric, path)
-    return _draw_curves(summary, longest[0] if longest else len(axes) - 1, numeric, path)
+        return _draw_map(summary, x, y, numeric, path, columns)
+    return _draw_curves(summary, longest[0] if longest else len(axes) - 1, numeric, path, columns)
 
 
-def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], path: Path) -> str:
+def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], path: Path, columns: int) -> str:
     """Curves along the axis at ``place``; values that are no numbers stand at equal distance, by their names."""
     axis, named = summary.axes[place], place not in numeric
     along = np.arange(1.0, len(axis.values) + 1.0) if named else numeric[place]
@@ -132,14 +140,16 @@ def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], pa
                 summary.label,
                 log=_is_wide(summary.known),
                 log_x=not named and _is_geometric(along),
-                x_ticks=dict(zip(along, map(_text, axis.values), strict=True)) if named else _ticks(along),
+                x_ticks=dict(zip(along, map(axis_text, axis.values), strict=True)) if named else _ticks(along),
             )
         )
-    draw_curves(drawn, path, columns=min(3, len(drawn)), share_y=True)
+    draw_curves(drawn, path, columns=min(columns, len(drawn)), share_y=True)
     return ""
 
 
-def _draw_map(summary: _Summary, x_place: int, y_place: int, numeric: Mapping[int, Array], path: Path) -> str:
+def _draw_map(
+    summary: _Summary, x_place: int, y_place: int, numeric: Mapping[int, Array], path: Path, columns: int
+) -> str:
     panels = summary.choices([other for other in range(len(summary.axes)) if other not in (x_place, y_place)])
     if len(panels) > _PANELS:
         return f"no picture: {len(panels)} maps are too many for a picture; plot the table instead"
@@ -163,7 +173,7 @@ def _draw_map(summary: _Summary, x_place: int, y_place: int, numeric: Mapping[in
     colors = {name: _RANGES[k] for name, k in zip(names, picked, strict=True)}
     if None in summary.cells.values():
         colors[_NONE] = _NONE_COLOR
-    draw_maps(drawn, colors, path, columns=min(3, len(drawn)))
+    draw_maps(drawn, colors, path, columns=min(columns, len(drawn)))
     return ""
 
 
@@ -203,11 +213,14 @@ def _numbers(axis: Axis) -> Array | None:
     return factors * lengths.max() if parallel else None
 
 
-def _text(value: Any) -> str:
+def axis_text(value: Any) -> str:
+    """A value of an axis as text."""
     if isinstance(value, dict):
-        return ", ".join(_text(part) if key == "name" else f"{key} {_text(part)}" for key, part in value.items())
+        return ", ".join(
+            axis_text(part) if key == "name" else f"{key} {axis_text(part)}" for key, part in value.items()
+        )
     if isinstance(value, list):
-        return "(" + ", ".join(map(_text, value)) + ")"
+        return "(" + ", ".join(map(axis_text, value)) + ")"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from guide import ROOT
+from printed import check_numbers, stands_for
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -153,25 +154,6 @@ def test_a_report_says_what_is_too_coarse_and_what_is_not_joined(plate, capsys):
     assert not (plate / "results" / "own.npz").exists()
 
 
-def numbers_in(content):
-    """Every number in nested lists, tables and texts of JSON."""
-    if isinstance(content, dict):
-        return [value for part in content.values() for value in numbers_in(part)]
-    if isinstance(content, list):
-        return [value for part in content for value in numbers_in(part)]
-    if isinstance(content, str):
-        return [float(value) for value in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", content)]
-    return [float(content)] if isinstance(content, int | float) else []
-
-
-def stands_for(shown, value):
-    """Whether a printed number is ``value`` to its own digits, as it is, in percent or with a prefix of its unit."""
-    digits = shown.lower().split("e")[0].lstrip("-").replace(",", "")
-    step = 10.0 ** -len(digits.partition(".")[2]) * 10.0 ** float(shown.lower().partition("e")[2] or 0)
-    seen = float(shown.replace(",", ""))
-    return any(abs(seen - value * factor) <= 0.501 * step for factor in (1.0, 100.0, 1e-3, 1e-6, 1e-9, 1e3))
-
-
 def test_a_number_stands_for_a_value_to_its_own_digits():
     assert stands_for("1.235", 1.2349)
     assert stands_for("1.235", 1.2349e6)
@@ -195,13 +177,4 @@ def test_the_report_on_the_plate_of_the_readme_prints_on_two_pages_of_its_own_nu
     rows = page.eval_on_selector_all("tr", "rows => rows.map(row => [...row.children].map(cell => cell.innerText))")
     page.close()
     files = [json.loads(path.read_text()) for path in (tmp_path / "results").glob("*.json")]
-    known, tried = numbers_in(files), 0
-    for name, shown in rows:
-        if name in ("Versions", "Computed", "Command") or "SHA-256" in name:
-            continue
-        for number in re.findall(r"(?<![\w.])-?\d[\d,]*\.?\d*(?:e[-+]?\d+)?", shown):
-            tried += 1
-            assert any(stands_for(number.rstrip(","), value) for value in known), (
-                f"{name}: {number} is in no result file"
-            )
-    assert tried > 30
+    assert check_numbers(rows, files) > 30
