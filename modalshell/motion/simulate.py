@@ -126,7 +126,7 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     if bars is not None:
         bars = checked_count("bars", bars)
-        check_bar(model.true_shell, constrained=bool(constraints) or bool(contacts))
+        check_bar(model.true_shell, constrained=bool(constraints), touching=bool(contacts))
     if integrator is not None:
         model = model.stepped_by(integrator)
     motion = Motion(
