@@ -177,6 +177,30 @@ class ActiveSet:
                     break
         return Rest(x, active, np.where(active, pushes, 0.0), size, iteration, solved, limited=size > rules.accepted)
 
+    def correct(self, x: Array, least: int, most: int) -> tuple[Rest, list[Array]]:
+        """At least so many steps from x (n, 3), until the set repeats, at ``most``; and the stresses predicted there.
+
+        Converged says whether the set repeats. SolverError where the steps leave the finite numbers.
+        """
+        active, stresses = self.near(x), None
+        pushes, repeated, count = np.zeros(active.size), False, 0
+        while count < least or not (repeated or count == most):
+            gradient, hessian = self._linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+            rows = np.flatnonzero(active)
+            gaps = self.touching.gaps(x, rows)
+            equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
+            direction, found = equations.solve()
+            share, _, stresses = self._moved(x, hessian, direction, equations.frames.rows)
+            x, count = self._point, count + 1
+            if not np.isfinite(x).all():
+                raise SolverError("Newton steps from this answer leave the finite numbers")
+            pushes = np.zeros(active.size)
+            pushes[equations.frames.rows] = found
+            last, active = active, self._next(x, pushes, equations.frames.rows, _PULL)
+            repeated = bool(share > 0.999 and np.array_equal(last, active))
+        assert stresses is not None
+        return Rest(x, active, np.where(active, pushes, 0.0), np.inf, count, repeated), stresses
+
     def _moved(self, x: Array, hessian: object, direction: Array, rows: Index) -> tuple[float, float, list[Array]]:
         moved, stresses, share = self.problem.moved(x, direction)
         if (part := self.touching.safe_part(x, moved)) < 1.0:

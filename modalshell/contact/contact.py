@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, final
+import copy
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,35 @@ from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
-from modalshell.supports import SupportPath
+from modalshell.supports import Pose, SupportPath
 
 _LEAD = 1e-6
 """Time [s] over which the velocity of a collider on a path is a difference."""
+
+
+@final
+class _Seen:
+    """The path of a collider as it is seen from a frame that moves.
+
+    Parameters
+    ----------
+    path : SupportPath or None
+        Of the collider in the world.
+    frame : SupportPath
+        Of the frame.
+    """
+
+    def __init__(self, path: SupportPath | None, frame: SupportPath) -> None:
+        self._path, self._frame = path, frame
+        self.times = frame.times if path is None else np.union1d(frame.times, path.times)
+
+    def at(self, time: float) -> Pose:
+        """Where it is at ``time`` [s]."""
+        frame, turn, place, none = self._frame.at(time), np.eye(3), np.zeros((1, 3)), np.zeros(3)
+        if self._path is not None:
+            pose = self._path.at(time)
+            turn, place = pose.rotation, pose.to_world(place)
+        return Pose(frame.rotation.T @ turn, frame.to_shell(place)[0], none, none, none, none, none)
 
 
 @final
@@ -63,11 +89,27 @@ class Contact(ReadOnlyArrays):
         self.sel = sel if isinstance(sel, str) and sel == "all" else checked_selection("sel", sel)
         self.friction = checked_number("friction", friction, at_least=0.0)
         self.restitution = checked_number("restitution", restitution, at_least=0.0, at_most=1.0)
-        self.motion = None if motion is None else checked_kind("motion", motion, SupportPath)
+        self.motion: SupportPath | _Seen | None = None
+        if motion is not None:
+            self.motion = checked_kind("motion", motion, SupportPath)
         self.push_out = checked_number("push_out", push_out, at_least=0.0, unit="m/s")
 
     def __repr__(self) -> str:
         return f"Contact({type(self.collider).__name__}, sel={self.sel!r})"
+
+    def seen_from(self, frame: SupportPath | None) -> Self:
+        """The same contact in the moving ``frame`` of a shell's supports; itself without one."""
+        if frame is None:
+            return self
+        seen = copy.copy(self)
+        seen.motion = _Seen(self.motion if isinstance(self.motion, SupportPath) else None, frame)
+        return seen
+
+    def on(self, chosen: NDArray[np.bool_]) -> Self:
+        """The same contact of the vertices ``chosen`` (k,) of another mesh."""
+        other = copy.copy(self)
+        other.sel = chosen
+        return other
 
     def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""

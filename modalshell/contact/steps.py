@@ -62,9 +62,7 @@ class TouchingSteps:
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._deep = EXACT_GAP * self.now.size
-        corners = np.stack([shell.rest_positions.min(axis=0), shell.rest_positions.max(axis=0)]) + origin
-        for index, contact in enumerate(self.now.contacts):
-            _refuse_fast(index, contact, corners, dt)
+        refuse_fast(self.now.contacts, shell.rest_positions + origin, dt)
 
     def begin(self, x: Array) -> None:
         """Refuse a motion that begins at x (n, 3) inside a collider."""
@@ -194,19 +192,23 @@ class TouchingSteps:
         return rates
 
 
-def _refuse_fast(index: int, contact: Contact, corners: Array, dt: float) -> None:
-    """Raise OptionError for a contact whose collider moves by more than its smallest radius in a step."""
-    radius = contact.collider.smallest_radius
-    if contact.motion is None or not np.isfinite(radius):
-        return
-    grid = np.stack(np.meshgrid(*corners.T), axis=-1).reshape(-1, 3)
-    times = contact.motion.times
-    count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
-    for time in np.linspace(times[0] - dt, times[-1], count + 1):
-        if (way := contact.largest_move(grid, float(time), dt)) > radius:
-            name = type(contact.collider).__name__
-            raise OptionError(
-                f"contact {index} ({name}) moves {way:.3g} m in the step from {max(time, 0.0):.4g} s, more than its "
-                f"smallest radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
-                f"{dt * radius / way:.2g} s"
-            )
+def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:
+    """Raise OptionError for a contact whose collider moves by more than its smallest radius in a step of ``dt`` [s].
+
+    ``rest`` (n, 3) [m] are the shell's positions at rest, in the frame in which it is seen.
+    """
+    grid = np.stack(np.meshgrid(*np.stack([rest.min(axis=0), rest.max(axis=0)]).T), axis=-1).reshape(-1, 3)
+    for index, contact in enumerate(contacts):
+        radius = contact.collider.smallest_radius
+        if contact.motion is None or not np.isfinite(radius):
+            continue
+        times = contact.motion.times
+        count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
+        for time in np.linspace(times[0] - dt, times[-1], count + 1):
+            if (way := contact.largest_move(grid, float(time), dt)) > radius:
+                name = type(contact.collider).__name__
+                raise OptionError(
+                    f"contact {index} ({name}) moves {way:.3g} m in the step from {max(time, 0.0):.4g} s, more than "
+                    f"its smallest radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
+                    f"{dt * radius / way:.2g} s"
+                )

@@ -259,6 +259,15 @@ class Touching:
                 )
 
 
+def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of ``chosen`` contacts (c,)."""
+    x = x.copy()
+    rows = np.flatnonzero((touching.distances(x) < 0.0) & chosen[touching.contact_of])
+    rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+    touching.put_on(x, rows, np.zeros(rows.size))
+    return x
+
+
 def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:
     """What touches at positions x (n, 3), of forces (r,) [N] along the normals and ``further`` ones (n, 3) [N]."""
     bare = touching.with_bounds(None)

@@ -107,6 +107,9 @@ COST = "cost"
 """Name in a state's memory of the squares, in the norm of the mass, of the last step's error and of its changes of
 rates and coordinates, where the rule has found them (3,)."""
 
+PUSHES = "pushes"
+"""Name in a state's memory of the contact forces (r,) [N] along the normals of its step."""
+
 CREASES, HEAT = "creases", "crease_heat"
 """Names in a state's memory of the plastic folds (C,) [rad] of creases, and of the heat (1,) [J] they have made."""
 

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
-from modalshell.core.errors import MeshError, OptionError
+from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -40,6 +40,11 @@ class CoarseDiscreteShell(ImplicitModel):
     sharp folds; loads are restricted with the same weights. A step of implicit Euler runs in one compiled function,
     with a profile factorisation, where the coarse shell has no further energies and its supports hold whole vertices;
     else as that of :class:`DiscreteShell`, six to ten times slower.
+
+    Contacts hold exactly at the coarse vertices, by the same sets as those of :class:`DiscreteShell`; forces are stated
+    at the fine vertices nearest to them. Fine vertices between these may enter a collider: by the square of the coarse
+    edges over eight times a radius at which the surface, or the collider, bends more than the prolonged one does.
+    :meth:`equilibrium` puts such vertices onto the collider; motions leave them, and ``deepest`` says how deep.
 
     Parameters
     ----------
@@ -114,9 +119,32 @@ class CoarseDiscreteShell(ImplicitModel):
         corners = self.shell.mesh.faces[self._above]
         return np.asarray(corners[np.arange(len(corners)), self._shares.argmax(axis=1)])
 
-    def no_contacts(self) -> OptionError:
-        """The error of motions, which take no contacts."""
-        return OptionError(f"{self.name} takes contacts in equilibrium alone: take DS, or LMA, MWTS or RSW, to move")
+    @property
+    def on_coarse(self) -> Self:
+        """The coarse shell that bears contacts: its own."""
+        return self
+
+    def as_coarse(self, state: MotionState) -> MotionState:
+        """A state in positions of the coarse vertices, as it is."""
+        return state
+
+    def coarse_contacts(self, contacts: Sequence[Any]) -> list[Any]:
+        """Contacts of the coarse vertices, each of those whose nearest fine one may touch."""
+        return [contact.on(contact.vertices(self.shell.mesh)[self.nearest]) for contact in contacts]
+
+    def spread(self, forces: Array, touches: Array) -> tuple[Array, Array]:
+        """Contact forces (n, 3) [N], and what touches (n,), of those of coarse vertices, at the nearest fine ones."""
+        shape = self.shell.rest_positions.shape
+        above, touched = np.zeros(shape), np.zeros(shape[0], dtype=bool)
+        np.add.at(above, self.nearest, forces)
+        touched[self.nearest[touches]] = True
+        return above, touched
+
+    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
+        """What takes the steps of a motion with contacts."""
+        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
+
+        return CoarseContactMotion(self, setup, origin)
 
     def centred(self) -> tuple[Self, Array]:
         """The same model about the origin, and where its origin was."""
@@ -169,15 +197,18 @@ class CoarseDiscreteShell(ImplicitModel):
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
-        down = self._prolongation.restrict(load)
-        if self._free_parts is not None:
-            down = self._free_parts.balanced(load, down)
+        down = self.carried(load)
         if self._step is not None:
             moved, solved = self._step(start, down, damping, self.step_tolerance)
             if solved:
                 return moved, True
         after, solved = ShellSteps(self.coarse, lambda _: (self.coarse, down, None), damping).solve(start)
         return after.coordinates, solved
+
+    def carried(self, load: Array) -> Array:
+        """Load (k, 3) [N] on the coarse vertices in motion of one on the fine ones (n, 3) [N]."""
+        down = self._prolongation.restrict(load)
+        return down if self._free_parts is None else self._free_parts.balanced(load, down)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (k, 3) [m]."""

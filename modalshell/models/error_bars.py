@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -20,6 +21,9 @@ from modalshell.shell import Shell
 from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # scenes without contacts do not import it
+
 COARSE_TRIANGLES = 300
 """Triangles of a coarse shell that is made for bars."""
 
@@ -33,6 +37,7 @@ def error_bar(
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
+    contacts: Sequence[Contact] | None = None,
 ) -> ErrorBar:
     """How far a static answer is from that of discrete shells (DS) on the same shell, without solving DS.
 
@@ -55,26 +60,32 @@ def error_bar(
     walk : bool
         Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
         takes some four further bars, in place of an estimate from this one margin.
-    gravity, force, loads : optional
-        The load, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows it.
+    gravity, force, loads, contacts : optional
+        The load and colliders, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows them. What touches
+        stays on its collider while the steps are taken; these are more than two, at most eight, where they change what
+        touches.
 
     Returns
     -------
     ErrorBar
-        Void, and says so, where the answer is near the end of its branch or past it.
+        Void, and says so, where the answer is near the end of its branch or past it, or what touches does not settle.
 
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold, an answer under constraints, or loads given twice.
+        For a shell that its supports do not hold, an answer under constraints, contacts with friction, loads
+        or contacts given twice, or contacts with a bar on a coarse shell or with ``walk``.
     LoadError
         For positions or loads of the wrong shape or not finite.
     """
     shell = shell_of(model_or_shell)
     given = any(part is not None for part in (gravity, force, loads))
-    loading, constrained = None, False
+    loading, constrained, touching = None, False, contacts
     if isinstance(answer, Equilibrium):
         loading, constrained = answer.loading, answer.constraint_residuals.size > 0
+        if answer.contacts and contacts is not None:
+            raise OptionError("the equilibrium knows its contacts: leave them out, or give its positions")
+        touching = answer.contacts or contacts
     if loading is not None and given:
         raise OptionError("the equilibrium knows its load: leave out gravity, force and loads, or give its positions")
     if loading is None:
@@ -82,7 +93,9 @@ def error_bar(
     positions = shell.checked_positions(answer.positions if isinstance(answer, Equilibrium) else answer)
     check_bar(shell, constrained=constrained)
     if isinstance(on, str) and on == "shell":
-        return bar_on_shell(shell, positions, loading, walk=walk)
+        return bar_on_shell(shell, positions, loading, touching, walk=walk)
+    if touching:
+        raise OptionError('under contacts a bar is found on the shell itself: take on="shell"')
     return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 

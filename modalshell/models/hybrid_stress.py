@@ -6,22 +6,23 @@ import copy
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
+from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import PUSHES, Damping, MotionSetup, MotionState
 from modalshell.linalg import ProfileAnalysis
-from modalshell.loads import Load
+from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
@@ -65,9 +66,10 @@ class HybridStress(ImplicitModel):
     m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.models.hybrid.assumed_stress`. Loads whose linear answer the model does not have, states whose
     membrane the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back
-    when they may be. Damping by the stiffness has trained stresses of its own: those that resist the strains' rates, by
-    which frames that turn the shell far are damped most. ``residual`` of statics is the reduced gradient over the
-    load's, each coordinate's over the root of its stiffness.
+    when they may be. So are states that a contact presses on: training knows no contact forces. Damping by the
+    stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
+    far are damped most. ``residual`` of statics is the reduced gradient over the load's, each coordinate's over the
+    root of its stiffness.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -317,10 +319,34 @@ class HybridStress(ImplicitModel):
             after, solved = super().march(reduced, dt, load_at, damping)
             if solved:
                 return after, True
-        if state.coordinates.ndim == 1:
-            spread = self._basis
-            state = _mapped(state, self._coarse_positions, lambda vector: (spread @ vector).reshape(-1, 3))
-        return self.coarse.march(state, dt, load_at, damping)
+        return self.coarse.march(self.as_coarse(state), dt, load_at, damping)
+
+    @property
+    def on_coarse(self) -> CoarseDiscreteShell:
+        """The coarse shell that bears contacts."""
+        return self.coarse
+
+    def as_coarse(self, state: MotionState) -> MotionState:
+        """A state in positions (k, 3) [m] of the coarse vertices."""
+        if state.coordinates.ndim == 2:
+            return state
+        return _mapped(state, self._coarse_positions, lambda vector: (self._basis @ vector).reshape(-1, 3))
+
+    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
+        """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""
+        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
+
+        return CoarseContactMotion(self, setup, origin)
+
+    def _solve_touching(
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        from modalshell.models.coarse.contact_statics import equilibrium_or_coarse_contacts  # not without contacts
+
+        def free() -> Equilibrium:
+            return self._solve_live(loading, start) if loading.live else self._solve(loading.dead, start)
+
+        return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Coordinates after a step of implicit Euler; not solved where the trained model does not hold it."""
@@ -383,7 +409,9 @@ class HybridStress(ImplicitModel):
 def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:
     """A state in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
     shape = state.rates.shape
-    memory = {name: turn(kept) if kept.shape == shape else kept for name, kept in state.memory.items()}
+    memory = {
+        name: turn(kept) if kept.shape == shape and name != PUSHES else kept for name, kept in state.memory.items()
+    }
     return MotionState(place(state.coordinates), turn(state.rates), memory)
 
 

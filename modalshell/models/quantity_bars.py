@@ -99,7 +99,7 @@ def quantity_bars(
     if not isinstance(answer, Equilibrium) or answer.loading is None:
         raise OptionError(f"answer must be an equilibrium of a known load, as a model finds (got {shown(answer)})")
     shell = shell_of(model_or_shell)
-    check_bar(shell, constrained=answer.constraint_residuals.size > 0)
+    check_bar(shell, constrained=answer.constraint_residuals.size > 0, touching=bool(answer.contacts))
     loading = answer.loading
     chosen = _chosen(of, shell, answer, loading)
     estimator = ErrorEstimator(shell)

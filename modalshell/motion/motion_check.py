@@ -29,11 +29,11 @@ class WantedBars(TypedDict):
     coarse: CoarseDiscreteShell | None
 
 
-def wanted_bars(bars: int | tuple[int, str | Shell], model: Model, *, constrained: bool) -> WantedBars:
+def wanted_bars(bars: int | tuple[int, str | Shell], model: Model, *, constrained: bool, touching: bool) -> WantedBars:
     """What ``bars`` of :func:`modalshell.simulate` asks for; OptionError where there is none."""
     every, on = bars if isinstance(bars, tuple) and len(bars) == 2 else (bars, "shell")
     every = checked_count("bars", every)
-    check_bar(model.true_shell, constrained=constrained)
+    check_bar(model.true_shell, constrained=constrained, touching=touching)
     coarse = None if isinstance(on, str) and on == "shell" else coarse_of(model, model.true_shell, on)
     return {"every": every, "coarse": coarse}
 

@@ -125,7 +125,10 @@ def simulate(
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
-    wanted = None if bars is None else wanted_bars(bars, model, constrained=bool(constraints) or bool(contacts))
+    if bars is None:
+        wanted = None
+    else:
+        wanted = wanted_bars(bars, model, constrained=bool(constraints), touching=bool(contacts))
     if integrator is not None:
         model = model.stepped_by(integrator)
     motion = Motion(

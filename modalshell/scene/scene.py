@@ -236,7 +236,9 @@ class ShellScene(Scene):
             model = self.model.build(self.model_factory(shell, solve))
         if self.bar:
             try:
-                check_bar(shell, constrained=bool(constraints) or bool(self.contacts))
+                check_bar(
+                    shell, constrained=bool(constraints), touching=bool(self.contacts) and self.motion is not None
+                )
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
         return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts())

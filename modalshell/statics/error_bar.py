@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
+import scipy.sparse as sps
 
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
@@ -123,9 +124,10 @@ def share_as_text(error: float) -> str:
     return "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
 
 
-@final
 class ErrorEstimator:
     """Finds error bars of answers of one shell, one after the other; the order of elimination is found once.
+
+    Where some unknowns are held besides those of the supports, a subclass says what the motions are that are left.
 
     Parameters
     ----------
@@ -195,21 +197,35 @@ class ErrorEstimator:
         geometric = pattern.matrix(difference)
         symmetric = problem.live is None or problem.live.conservative
         elastic = replace(problem, live=None)
-        factor = elastic.definite_factor(pattern.free_matrix(stiffness))
+        factor = self._factor(elastic, pattern.free_matrix(stiffness))
         if factor is None:
             raise SolverError("two Newton steps lead to a shape without stiffness: the answer is far from any of DS")
 
         def softening(values: Array) -> Array:
-            moved = unknowns.prolong(values)
+            along = self._along(values)
+            moved = unknowns.prolong(along)
             product = geometric @ moved
             if not symmetric:  # a shell whose symmetric half is stiff neither diverges nor flutters
                 product = 0.5 * (product + geometric.T @ moved)
-            return np.asarray(unknowns.restrict(product))
+            return self._across(along, np.asarray(unknowns.restrict(product)))
 
         start = np.random.default_rng(0).standard_normal(unknowns.count)
+        start = self._across(np.zeros_like(start), start)
         found = lowest_ratio(factor.solve, softening, start)
         self.last = LastStep(problem, x, stressed, found.direction, factor)
         return found
+
+    def _factor(self, problem: Potential, stiffness: sps.csc_array) -> Factor | None:
+        """Factor of a stiffness on the motions that are left; None where it is not positive definite."""
+        return problem.definite_factor(stiffness)
+
+    def _along(self, values: Array) -> Array:
+        """Motion (N,) of values of the motions that are left."""
+        return values
+
+    def _across(self, along: Array, force: Array) -> Array:  # noqa: ARG002 (of what is held, and turns with the motion)
+        """Force (N,) on the motions that are left, by a motion ``along`` that had a ``force`` (N,)."""
+        return force
 
     def refined(self) -> Array:
         """Positions (n, 3) [m] after a third step from the last bar's, by the factor that its margin has left."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
@@ -11,22 +14,41 @@ from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.statics.live_loads import LiveLoads
 
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # scenes without contacts do not import it
 
-def check_bar(shell: Shell, *, constrained: bool = False) -> None:
-    """OptionError where answers on a shell have no error bar."""
+
+def check_bar(shell: Shell, *, constrained: bool = False, touching: bool = False) -> None:
+    """OptionError where answers on a shell have no error bar; ``touching`` where contacts allow none."""
     shell.refuse_creases("an error bar")
     if constrained:
-        raise OptionError("error bars under position or orientation constraints, or contacts, are not known: drop one")
+        raise OptionError("error bars under position or orientation constraints are not known: drop one")
+    if touching:
+        raise OptionError("under contacts static answers alone have an error bar: take equilibrium(..., bar=True)")
     if loose := left_free(shell):
         raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
 
 
-def bar_on_shell(shell: Shell, positions: Array, loading: Loading, *, walk: bool = False) -> ErrorBar:
-    """The bar of an answer at ``positions`` (n, 3) [m], loads of time being those at time 0.
+def bar_on_shell(
+    shell: Shell,
+    positions: Array,
+    loading: Loading,
+    contacts: Sequence[Contact] | None = None,
+    *,
+    walk: bool = False,
+) -> ErrorBar:
+    """The bar of an answer at ``positions`` (n, 3) [m], loads of time and colliders being those at time 0.
 
-    With ``walk`` its critical load is found by a walk along its branch.
+    With ``walk`` its critical load is found by a walk along its branch, which contacts do not take.
     """
     live = LiveLoads(loading) if loading.live else None
+    if contacts:
+        from modalshell.contact.error_bar import ContactEstimator  # not without contacts
+        from modalshell.contact.touching import checked_contacts
+
+        if walk:
+            raise OptionError("under contacts the end of a branch is not walked to: leave out walk=True")
+        return ContactEstimator(shell, checked_contacts(contacts)).bar(positions, loading.dead, live)
     estimator = ErrorEstimator(shell)
     bar = estimator.bar(positions, loading.dead, live)
     return with_branch_end(estimator, bar, loading.dead, live) if walk else bar

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
 
+from modalshell.contact.contact import Contact
 from modalshell.contact.steps import TouchingSteps
 from modalshell.contact.touching import checked_contacts
 from modalshell.core.errors import OptionError
@@ -13,12 +15,13 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionSetup, MotionState
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
+from modalshell.supports import SupportPath
 
-PUSHES = "pushes"
-"""Name in a state's memory of the contact forces (r,) [N] of its step."""
+FreeStep = Callable[[], tuple[MotionState, bool, Array]]
+"""Takes a step without contacts: the state at its end, whether it was solved, and positions (n, 3) [m] there."""
 
 
 @final
@@ -40,6 +43,10 @@ class ContactMotion:
         The shell about ``origin``.
     origin : ndarray, shape (3,)
         Where that is in the world [m].
+    contacts : sequence of Contact, optional
+        Those of the shell's own vertices, where they are not those of the setup.
+    frame : SupportPath, optional
+        Of the frame of the states, if that moves.
 
     Raises
     ------
@@ -47,27 +54,46 @@ class ContactMotion:
         For colliders that move too fast, and ``push_out`` with explicit rules.
     """
 
-    def __init__(self, rule: FullIntegrator, setup: MotionSetup, shell: Shell, origin: Array) -> None:
-        contacts = checked_contacts(setup.contacts)
+    def __init__(
+        self,
+        rule: FullIntegrator,
+        setup: MotionSetup,
+        shell: Shell,
+        origin: Array,
+        *,
+        contacts: Sequence[Contact] | None = None,
+        frame: SupportPath | None = None,
+    ) -> None:
+        contacts = checked_contacts(setup.contacts if contacts is None else contacts)
         for index, contact in enumerate(contacts):
             if contact.push_out and not isinstance(rule, ImplicitRule):
                 raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'sdirk2'")
         self._rule: Any = rule
         self._setup = setup
-        self.steps = TouchingSteps(contacts, shell, origin, setup.dt)
+        self.steps = TouchingSteps([contact.seen_from(frame) for contact in contacts], shell, origin, setup.dt)
 
-    def advance(self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState) -> tuple[MotionState, bool]:
-        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s]; and whether it was solved."""
+    def advance(
+        self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None
+    ) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s]; and whether it was solved.
+
+        ``free`` takes the step where nothing touches, if that is not ``model`` by its own rule.
+        """
         steps, rule, damping = self.steps, self._rule, self._setup.damping
         x, end = state.coordinates, begin + dt
         if PUSHES in state.memory:
             steps.pushes = state.memory[PUSHES].copy()
         steps.let_in(x, begin, dt)
         if not (steps.touches(x, begin) or steps.enters(x, end)):
-            after, solved = rule.march(steps_of(ShellSteps(model, at, damping), model.free_parts, damping), state, dt)
-            if not steps.enters(after.coordinates, end):
+            if free is None:
+                euler = steps_of(ShellSteps(model, at, damping), model.free_parts, damping)
+                after, solved = rule.march(euler, state, dt)
+                reached = after.coordinates
+            else:
+                after, solved, reached = free()
+            if not steps.enters(reached, end):
                 steps.pushes[:] = 0.0
-                return self._kept(after), solved and not steps.passed(x, after.coordinates, end)
+                return self._kept(after), solved and not steps.passed(x, reached, end)
         loads = np.zeros_like(x)
 
         def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
@@ -99,7 +125,7 @@ class ContactMotion:
             return state
         return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
 
-    def begin(self, state: MotionState) -> MotionState:
-        """A start, refused inside a collider."""
-        self.steps.begin(state.coordinates)
+    def begin(self, state: MotionState, x: Array | None = None) -> MotionState:
+        """A start at x (n, 3) [m], by default its coordinates, refused inside a collider."""
+        self.steps.begin(state.coordinates if x is None else x)
         return self._kept(state)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property, partial
 from typing import Any, final
 
-from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
@@ -33,9 +32,8 @@ class FullStepper(Stepper):
             return None
         from modalshell.models.base.contact_motion import ContactMotion  # not without contacts
 
-        if self._frame is not None:
-            raise OptionError("contacts do not go with supports that move and hold single components only")
-        return ContactMotion(self.model.integrator, self.setup, self.model.shell, self.origin)
+        frame = None if self._frame is None else self.setup.supports
+        return ContactMotion(self.model.integrator, self.setup, self.model.shell, self.origin, frame=frame)
 
     @cached_property
     def creases(self) -> CreaseMotion | None:
@@ -63,7 +61,9 @@ class FullStepper(Stepper):
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
-        return None if self.contacts is None else self.contacts.steps.frame(state.coordinates, time)
+        if self.contacts is None:
+            return None
+        return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""

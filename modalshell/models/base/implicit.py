@@ -5,11 +5,12 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
@@ -55,6 +56,10 @@ class ImplicitModel(FrameModel):
     def free_parts(self) -> Floating | None:
         """Parts that nothing holds, of a model that takes such shells."""
         return None
+
+    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
+        """What takes the steps of a motion with contacts about ``origin`` (3,) [m], of models that take these."""
+        raise self.no_contacts()
 
     @abstractmethod
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
@@ -124,11 +129,32 @@ class ImplicitStepper(Stepper):
     """Steps under loads as they are expected at the end of each step of implicit Euler, without constraints."""
 
     model: ImplicitModel
+    takes_contacts = True
 
     def __init__(self, model: ImplicitModel, setup: MotionSetup) -> None:
         if setup.constraints:
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
+        self._contacts = self.model.contact_motion(setup, self.origin) if setup.contacts else None
+
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest, with contacts refused inside a collider."""
+        state = super().start(positions)
+        if self._contacts is None:
+            return state
+        own = self.model.shell.rest_positions if positions is None else positions - self.origin
+        return self._contacts.begin(state, own)
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts."""
+        return "" if self._contacts is None else self._contacts.note
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        if self._contacts is None:
+            return None
+        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
@@ -136,4 +162,6 @@ class ImplicitStepper(Stepper):
         def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
             return self.felt(begin + start.end * dt, load, start.guess)
 
+        if self._contacts is not None:
+            return self._contacts.advance(begin, dt, state, load_at)
         return self.model.march(state, dt, load_at, self.setup.damping)

@@ -280,7 +280,9 @@ class ModalStepper(Stepper):
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
-        return None if self._contacts is None else self._contacts.frame(state, self.own_positions(state), time)
+        if self._contacts is None:
+            return None
+        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""

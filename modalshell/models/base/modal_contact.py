@@ -11,12 +11,13 @@ import scipy.linalg
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.steps import refuse_fast
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
@@ -32,8 +33,6 @@ LOCAL = "local"
 """Name in a state's memory of the displacement (n, 3) [m] beyond the modes."""
 BEYOND = "beyond"
 """Name in a state's memory of the elastic energy (1,) [J] of that displacement."""
-PUSHES = "pushes"
-"""Name in a state's memory of the contact forces (r,) [N] of its step."""
 
 
 def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
@@ -149,18 +148,16 @@ class ModalContactMotion:
     """
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
-        if setup.supports is not None:
-            raise OptionError(
-                f"{model.name} does not take contacts with moving supports: move the colliders, or take DS"
-            )
         if setup.constraints:
             raise OptionError("contacts and constraints do not go together yet")
-        for index, contact in enumerate(checked_contacts(setup.contacts)):
+        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
+        refuse_fast(given, model.shell.rest_positions, setup.dt)
+        for index, contact in enumerate(given):
             if contact.restitution:
                 raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
         self._model, self._damping = model, setup.damping
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
-        self._pressing = modal_contacts(model, setup.contacts)
+        self._pressing = modal_contacts(model, given)
         self._impulse = 0.0, self._damp
         rows = self._pressing.touching.vertices.size
         self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}

@@ -94,8 +94,8 @@ class Model(ABC):
             For loads or positions of the wrong shape or not finite.
         OptionError
             For constraints or contacts of a model that takes none, for constraints that contradict one another or the
-            supports, for a start inside a collider, or for a ``bar`` under constraints or contacts, or of a shell that
-            its supports do not hold.
+            supports, for a start inside a collider, or for a ``bar`` under constraints, contacts with friction, or of
+            a shell that its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
@@ -104,7 +104,7 @@ class Model(ABC):
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if checked_kind("bar", bar, bool):
-            check_bar(self.true_shell, constrained=bool(wanted) or bool(contacts))
+            check_bar(self.true_shell, constrained=bool(wanted))
         if contacts:
             found = self._solve_touching(loading, begin, contacts, wanted)
         elif wanted:
@@ -119,7 +119,11 @@ class Model(ABC):
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
         found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
-        return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading)) if bar else found
+        if contacts:
+            found = replace(found, contacts=tuple(contacts))
+        if not bar:
+            return found
+        return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading, found.contacts))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.shell!r})"

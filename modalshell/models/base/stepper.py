@@ -126,6 +126,10 @@ class Stepper(ABC):
         """What touches in a state at ``time`` [s], with contacts."""
         return None
 
+    def touched_in_world(self, found: TouchedFrame, time: float) -> TouchedFrame:
+        """What touches, of forces in the frame of the states at ``time`` [s]."""
+        return found if self._frame is None else found._replace(forces=found.forces @ self._frame.at(time).rotation.T)
+
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
         return self.model

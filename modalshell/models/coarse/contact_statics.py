@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
-from modalshell.contact.touching import Touching, checked_contacts
+from modalshell.contact.touching import Touching, checked_contacts, put_out
 from modalshell.core.errors import OptionError
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.settle import self_consistent
 
 
 def coarse_equilibrium_on_contacts(
@@ -31,7 +31,7 @@ def coarse_equilibrium_on_contacts(
     model : CoarseDiscreteShell
         The model.
     loading : Loading
-        Dead loads on the fine shell.
+        Loads on the fine shell.
     start : ndarray, shape (n, 3), optional
         Where to begin.
     contacts, constraints : sequence
@@ -40,51 +40,55 @@ def coarse_equilibrium_on_contacts(
     Raises
     ------
     OptionError
-        For what is no contact, constraints with contacts, loads that change, or a start inside a collider.
+        For what is no contact, constraints with contacts, or a start inside a collider.
     """
     given = checked_contacts(contacts)
     if constraints:
         raise OptionError("contacts and constraints do not go together yet: move the supports instead")
-    if loading.live:
-        raise OptionError(f"{model.name} takes contacts under dead loads: take DS where loads change with the shell")
-    shell, coarse, nearest = model.shell, model.coarse.shell, model.nearest
-    own = [_on(contact, contact.vertices(shell.mesh)[nearest]) for contact in given]
-    fine, under = Touching(given, shell), Touching(own, coarse)
-    begin = None
+    fine, own = Touching(given, model.shell), model.coarse_contacts(given)
+    under = Touching(own, model.coarse.shell)
     if start is not None:
         fine.refuse_inside(start)
-        begin = _put_out(under, model.sampled(start), np.array([not contact.push_out for contact in given]))
-    answer = model.coarse.equilibrium(force=model.restrict(loading.dead), start=begin, contacts=own)
-    x = _put_out(fine, model.prolong(answer.positions), np.ones(len(given), dtype=bool))
-    forces, touches = np.zeros_like(x), np.zeros(len(x), dtype=bool)
-    np.add.at(forces, nearest, answer.contact_forces)
-    touches[nearest[answer.in_contact]] = True
-    return replace(
-        answer,
-        positions=x,
-        coordinates=answer.positions,
-        contact_forces=forces,
-        in_contact=touches,
-        deepest=max(0.0, -float(fine.distances(x).min(initial=0.0))),
-    )
+
+    def solve(load: Array, start: Array | None) -> Equilibrium:
+        begin = None
+        if start is not None:
+            begin = put_out(under, model.sampled(start), np.array([not contact.push_out for contact in given]))
+        answer = model.coarse.equilibrium(force=model.restrict(load), start=begin, contacts=own)
+        x = put_out(fine, model.prolong(answer.positions), np.ones(len(given), dtype=bool))
+        forces, touches = model.spread(answer.contact_forces, answer.in_contact)
+        return replace(
+            answer,
+            positions=x,
+            coordinates=answer.positions,
+            contact_forces=forces,
+            in_contact=touches,
+            deepest=max(0.0, -float(fine.distances(x).min(initial=0.0))),
+        )
+
+    return self_consistent(solve, loading, start) if loading.live else solve(loading.dead, start)
 
 
-def _on(contact: Contact, chosen: Index) -> Contact:
-    """The same contact of other vertices."""
-    return Contact(
-        contact.collider,
-        chosen,
-        contact.friction,
-        contact.restitution,
-        contact.motion,
-        push_out=contact.push_out,
-    )
+def equilibrium_or_coarse_contacts(
+    model: Any,
+    free: Callable[[], Equilibrium],
+    loading: Loading,
+    start: Array | None,
+    contacts: Sequence[Contact],
+    constraints: Sequence[Constraint],
+) -> Equilibrium:
+    """The ``free`` equilibrium of a model where that touches nothing, else that of its coarse shell with the contacts.
 
-
-def _put_out(touching: Touching, x: Array, contacts: NDArray[np.bool_]) -> Array:
-    """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of some contacts."""
-    x = x.copy()
-    rows = np.flatnonzero((touching.distances(x) < 0.0) & contacts[touching.contact_of])
-    rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
-    touching.put_on(x, rows, np.zeros(rows.size))
-    return x
+    The other parameters are those of :func:`coarse_equilibrium_on_contacts`.
+    """
+    if not constraints:
+        touching = Touching(checked_contacts(contacts), model.shell)
+        begin = model.shell.rest_positions if start is None else start
+        touching.refuse_inside(begin)
+        found = free()
+        x = found.positions
+        if found.converged and not (touching.distances(x) < 0.0).any() and not touching.crossed(begin, x):
+            return replace(found, contact_forces=np.zeros_like(x), in_contact=np.zeros(len(x), dtype=bool))
+    found = coarse_equilibrium_on_contacts(model, loading, start, contacts, constraints)
+    told = f"answered by {model.name}: contacts press on the shell"
+    return replace(found, coordinates=None, message="; ".join(part for part in (told, found.message) if part))

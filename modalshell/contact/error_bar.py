@@ -1,0 +1,109 @@
+"""Error bars of answers with contacts: what touches keeps its gap while Newton's steps are taken (theory 14)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+
+from modalshell.contact.active_set import ActiveSet, Rest
+from modalshell.contact.contact import Contact
+from modalshell.contact.rotated import Frames, Rotated
+from modalshell.contact.touching import INSIDE, Touching
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.typing import Array
+from modalshell.modes import Factor
+from modalshell.shell import Shell
+from modalshell.statics.error_bar import ErrorEstimator
+from modalshell.statics.margin import Margin
+from modalshell.statics.potential import Potential
+
+_LEAST, _MOST = 2, 8
+"""Newton steps of a bar: those without contacts, and at most, until the set of what touches repeats."""
+
+
+@final
+class ContactEstimator(ErrorEstimator):
+    """Finds error bars of answers under contacts.
+
+    What touches at the answer is prescribed in each of Newton's steps, as statics do, and what pulls or enters changes
+    the set. Two steps are taken, or more until the set repeats; where it does not, there is no bar. The margin is that
+    on the motions that keep the gaps, forces that turn with curved surfaces softening the shell there.
+
+    Parameters
+    ----------
+    shell : Shell
+        A shell that its supports hold.
+    contacts : sequence of Contact
+        Colliders, as they are at time 0, without friction.
+
+    Raises
+    ------
+    OptionError
+        For contacts with friction.
+    """
+
+    def __init__(self, shell: Shell, contacts: Sequence[Contact]) -> None:
+        super().__init__(shell)
+        for index, contact in enumerate(contacts):
+            if contact.friction:
+                raise OptionError(
+                    f"error bars take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
+                )
+        self._touching = Touching(contacts, self.shell, self.origin)
+        self._rest: Rest | None = None
+        self._frames: Frames | None = None
+        self._held = np.empty((0, 3, 3))
+
+    def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
+        touching = self._touching
+        gap = touching.distances(x)
+        depth = -float(gap.min(initial=0.0))
+        rows = np.flatnonzero(gap <= INSIDE * touching.size)
+        rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+        x = x.copy()
+        touching.put_on(x, rows, np.zeros(rows.size))
+        solver = ActiveSet(problem, touching, problem.measure(problem.push_at(x)))
+        self._rest, stresses = solver.correct(x, _LEAST, _MOST)
+        if not self._rest.converged:
+            told = f", from an answer {depth:.2g} m inside a collider" if depth > INSIDE * touching.size else ""
+            raise SolverError(f"what touches has not settled in {_MOST} Newton steps{told}")
+        return self._rest.point, stresses
+
+    def _margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+        touching, rest = self._touching, self._rest
+        assert rest is not None
+        rows = np.flatnonzero(rest.active)
+        _, normals, curvatures = touching.gaps(x, rows)
+        self._frames = Frames(touching, rows, normals)
+        kept = np.isin(rows, self._frames.rows)
+        self._held = rest.pushes[self._frames.rows, None, None] * touching.across(self._frames.rows, curvatures[kept])
+        return super()._margin(problem, x, stresses)
+
+    def _factor(self, problem: Potential, stiffness: sps.csc_array) -> Factor | None:
+        assert self._rest is not None
+        assert self._frames is not None
+        rows, x = self._frames.rows, self._rest.point
+        none = np.zeros(rows.size)
+        gaps = self._touching.gaps(x, rows)
+        equations = Rotated(problem, self._touching, np.zeros(0), stiffness, rows, none, gaps)
+        return problem.definite_factor(equations.matrix(np.zeros(stiffness.shape[0])))
+
+    def _along(self, values: Array) -> Array:
+        assert self._frames is not None
+        return np.asarray(self._frames.turned(values, back=True))
+
+    def _across(self, along: Array, force: Array) -> Array:
+        frames = self._frames
+        assert frames is not None
+        starts, sizes = self._touching.starts(frames.rows)
+        slots, used = starts[:, None] + np.arange(3), np.arange(3) < sizes[:, None]
+        slots = np.where(used, slots, 0)
+        pulled = np.einsum("kab,kb->ka", self._held, np.where(used, along[slots], 0.0))
+        force = force.copy()
+        np.subtract.at(force, slots[used], pulled[used])
+        turned = frames.turned(force)
+        turned[frames.unknowns] = 0.0
+        return np.asarray(turned)

@@ -1,0 +1,76 @@
+"""Motion of coarse discrete shells, and of what moves by their means, with contacts at the coarse vertices."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+
+from modalshell.contact.touching import Touching, checked_contacts, put_out
+from modalshell.core.touched import TouchedFrame
+from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.models.base.contact_motion import ContactMotion
+from modalshell.models.base.implicit import LoadAt
+
+
+@final
+class CoarseContactMotion:
+    """Takes steps with contacts: the model's own where nothing touches, else those of its coarse shell.
+
+    These are as :class:`ContactMotion` takes them of DS, the coarse vertices staying out of the colliders. Fine ones
+    between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices.
+
+    Parameters
+    ----------
+    model : CoarseDiscreteShell or HybridStress
+        The model, about ``origin``.
+    setup : MotionSetup
+        What decides the motion.
+    origin : ndarray, shape (3,)
+        Where that is in the world [m].
+    """
+
+    def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
+        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
+        self._model, self._setup, self._under = model, setup, model.on_coarse
+        self._fine = Touching(given, model.shell, origin)
+        self._led = np.array([not contact.push_out for contact in given])
+        coarse = self._under.coarse.shell
+        own = self._under.coarse_contacts(given)
+        self._motion = ContactMotion(model.integrator, setup, coarse, origin, contacts=own)
+
+    @property
+    def note(self) -> str:
+        """What a message says of friction."""
+        return self._motion.steps.told(self._setup.dt)
+
+    def begin(self, state: MotionState, positions: Array) -> MotionState:
+        """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
+        self._fine.refuse_inside(positions)
+        coarse = self._model.as_coarse(state)
+        placed = put_out(self._motion.steps.now, coarse.coordinates, self._led)
+        if np.array_equal(placed, coarse.coordinates):
+            return self._motion.begin(state, placed)
+        return self._motion.begin(MotionState(placed, coarse.rates, coarse.memory))
+
+    def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
+        model, under, damping = self._model, self._under, self._setup.damping
+
+        def at(start: EulerStart) -> tuple[Any, Array, Array | None]:
+            return under.coarse, under.carried(load_at(start)[0]), None
+
+        def free() -> tuple[MotionState, bool, Array]:
+            after, solved = model.march(state, dt, load_at, damping)
+            return after, solved, model.as_coarse(after).coordinates
+
+        return self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""
+        found = self._motion.steps.frame(self._model.as_coarse(state).coordinates, time)
+        deepest = max(0.0, -float(self._fine.at(time).distances(positions).min(initial=0.0)))
+        forces, touches = self._under.spread(found.forces, found.touches)
+        return TouchedFrame(forces, touches, deepest)

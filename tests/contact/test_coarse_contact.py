@@ -1,0 +1,190 @@
+"""Contacts of coarse discrete shells and of the hybrid against DS, and supports that move with contacts."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.motion.stepping import Motion
+
+GRAVITY = (0.0, 0.0, -9.81)
+FLOOR = ms.Contact(ms.Plane((0, 0, 1), -0.15))
+GIVEN = {"dt": 1 / 60, "gravity": GRAVITY, "damping": (3.0, 0.0)}
+TURNED = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)], [(0.0, 0.0, 0.0), (0.3, 0.0, 0.6)])
+"""Supports that turn about an axis across the strip and a little about the strip itself."""
+
+
+def shell_of(cells, **held):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
+    return ms.Shell(mesh, material, **(held or {"clamped": "x < 1e-6"}))
+
+
+@pytest.fixture(scope="module")
+def shells():
+    return shell_of((20, 4)), shell_of((10, 2))
+
+
+@pytest.fixture(scope="module")
+def models(shells):
+    fine, coarse = shells
+    basis = ms.solve_modes(fine, 8)
+    hybrid = ms.HybridStress.trained(fine, gravity=GRAVITY, coarse=coarse, modes=16, motions=8)
+    return {
+        "DS": ms.DiscreteShell(fine, integrator="bdf2"),
+        "coarse DS": ms.CoarseDiscreteShell(fine, coarse),
+        "hybrid": hybrid,
+        "LMA": ms.LinearModal(basis),
+        "MWTS": ms.ModalWarping(basis),
+        "RSW": ms.RotationStrain(basis),
+    }
+
+
+@pytest.fixture(scope="module")
+def run_of(models):
+    kept = {}
+
+    def made(name, **given):
+        key = name, *given
+        if key not in kept:
+            kept[key] = ms.simulate(models[name], duration=0.8, contacts=[FLOOR], **GIVEN, **given)
+        return kept[key]
+
+    return made
+
+
+def off(run, truth, shell, begin=20):
+    """Largest error of frames from one on."""
+    pairs = zip(run.positions[begin:], truth.positions[begin:], strict=True)
+    return max(ms.measure.displacement_error(x, y, shell) for x, y in pairs)
+
+
+@pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
+def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of, name):
+    run, truth = run_of(name), run_of("DS")
+    assert run.unconverged_steps == 0
+    assert off(run, truth, shells[0]) < 5e-3
+    assert run.deepest.max() < 1e-9  # a plane is prolonged as a plane
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-9 * np.ptp(run.energies[:, 2])
+    assert run.contact_forces[-1].sum(axis=0) == pytest.approx(truth.contact_forces[-1].sum(axis=0), rel=0.02, abs=1e-4)
+    assert (run.contact_forces[-1][~run.in_contact[-1]] == 0.0).all()
+    rest = models[name].equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+    assert rest.converged
+    assert ms.measure.displacement_error(rest.positions, run.positions[-1], shells[0]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "begin"),
+    [("coarse DS", 2e-3, 20), ("hybrid", 2e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.01, 40)],
+)
+def test_supports_move_a_shell_over_a_table(shells, run_of, name, error, begin):
+    run, truth = run_of(name, supports=TURNED), run_of("DS", supports=TURNED)
+    assert run.unconverged_steps == 0
+    assert off(run, truth, shells[0], begin) < error
+    assert run.positions[..., 2].min() >= -0.15 - 1e-4
+    assert run.in_contact[-1].any()
+    force = run.contact_forces[-1].sum(axis=0)
+    assert force[2] > 0.0
+    np.testing.assert_allclose(force[:2], 0.0, atol=1e-12)  # in the world's axes, where the table's normal is
+
+
+def test_supports_that_hold_single_components_move_with_contacts():
+    fine = shell_of((10, 2), supports=[ms.Fix("x < 1e-6", "xyz"), ms.Fix("x > 1 - 1e-6", "yz")])
+    model, path = ms.DiscreteShell(fine), ms.SupportPath([0.0, 0.4], [(0.0, 0.0, 0.0), (0.0, 0.0, -0.12)])
+    run = ms.simulate(model, duration=0.7, contacts=[ms.Contact(ms.Plane((0, 0, 1), -0.1))], supports=path, **GIVEN)
+    assert run.unconverged_steps == 0
+    free = fine.mesh.vertices[:, 0] > 1e-6
+    assert run.positions[:, free & (fine.mesh.vertices[:, 0] < 1.0 - 1e-6), 2].min() >= -0.1 - 1e-9
+    assert run.in_contact[-1].sum() >= 3
+    # The same seen by somebody who moves with the supports.
+    back = ms.SupportPath([0.0, 0.4], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.12)])
+    lifted = ms.Contact(ms.Plane((0, 0, 1), -0.1), motion=back)
+    seen = ms.simulate(model, duration=0.7, contacts=[lifted], **GIVEN)
+    moved = seen.positions[-1] - [0.0, 0.0, 0.12]
+    assert ms.measure.displacement_error(run.positions[-1], moved, fine.mesh) < 0.01  # it does not feel the inertia
+
+
+def test_a_table_that_leaves_gives_the_hybrid_its_steps_back(models, shells):
+    gone = ms.Contact(ms.Plane((0, 0, 1), -0.15), motion=ms.SupportPath([0.2, 0.6], [(0, 0, 0), (0, 0, -1.0)]))
+    given = {"duration": 1.2, "contacts": [gone], **GIVEN}
+    motion = ms.simulate(models["hybrid"], **given)
+    truth = ms.simulate(models["DS"], **given)
+    assert motion.unconverged_steps == 0
+    assert motion.in_contact.any()
+    assert not motion.in_contact[-1].any()
+    assert ms.measure.displacement_error(motion.positions[-1], truth.positions[-1], shells[0]) < 0.03
+
+
+def test_a_roller_presses_a_coarse_strip_down_as_a_fine_one(models, shells):
+    path = ms.SupportPath([0.0, 0.4], [(0, 0, 0), (0, 0, -0.2)])
+    roller = ms.Contact(ms.Cylinder((0.7, -1.0, 0.11), (0.7, 1.0, 0.11), 0.1), motion=path)
+    given = {"duration": 0.8, "dt": 1 / 60, "damping": (3.0, 0.0), "contacts": [roller]}
+    run, truth = (ms.simulate(models[name], **given) for name in ("coarse DS", "DS"))
+    assert run.unconverged_steps == 0
+    assert off(run, truth, shells[0]) < 0.06
+    assert run.contact_forces[-1].sum() == pytest.approx(truth.contact_forces[-1].sum(), rel=0.06)
+
+
+def test_fine_vertices_dip_into_a_ball_as_deep_as_coarse_edges_do(models):
+    ball = ms.Contact(ms.Sphere((0.7, 0.0, -0.21), 0.2))
+    run = ms.simulate(models["coarse DS"], duration=0.8, contacts=[ball], **GIVEN)
+    assert run.unconverged_steps == 0
+    assert 0.0 < run.deepest.max() < 0.1**2 / (4.0 * 0.2)
+
+
+@pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
+def test_a_resumed_motion_has_the_same_bits(models, shells, name):
+    rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)
+
+    def motion():
+        loading = shells[0].loading(GRAVITY, None, None)
+        return Motion(models[name], loading, dt=1 / 60, contacts=[rough], supports=TURNED)
+
+    whole, first, second = motion(), motion(), motion()
+    for _ in range(24):
+        whole.advance()
+    for _ in range(16):
+        first.advance()
+    second.restore(first.snapshot())
+    for _ in range(8):
+        second.advance()
+    assert whole.touched().touches.any()
+    assert whole.positions().tobytes() == second.positions().tobytes()
+
+
+def test_a_free_coarse_shell_falls_on_a_floor_with_its_momentum():
+    fine, coarse = (shell_of(cells, clamped=None) for cells in ((16, 4), (8, 2)))
+    model = ms.CoarseDiscreteShell(fine, coarse)
+    start = fine.mesh.vertices + np.array([0.0, 0.0, 0.05])
+    run = ms.simulate(model, duration=0.3, dt=1 / 120, gravity=GRAVITY, start=start, contacts=[ms.Contact(ms.Plane())])
+    assert run.unconverged_steps == 0
+    assert run.deepest.max() < 1e-9
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-9 * np.ptp(run.energies[:, 2])
+    weight = fine.mass.sum() * 9.81
+    assert run.contact_forces[-1].sum(axis=0) == pytest.approx([0.0, 0.0, weight], rel=1e-3, abs=1e-3 * weight)
+
+
+def test_pressure_blows_a_coarse_strip_onto_a_table(models, shells):
+    given = {"loads": [ms.Pressure(-6.0)], "contacts": [FLOOR]}
+    state, truth = (models[name].equilibrium(**given) for name in ("coarse DS", "DS"))
+    assert state.converged
+    assert ms.measure.displacement_error(state.positions, truth.positions, shells[0]) < 5e-3
+
+
+def test_the_hybrid_answers_itself_where_nothing_touches(models):
+    model = models["hybrid"]
+    state = model.equilibrium(gravity=(0, 0, -1.0), contacts=[FLOOR])
+    assert np.array_equal(state.positions, model.equilibrium(gravity=(0, 0, -1.0)).positions)
+    assert not state.in_contact.any()
+    pressed = model.equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+    assert "answered by coarse DS: contacts press on the shell" in pressed.message
+    assert pressed.in_contact.any()
+
+
+def test_fast_colliders_and_starts_inside_are_refused(models):
+    ball = ms.Contact(ms.Sphere((0.0, 0.0, -0.6), 0.02), motion=ms.SupportPath([0.0, 0.1], [(0, 0, 0), (0, 0, 0.5)]))
+    inside = ms.Contact(ms.Plane((0, 0, 1), 0.1))
+    for name in ("coarse DS", "hybrid", "RSW"):
+        with pytest.raises(ms.OptionError, match="more than its smallest radius"):
+            ms.simulate(models[name], duration=0.2, contacts=[ball], **GIVEN)
+        with pytest.raises(ms.OptionError, match="inside contact 0"):
+            ms.simulate(models[name], duration=0.2, contacts=[inside], **GIVEN)
