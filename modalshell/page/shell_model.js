@@ -18,6 +18,7 @@ const shapes = reduced && floatsOf(reduced.shapes), amounts = reduced && floatsO
 const mass = live && new Float32Array(bytes(live.mass));
 const force = live && live.force ? new Float32Array(bytes(live.force)) : null;
 const lambda = live ? live.eigenvalues : [];
+const free = live && live.frames || null, rigid = free ? free.count : 0;  // parts that no support holds: shell_parts.js
 const state = {  // model: "scene" is the stored motion or answer
   q: new Float64Array(m), v: new Float64Array(m), time: 0, count: m, model: data.record ? "scene" : "mwts",
   xi: live ? live.damping[0] : 0, zeta: live ? live.damping[1] : 0,
@@ -202,7 +203,7 @@ function settle() {  // heavily damped steps to a standstill; whether they came 
   const soft = Math.max(...lambda.slice(0, state.count).filter(x => x > 0).slice(0, 1), 1e-12), root = Math.sqrt(soft);
   state.v.fill(0);
   known = false;
-  flying.forEach(part => part.back.fill(0));
+  if (free) flying.forEach(part => part.back.fill(0));
   for (let i = 0; i < 4000; i++) {
     const before = state.q.slice();
     relax(1 / root, 2 * root);
@@ -214,7 +215,7 @@ function settle() {  // heavily damped steps to a standstill; whether they came 
   }
   return false;
 }
-function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; flying.forEach(part => part.back.fill(0)); }
+function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; if (free) flying.forEach(part => part.back.fill(0)); }
 function positions(q = state.q) {
   return state.model === "scene" ? scenePositions() : free ? inWorld(q) : shapeOf(q);
 }

@@ -1,11 +1,10 @@
 // ---- parts that no support holds: each flies in a frame of its own, its shape about its centre, as the models' do ----
-const free = live && live.frames || null, rigid = free ? free.count : 0;
-const flying = free ? free.parts.map(part => {
+const flying = free.parts.map(part => {
   const vertices = new Uint32Array(bytes(part)), centre = [0, 0, 0];
   let total = 0;
   for (const i of vertices) { total += mass[i]; for (let a = 0; a < 3; a++) centre[a] += mass[i] * rest[3 * i + a]; }
   return {vertices, total, centre: centre.map(x => x / total), back: [0, 0, 0]};
-}) : [];
+});
 const AXES = [0, 1, 2], none = () => [0, 0, 0];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const plus = (a, b, scale = 1) => AXES.map(i => a[i] + scale * b[i]);
