@@ -84,8 +84,6 @@ class _ShellPage:
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
         self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
         self.basis = ms.solve_modes(self.shell, scene.model.options.get("modes", MODE_COUNT))
-        self.warned = ["A shell without supports is warped live as if it were held: its centre strays."]
-        self.warned = self.warned if self.basis.rigid_modes else []
 
     @property
     def is_live(self) -> bool:
@@ -100,7 +98,7 @@ class _ShellPage:
         if self.is_live:
             return shell_page(
                 mesh.vertices, mesh.faces, title=scene.name, tip=live_tip(self.basis), live=self._live(),
-                gravity=gravity, units=units, notes=["Computed live on this page.", *self.warned],
+                gravity=gravity, units=units, notes=["Computed live on this page."],
             )  # fmt: skip
         run = run_in_memory(scene, self.on_step)
         motion = compress(centred(run)[0], _ERROR)
@@ -155,7 +153,7 @@ class _ShellPage:
             f"Live models can be chosen below. MWTS {far}" if self.free_of_time else "Live models can be chosen below"
         )
         said += f"; live, {' and '.join(self.left_out)}" if self.left_out else ""
-        return self._live(), [f"{said}.", *self.warned]
+        return self._live(), [f"{said}."]
 
     def _error(self, run: ms.Trajectory) -> float | None:
         """Error of MWTS, as the page computes it, against the run, over all its frames; None where it has no answer."""

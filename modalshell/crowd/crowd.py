@@ -29,7 +29,8 @@ class Crowd(ShellCrowd):
     - LMA: ``rest + Phi q``, driven by ``Phi^T f``: as :class:`modalshell.LinearModal`.
     - rigid: the rest shape; its coordinates are still stepped, as those of LMA.
 
-    Shells without supports are warped as held ones, without frames of their own: their centres stray in large turns.
+    Parts that no support holds fly in frames of their own, as those of the models do: ``felt`` pulls at their centres,
+    and ``forcing`` of their rigid modes is force and torque on them.
 
     Coordinates are continuous across a switch, positions jump, by no more than :meth:`choose_levels` allows.
     Instances near the viewer may be drawn by RSW, blended in without a jump: :meth:`blend_strains`.
@@ -56,6 +57,8 @@ class Crowd(ShellCrowd):
         Modal forces at the last step's end, from which the next one goes on; NaN where none are known, as at the start.
     levels : ndarray of int8, shape (B,)
         Index into :data:`modalshell.crowd.LEVELS`; MWTS at the start.
+    turn_back : ndarray, shape (B, P, 3)
+        How fast the frames of P free parts turned back what shapes turn, in the last step [rad/s]; zero at the start.
 
     Raises
     ------
@@ -81,11 +84,17 @@ class Crowd(ShellCrowd):
         self._modal = packs(shapes.transpose(0, 2, 1).astype(self.dtype)) if single else self._force_modal
         self._powers = powers(self.dtype)
         self._rest, self._mass = packs(shell.rest_positions.astype(self.dtype)), packs(shell.mass)
+        self._double_rest = packs(shell.rest_positions) if single and self.free is not None else self._rest
         self._force_work = aligned_zeros((self.threads, kernels.WORK), np.dtype(np.float64))
 
-    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
-        force = np.asarray(felt @ self.modal_weights)
-        warped = np.flatnonzero(self.levels == kernels.WARPED)
+    def _modal_forces(self, coordinates: Array, felt: Array, levels: NDArray[np.int8]) -> Array:
+        warped = np.flatnonzero(levels == kernels.WARPED)
+        if felt.ndim == 2:
+            force = np.asarray(felt @ self.modal_weights)
+        else:
+            shell = self.basis.shell
+            force = (shell.mass[:, None] * felt).reshape(len(felt), -1) @ self.basis.modes
+            felt = packs(felt.transpose(1, 0, 2)).transpose(1, 0, 2, 3).copy()
         force[warped] = 0.0
         given = (warped, self._force_modal, self._mass, coordinates, self._force_powers, felt)
         if self.threads == 1:
@@ -97,11 +106,15 @@ class Crowd(ShellCrowd):
     def _reconstruct(
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
     ) -> None:
-        placed = np.zeros((0, 12), self.dtype) if poses is None else np.concatenate(poses, axis=1, dtype=self.dtype)
-        q = np.ascontiguousarray(coordinates, dtype=self.dtype)
+        kind = out.dtype
+        placed = np.zeros((0, 12), kind) if poses is None else np.concatenate(poses, axis=1, dtype=kind)
+        q = np.ascontiguousarray(coordinates, dtype=kind)
+        data = self._modal, self._rest, self._powers
+        if kind != self.dtype:
+            data = self._force_modal, self._double_rest, self._force_powers
         for level in range(len(LEVELS)):
             order = np.flatnonzero(levels == level)
-            given = (level, order, self._modal, self._rest, q, self._powers, placed, out)
+            given = (level, order, *data[:2], q, data[2], placed, out)
             if self.threads == 1:
                 kernels.crowd_positions(0, chunks(order), *given)
             else:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.core.checks import checked_precision
 from modalshell.core.typing import Array
+from modalshell.crowd.free_instances import FreeInstances
 from modalshell.crowd.kernels.flock import SUMS
 from modalshell.crowd.neighbours import Neighbourhood, NeighbourSearch, sorted_cells, split_sums, view_cosine
 from modalshell.crowd.shell_crowd import ShellCrowd
@@ -95,9 +96,7 @@ class DeviceCrowd(ShellCrowd):
         shapes = [a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations)]
         shapes.append(basis.shell.rest_positions)
         self._doubles = [self._numbers(a, np.float64, vectors=True) for a in shapes]
-        self._shapes = (
-            self._doubles if self.dtype == np.float64 else [self._numbers(a, self.dtype, vectors=True) for a in shapes]
-        )
+        self._singles = [] if self.dtype == np.float64 else [self._numbers(a, self.dtype, vectors=True) for a in shapes]
         self._masses = self._numbers(basis.shell.mass, np.float64)
 
     def device_positions(self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None) -> Any:
@@ -109,52 +108,76 @@ class DeviceCrowd(ShellCrowd):
             Vectors of three [m], of the crowd's precision. Work on the device may not have ended when this returns.
         """
         self._check_state()
-        return self._launched(self.coordinates, self.levels, self._poses(rotations, translations))
+        poses = self._poses(rotations, translations)
+        if self.free is None:
+            return self._launched(self.coordinates, self.levels, poses, self.dtype)
+        return self._flown(self.free, poses)
+
+    def _flown(self, free: FreeInstances, poses: tuple[Array, Array] | None) -> Any:
+        """Positions on the device of instances whose parts are in their frames."""
+        from modalshell.crowd.kernels.device_flock import part_means, place_parts
+
+        library, count = warp(), len(free.parts)
+        places = self._launched(free.frames.elastic(self.coordinates), self.levels, None, self.dtype)
+        labels, shares = np.where(free.frames.labels < 0, count, free.frames.labels), np.zeros(self.vertices)
+        for part in free.parts:
+            shares[part.vertices] = part.mass / part.total
+        numbers = library.array(labels, dtype=int, device=self.device)
+        means = library.empty((self.count, count), dtype=device_types(self.dtype)[1], device=self.device)
+        inputs = [numbers, self._numbers(shares, self.dtype), places, means]
+        library.launch(part_means, means.shape, inputs, device=self.device)
+        turns, moves = (self._numbers(a, self.dtype, vectors=True) for a in free.placed(self.coordinates, poses))
+        library.launch(place_parts, places.shape, [numbers, means, turns, moves, places], device=self.device)
+        return places
+
+    def _fly(self, free: FreeInstances, poses: tuple[Array, Array] | None, out: NDArray[Any]) -> None:
+        out[:] = self._flown(free, poses).numpy()
 
     def _numbers(self, values: NDArray[Any], dtype: DTypeLike, *, vectors: bool = False) -> Any:
         """Copy of an array on the device; of one (..., 3) as ``vectors``."""
         kind = device_types(dtype)[vectors]
         return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=kind, device=self.device)
 
-    def _launched(self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array]) -> Any:
+    def _launched(
+        self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, dtype: np.dtype[Any]
+    ) -> Any:
+        """Positions on the device, of a precision, without frames."""
         from modalshell.crowd.kernels.device_flock import crowd_positions
 
-        library, (turns, moves) = warp(), poses
-        shape = len(coordinates), self.vertices
-        out = library.empty(shape, dtype=device_types(self.dtype)[1], device=self.device)
+        library, shape = warp(), (len(coordinates), self.vertices)
+        turns, moves = (np.tile(np.eye(3).ravel(), (shape[0], 1)), np.zeros((shape[0], 3))) if poses is None else poses
+        out = library.empty(shape, dtype=device_types(dtype)[1], device=self.device)
         inputs = [
             library.array(levels, dtype=int, device=self.device),
-            *self._shapes,
-            self._numbers(coordinates, self.dtype),
-            self._numbers(turns.reshape(-1, 3, 3), self.dtype, vectors=True),
-            self._numbers(moves, self.dtype, vectors=True),
+            *(self._doubles if dtype == np.float64 else self._singles),
+            self._numbers(coordinates, dtype),
+            self._numbers(turns.reshape(-1, 3, 3), dtype, vectors=True),
+            self._numbers(moves, dtype, vectors=True),
             out,
         ]
         library.launch(crowd_positions, shape, inputs, device=self.device)
         return out
 
-    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
+    def _modal_forces(self, coordinates: Array, felt: Array, levels: NDArray[np.int8]) -> Array:
         from modalshell.crowd.kernels.device_flock import modal_forces, turned_back
 
         library, (real, vector) = warp(), device_types(np.float64)
         modes, rotations, _ = self._doubles
-        forces = library.empty((self.count, self.vertices), dtype=vector, device=self.device)
+        forces = library.empty((len(coordinates), self.vertices), dtype=vector, device=self.device)
         inputs = [
-            library.array(self.levels, dtype=int, device=self.device),
+            library.array(levels, dtype=int, device=self.device),
             rotations,
             self._masses,
             self._numbers(coordinates, np.float64),
-            self._numbers(felt, np.float64, vectors=True),
+            self._numbers(felt.reshape(len(felt), -1, 3), np.float64, vectors=True),
             forces,
         ]
         library.launch(turned_back, forces.shape, inputs, device=self.device)
-        out = library.empty(self.coordinates.shape, dtype=real, device=self.device)
+        out = library.empty(coordinates.shape, dtype=real, device=self.device)
         library.launch(modal_forces, out.shape, [modes, forces, out], device=self.device)
         return np.array(out.numpy())
 
     def _reconstruct(
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
     ) -> None:
-        count = len(coordinates)
-        still = np.tile(np.eye(3).ravel(), (count, 1)), np.zeros((count, 3))
-        out[:] = self._launched(coordinates, levels, still if poses is None else poses).numpy()
+        out[:] = self._launched(coordinates, levels, poses, out.dtype).numpy()

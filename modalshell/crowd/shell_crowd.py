@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,13 @@ from modalshell.core.checks import (
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST
+from modalshell.crowd.free_instances import FreeInstances
 from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal.exponential import VIOLENT
 from modalshell.integrators.modal.flow import Flow, turning_flow, twice
 from modalshell.integrators.state import Damping
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
+from modalshell.models.base.free_frames import FreeFrames
 from modalshell.modes import Basis
 
 LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
@@ -62,13 +65,17 @@ class ShellCrowd(ABC):
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)
         self.forces = np.full_like(self.coordinates, np.nan)
+        frames = FreeFrames.of(basis)
+        self.free = None if frames is None else FreeInstances(frames, float(factors[0]))
+        self.turn_back = np.zeros((self.count, 0 if frames is None else len(frames.parts), 3))
         self._kept_flow: tuple[float, Flow] | None = None
         self.levels = np.full(self.count, kernels.WARPED, np.int8)
 
     def step(self, dt: float, *, felt: ArrayLike = (0.0, 0.0, 0.0), forcing: ArrayLike | None = None) -> None:
         """One step of :class:`modalshell.integrators.modal.Exponential` for every mode of every instance.
 
-        It is that of forces that turn at every level of detail, so that changes of level do not show.
+        It is that of forces that turn at every level of detail, so that changes of level do not show. Parts without
+        supports fly in their frames, see :class:`modalshell.models.base.free_frames.FreeFrames`.
 
         Parameters
         ----------
@@ -87,23 +94,54 @@ class ShellCrowd(ABC):
         if forcing is not None:
             further = checked_vectors("forcing", forcing, self.coordinates.shape, OptionError)
 
-        def force(coordinates: Array) -> Array:
-            return self._modal_forces(coordinates, felt) + further
+        def force(coordinates: Array, rates: Array, time: float = dt) -> Array:
+            return self._forces(coordinates, rates, felt, (time, dt)) + further
 
         q, v, kept, c = self.coordinates, self.rates, self.forces, self._flow(dt)
         if (unknown := np.isnan(kept)).any():
-            kept = np.where(unknown, force(q), kept)
-        ahead = c.e11 * q + c.e12 * v + c.a1 * kept
-        pushed = force(ahead)
+            kept = np.where(unknown, force(q, v, 0.0), kept)
+        ahead, rates = c.e11 * q + c.e12 * v + c.a1 * kept, c.e21 * q + c.e22 * v + c.b1 * kept
+        pushed = force(ahead, rates)
         change = pushed - kept
         missed = c.a2 * change
-        self.coordinates, self.rates = ahead + missed, c.e21 * q + c.e22 * v + c.b1 * kept + c.b2 * change
+        self.coordinates, self.rates = ahead + missed, rates + c.b2 * change
         violent = np.einsum("bm,bm->b", missed, missed) > self._violent
         if twice(self.basis.eigenvalues, dt):
             violent[:] = True
         if violent.any():
-            pushed = np.where(violent[:, None], force(self.coordinates), pushed)
+            pushed = np.where(violent[:, None], force(self.coordinates, self.rates), pushed)
+        if self.free is not None:
+            for chosen in self._batches():
+                before, after = (q[chosen], v[chosen]), (self.coordinates[chosen], self.rates[chosen])
+                ends, shapes = (kept[chosen], pushed[chosen]), partial(self._shapes, self._stepped(chosen))
+                flown = self.free.flown(before, after, ends, dt, shapes)
+                self.coordinates[chosen], self.rates[chosen], self.turn_back[chosen] = flown
         self.forces = pushed
+
+    def _forces(self, coordinates: Array, rates: Array, felt: Array, times: tuple[float, float]) -> Array:
+        """Modal forces (B, m) of accelerations (B, 3), a time after the step's begin; both times [s] are given."""
+        if self.free is None:
+            return self._modal_forces(coordinates, felt, self.levels)
+        ahead, found = self.free.frames.predicted(coordinates, self.turn_back, times[0]), np.empty_like(coordinates)
+        for chosen in self._batches():
+            levels = self._stepped(chosen)
+            shapes, push = partial(self._shapes, levels), partial(self._modal_forces, levels=levels)
+            found[chosen] = self.free.push(ahead[chosen], rates[chosen], felt[chosen], times[1], shapes, push)
+        return found
+
+    def _batches(self) -> list[slice]:
+        """Instances whose shapes are looked at together."""
+        return [slice(first, first + _BATCH) for first in range(0, self.count, _BATCH)]
+
+    def _stepped(self, chosen: slice) -> NDArray[np.int8]:
+        """Levels of detail of some instances' motion: rigid ones are stepped as those of LMA."""
+        return np.maximum(self.levels[chosen], np.int8(kernels.LINEAR))
+
+    def _shapes(self, levels: NDArray[np.int8], coordinates: Array) -> Array:
+        """Positions (b, n, 3) [m] at coordinates (b, m) in double precision, without frames."""
+        out = np.empty((len(levels), self.vertices, 3))
+        self._reconstruct(coordinates, levels, None, out)
+        return out
 
     def _flow(self, dt: float) -> Flow:
         """The rule's coefficients, kept from step to step."""
@@ -129,8 +167,18 @@ class ShellCrowd(ABC):
         out = checked_output(out, (self.count, self.vertices, 3), self.dtype)
         moved = rotations is not None or translations is not None
         poses = self._poses(rotations, translations) if moved else None
-        self._reconstruct(self.coordinates, self.levels, poses, out)
+        if self.free is None:
+            self._reconstruct(self.coordinates, self.levels, poses, out)
+        else:
+            self._fly(self.free, poses, out)
         return out
+
+    def _fly(self, free: FreeInstances, poses: tuple[Array, Array] | None, out: NDArray[Any]) -> None:
+        """Write positions of instances whose parts are in their frames into ``out``."""
+        turns, moves = free.placed(self.coordinates, poses)
+        for chosen in self._batches():
+            self._reconstruct(free.frames.elastic(self.coordinates[chosen]), self.levels[chosen], None, out[chosen])
+            free.place(out[chosen], turns[chosen], moves[chosen])
 
     def blend_strains(
         self,
@@ -177,7 +225,7 @@ class ShellCrowd(ABC):
 
         No vertex is farther from its position by MWTS than ``angle`` in view, so none jumps by more at a switch. With
         ``|u|`` and ``|w|`` at most ``sum_k |q_k|`` times the largest motion and turn of mode k, rigid is off by at most
-        ``|u|`` and LMA by at most ``|w| |u| / 2``.
+        ``|u|`` and LMA by at most ``|w| |u| / 2``; as much again where a part's mean is taken away.
 
         Parameters
         ----------
@@ -189,9 +237,12 @@ class ShellCrowd(ABC):
         angle = checked_number("angle", angle, above=0.0, unit="rad")
         self._check_state()
         seen = angle * checked_vectors("distances", distances, (self.count,), OptionError)
-        amounts = np.abs(self.coordinates)
+        amounts = np.abs(self.coordinates if self.free is None else self.free.frames.elastic(self.coordinates))
         length, turn = amounts @ self._reach, amounts @ self._turn
-        levels = np.where(0.5 * turn * length <= seen, kernels.LINEAR, kernels.WARPED)
+        linear = 0.5 * turn * length
+        if self.free is not None:  # the linear modes' own means are zero
+            length, linear = length + linear, 2.0 * linear
+        levels = np.where(linear <= seen, kernels.LINEAR, kernels.WARPED)
         self.levels = np.where(length <= seen, kernels.RIGID, levels).astype(np.int8)
 
     def level_errors(self) -> Array:
@@ -204,21 +255,27 @@ class ShellCrowd(ABC):
         less = np.flatnonzero(self.levels != kernels.WARPED)
         for part in np.array_split(less, -(-less.size // _BATCH)) if less.size else ():
             shapes = np.empty((2, part.size, self.vertices, 3), self.dtype)
-            warped = np.full(part.size, kernels.WARPED, np.int8)
+            warped, coordinates = np.full(part.size, kernels.WARPED, np.int8), self.coordinates[part]
+            coordinates = coordinates if self.free is None else self.free.frames.elastic(coordinates)
             for shape, levels in zip(shapes, (self.levels[part], warped), strict=True):
-                self._reconstruct(self.coordinates[part], levels, None, shape)
+                self._reconstruct(coordinates, levels, None, shape)
+                if self.free is not None:
+                    self.free.centred(shape)
             errors[part] = np.linalg.norm(shapes[1] - shapes[0], axis=2).max(axis=1)
         return errors
 
     @abstractmethod
-    def _modal_forces(self, coordinates: Array, felt: Array) -> Array:
-        """Modal forces (B, m) at coordinates (B, m) and the present levels, of accelerations (B, 3)."""
+    def _modal_forces(self, coordinates: Array, felt: Array, levels: NDArray[np.int8]) -> Array:
+        """Modal forces (b, m) of some instances, of accelerations (b, 3), or (b, n, 3) of the vertices one by one."""
 
     @abstractmethod
     def _reconstruct(
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
     ) -> None:
-        """Write the positions of some instances into ``out``, where they are or at the poses of :meth:`_poses`."""
+        """Write the positions of some instances into ``out``, where they are or at the poses of :meth:`_poses`.
+
+        They are computed in the precision of ``out``, and without frames.
+        """
 
     def _check_state(self) -> None:
         """OptionError where coordinates, rates or levels were replaced by what the kernels would read beyond."""

@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionState
-from modalshell.kernels.momentum import exponential, keeping_turn
+from modalshell.kernels import rotations
+from modalshell.kernels.momentum import exponential, keeping_turn, rotation_vector
 from modalshell.shell import Shell
 
 _STRETCHED, _ANCHORED = 1.01, 1e-6
@@ -19,13 +20,41 @@ _STRETCHED, _ANCHORED = 1.01, 1e-6
 
 
 def inertia_of(moments: Array) -> Array:
-    """Inertia (3, 3) of second moments ``sum m r r^T`` (3, 3)."""
-    return np.asarray(np.trace(moments) * np.eye(3) - moments)
+    """Inertia (..., 3, 3) of second moments ``sum m r r^T`` (..., 3, 3)."""
+    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
 
 
 def axial(moments: Array) -> Array:
-    """``sum m a x b`` (3,) of ``sum m b a^T`` (3, 3)."""
-    return np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
+    """``sum m a x b`` (3,) of ``sum m b a^T`` (3, 3); of one or many (B, 3, 3)."""
+    m = moments.T
+    return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]]).T
+
+
+def crossed(vector: Array, arms: Array) -> Array:
+    """``vector x arms`` of one vector (3,) and many (k, 3)."""
+    x, y, z = vector
+    return np.asarray(arms @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]))
+
+
+def turn_of(vector: Array) -> Array:
+    """Rotation (3, 3) of a rotation vector (3,)."""
+    found = np.empty((3, 3))
+    exponential(vector, found)
+    return found
+
+
+def vector_of(turn: Array) -> Array:
+    """Rotation vector (3,) of a rotation (3, 3)."""
+    found = np.empty(3)
+    rotation_vector(turn, found)
+    return found
+
+
+def left_jacobian(vector: Array) -> Array:
+    """Rt(w) (..., 3, 3), which takes rates of rotation vectors (..., 3) to angular velocities in the world's frame."""
+    found = np.empty((vector.size // 3, 3, 3))
+    rotations.averages(vector.reshape(-1, 3), found)
+    return found.reshape(*vector.shape, 3)
 
 
 def turn_keeping(moments: Array, impulse: Array, guess: Array) -> tuple[Array, bool]:
@@ -69,14 +98,14 @@ class FreePart:
         return np.asarray((self.mass[:, None] * b).T @ a)
 
 
-def _anchored(shell: Shell) -> bool:
-    """Whether a rigid motion of the whole shell costs energy, as a share of that of a small stretch."""
+def _anchored(shell: Shell, part: Index | slice) -> bool:
+    """Whether a rigid motion of a part costs energy, as a share of that of a small stretch."""
     rest = shell.rest_positions
-    turn = np.empty((3, 3))
-    exponential(np.array([0.4, 0.3, -0.2]), turn)
-    moved = rest @ turn.T + shell.size * np.array([0.3, -0.2, 0.1])
-    least, rigid, stretched = (shell.raw_energy(x) for x in (rest, moved, _STRETCHED * rest))
-    return abs(rigid - least) > _ANCHORED * abs(stretched - least)
+    moved, stretched = rest.copy(), rest.copy()
+    moved[part] = rest[part] @ turn_of(np.array([0.4, 0.3, -0.2])).T + shell.size * np.array([0.3, -0.2, 0.1])
+    stretched[part] *= _STRETCHED
+    least, rigid, much = (shell.raw_energy(x) for x in (rest, moved, stretched))
+    return abs(rigid - least) > _ANCHORED * abs(much - least)
 
 
 class RigidMove(NamedTuple):
@@ -121,15 +150,15 @@ class FreeParts:
         supported, labels = shell.unknowns.supported, shell.mesh.components
         if supported.any() and not np.setdiff1d(labels, labels[supported]).size:
             return None
-        if _anchored(shell):
-            return None
         pattern = shell.pattern
         blocks = pattern.matrix(np.ones(pattern.indices.size))[::3, ::3]
         count, joined = connected_components(blocks, directed=False)
         loose = np.setdiff1d(np.arange(count), joined[supported])
         if count == 1 and loose.size:
-            return cls((FreePart(slice(None), shell.mass),))
-        chosen = [np.flatnonzero(joined == part) for part in loose]
+            whole = slice(None)
+            return None if _anchored(shell, whole) else cls((FreePart(whole, shell.mass),))
+        parts = (np.flatnonzero(joined == part) for part in loose)
+        chosen = [part for part in parts if not _anchored(shell, part)]
         return cls(tuple(FreePart(part, shell.mass[part]) for part in chosen)) if chosen else None
 
     def momenta(self, x: Array, rates: Array) -> Array:

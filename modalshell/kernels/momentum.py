@@ -100,3 +100,11 @@ def keeping_turn(moments, impulse, guess, turn):  # type: ignore[no-untyped-def]
         exponential(step, change)
         turn[:] = change @ turn
     return last <= _ACCEPTED * size
+
+
+@_kernel
+def keeping_turns(moments, impulses, guesses, turns):  # type: ignore[no-untyped-def]
+    """:func:`keeping_turn` of many (B, 3, 3); the guess in place of one that fails."""
+    for b in range(moments.shape[0]):
+        if not keeping_turn(moments[b], impulses[b], guesses[b], turns[b]):
+            exponential(guesses[b], turns[b])

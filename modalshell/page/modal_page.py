@@ -12,6 +12,8 @@ from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.exponential import VIOLENT
+from modalshell.models.base.free_frames import FreeFrames
+from modalshell.models.base.stepper import LEAD
 from modalshell.modes import Basis
 from modalshell.page.html import MOST_SHAPES, Page, encoded, encoded_columns
 from modalshell.page.shell_page import shell_page
@@ -37,8 +39,7 @@ def modal_page(
     It integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by the models' own rule,
     :class:`modalshell.integrators.modal.Exponential`, with p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS
     [choi2007, eq. 16-20]. Its modes and rotations are half floats: coordinates agree with the models of this package to
-    about 1e-3. A shell without supports is warped as if it were held, without a frame of its own: its centre strays
-    where it turns far.
+    about 1e-3. Parts without supports fly in frames of their own, as the models' do.
 
     Parameters
     ----------
@@ -68,8 +69,20 @@ def modal_page(
     live = live_model(basis, force=force, damping=damping, dt=dt, reduced=reduced)
     pull = checked_vectors("gravity", gravity, (3,), OptionError).tolist()
     mesh = basis.shell.mesh
-    notes = ["A shell without supports is warped as if it were held: its centre strays."] if basis.rigid_modes else []
-    return shell_page(mesh.vertices, mesh.faces, title=title, tip=live_tip(basis), live=live, gravity=pull, notes=notes)
+    return shell_page(mesh.vertices, mesh.faces, title=title, tip=live_tip(basis), live=live, gravity=pull)
+
+
+def _frames(frames: FreeFrames, vertices: int) -> dict[str, Any]:
+    """The frames of free parts as the page reads them."""
+    own = np.arange(vertices, dtype=np.uint32)
+    return {
+        "count": frames.count,
+        "parts": [encoded(own[part.vertices]) for part in frames.parts],
+        "to": frames.to_poses.tolist(),
+        "from": frames.from_poses.tolist(),
+        "others": frames.others.tolist(),
+        "lead": LEAD,
+    }
 
 
 def live_tip(basis: Basis) -> int:
@@ -108,6 +121,8 @@ def live_model(
         "held": np.flatnonzero(shell.clamped).tolist(),
         "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
     }
+    if (frames := FreeFrames.of(basis)) is not None:
+        data["frames"] = _frames(frames, len(shell.mass))
     if reduced is not None:
         data["reduced"] = dict(zip(("shapes", "amounts", "turns"), map(encoded_columns, reduced), strict=True))
     return data

@@ -21,6 +21,12 @@ function prepare() {
   table = modalTexture([live.phi, live.psi, ...(reduced ? [reduced.shapes] : [])].map(halves), n);
   mesh = surface(drawn.made, rest, faces);
 }
+function place(x) {  // where parts that fly in their frames are
+  const at = gl.getAttribLocation(drawn.made, "rest");
+  gl.bindVertexArray(mesh);
+  gl.bindBuffer(gl.ARRAY_BUFFER, gl.getVertexAttrib(at, gl.VERTEX_ATTRIB_ARRAY_BUFFER_BINDING));
+  gl.bufferData(gl.ARRAY_BUFFER, Float32Array.from(x), gl.DYNAMIC_DRAW);
+}
 function shownCoordinates() {
   if (state.shown < 0) return state.q;
   const q = new Float64Array(m), swing = Math.sin(2 * performance.now() / 1000);
@@ -31,9 +37,10 @@ function draw(q) {
   if (state.model === "scene") { drawScene(); return; }
   clear();
   const scaled = new Float32Array(2 * m + r);
-  for (let k = 0; k < m; k++) { scaled[k] = q[k] * live.phi.scales[k]; scaled[m + k] = q[k] * live.psi.scales[k]; }
+  if (!free) for (let k = 0; k < m; k++) { scaled[k] = q[k] * live.phi.scales[k]; scaled[m + k] = q[k] * live.psi.scales[k]; }
   bend(q);
-  if (state.model === "rsw") for (let k = 0; k < r; k++) scaled[2 * m + k] = bent[k] * reduced.shapes.scales[k];
+  if (free) place(positions(q));
+  else if (state.model === "rsw") for (let k = 0; k < r; k++) scaled[2 * m + k] = bent[k] * reduced.shapes.scales[k];
   gl.useProgram(drawn.made);
   gl.bindVertexArray(mesh);
   bind(drawn.places, {table});
@@ -187,8 +194,8 @@ function restore() {  // what the address says
 }
 function pullAlong() {  // a spring from the vertex to the pointer, in the plane of the picture
   const x = new Float64Array(3), [right, up] = axes();
-  bend(state.q);
-  position(state.pull.vertex, state.q, x);
+  if (free) x.set(vectorAt(positions(), state.pull.vertex));
+  else { bend(state.q); position(state.pull.vertex, state.q, x); }
   const at = projected(x), dx = (state.pull.at[0] - at[0]) / at[2], dy = (at[1] - state.pull.at[1]) / at[2];
   for (let a = 0; a < 3; a++) state.pull.force[a] = live.pull * (dx * right[a] + dy * up[a]);
 }

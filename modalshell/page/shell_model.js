@@ -18,6 +18,7 @@ const shapes = reduced && floatsOf(reduced.shapes), amounts = reduced && floatsO
 const mass = live && new Float32Array(bytes(live.mass));
 const force = live && live.force ? new Float32Array(bytes(live.force)) : null;
 const lambda = live ? live.eigenvalues : [];
+const free = live && live.frames || null, rigid = free ? free.count : 0;  // parts that no support holds: shell_parts.js
 const state = {  // model: "scene" is the stored motion or answer
   q: new Float64Array(m), v: new Float64Array(m), time: 0, count: m, model: data.record ? "scene" : "mwts",
   xi: live ? live.damping[0] : 0, zeta: live ? live.damping[1] : 0,
@@ -95,12 +96,17 @@ function position(i, q, out) {  // after bend(q)
   }
   out[0] = rest[3 * i] + U[0]; out[1] = rest[3 * i + 1] + U[1]; out[2] = rest[3 * i + 2] + U[2];
 }
-function modalForce(q, p) {
+function loadOn(i) {  // into F
+  const g = state.gravity;
+  for (let a = 0; a < 3; a++) F[a] = mass[i] * g[a] + (force ? force[3 * i + a] : 0);
+  if (state.pull && state.pull.vertex === i) for (let a = 0; a < 3; a++) F[a] += state.pull.force[a];
+}
+function modalForce(q, p) { if (free) freeForce(q, state.v, p); else warpedForce(q, p, loadOn); }
+function warpedForce(q, p, loaded) {
   p.fill(0);
-  const g = state.gravity, push = new Float64Array(r);
+  const push = new Float64Array(r);
   for (let i = 0; i < n; i++) {
-    for (let a = 0; a < 3; a++) F[a] = mass[i] * g[a] + (force ? force[3 * i + a] : 0);
-    if (state.pull && state.pull.vertex === i) for (let a = 0; a < 3; a++) F[a] += state.pull.force[a];
+    loaded(i);
     if (F[0] === 0 && F[1] === 0 && F[2] === 0) continue;
     if (state.model === "rsw") for (let k = 0; k < r; k++) for (let a = 0; a < 3; a++) push[k] += shapes[(3 * i + a) * r + k] * F[a];
     if (state.model === "mwts") {
@@ -162,19 +168,21 @@ function flowOf(h, xi, zeta, turning) {  // of every mode: q, v after a step fro
 function step() {  // the exponential rule [hochbruck2010]
   const {q, v} = state, modes = flowOf(live.dt, state.xi, state.zeta, state.model !== "lma");
   if (!known) modalForce(q, kept);
+  const begin = free && [q.slice(), v.slice()];
   for (let k = 0; k < m; k++) {
     const [e11, e12, a1, , e21, e22, b1] = modes[k], before = q[k];
     q[k] = e11 * before + e12 * v[k] + a1 * kept[k]; v[k] = e21 * before + e22 * v[k] + b1 * kept[k];
-    if (k >= state.count) q[k] = v[k] = 0;
+    if (k >= state.count && k >= rigid) q[k] = v[k] = 0;
   }
-  modalForce(q, pushed);
+  modalForce(free ? turnedBack(q.slice(), live.dt) : q, pushed);
   let missed = 0;
-  for (let k = 0; k < state.count; k++) {
+  for (let k = 0; k < Math.max(state.count, rigid); k++) {
     const change = pushed[k] - kept[k];
     q[k] += modes[k][3] * change; v[k] += modes[k][7] * change;
     missed += (modes[k][3] * change) ** 2;
   }
-  if (flow.twice || missed > live.violent) modalForce(q, pushed);
+  if (flow.twice || missed > live.violent) modalForce(free ? turnedBack(q.slice(), live.dt) : q, pushed);
+  if (free) fly(...begin, kept, pushed);
   kept.set(pushed);
   known = true;
   state.time += live.dt;
@@ -183,6 +191,7 @@ function steps(count) { for (let i = 0; i < count; i++) step(); }
 function relax(h, xi) {  // a step of implicit Euler
   modalForce(state.q, pushed);
   for (let k = 0; k < m; k++) {
+    if (k < rigid) continue;  // frames rest
     if (k >= state.count) { state.q[k] = state.v[k] = 0; continue; }
     const c = xi + state.zeta * lambda[k];
     state.v[k] = (state.v[k] + h * (pushed[k] - lambda[k] * state.q[k])) / (1 + h * c + h * h * lambda[k]);
@@ -194,6 +203,7 @@ function settle() {  // heavily damped steps to a standstill; whether they came 
   const soft = Math.max(...lambda.slice(0, state.count).filter(x => x > 0).slice(0, 1), 1e-12), root = Math.sqrt(soft);
   state.v.fill(0);
   known = false;
+  if (free) flying.forEach(part => part.back.fill(0));
   for (let i = 0; i < 4000; i++) {
     const before = state.q.slice();
     relax(1 / root, 2 * root);
@@ -205,9 +215,11 @@ function settle() {  // heavily damped steps to a standstill; whether they came 
   }
   return false;
 }
-function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; }
+function release() { state.q.fill(0); state.v.fill(0); state.time = 0; known = false; if (free) flying.forEach(part => part.back.fill(0)); }
 function positions(q = state.q) {
-  if (state.model === "scene") return scenePositions();
+  return state.model === "scene" ? scenePositions() : free ? inWorld(q) : shapeOf(q);
+}
+function shapeOf(q) {
   const out = new Float64Array(3 * n), x = new Float64Array(3);
   bend(q);
   for (let i = 0; i < n; i++) { position(i, q, x); out.set(x, 3 * i); }

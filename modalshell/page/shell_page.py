@@ -85,7 +85,8 @@ def shell_page(
     words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
     if bodies:  # a page without any is as it was
         data["bodies"] = [_placed(*body, centre) for body in bodies]
-    return filled_page("shell", title, data, rest, faces, notes=notes, words=words)
+    without = () if live is not None and "frames" in live else ("shell_parts.js",)
+    return filled_page("shell", title, data, rest, faces, notes=notes, words=words, without=without)
 
 
 def _placed(

@@ -25,11 +25,11 @@ def sheet(material=HINGES, cells=(8, 4)):
     return ms.Shell(mesh_of(cells), material)
 
 
-def two_sheets(material=HINGES, cells=(6, 3)):
+def two_sheets(material=HINGES, cells=(6, 3), clamped=()):
     one = mesh_of(cells)
     vertices = np.vstack([one.vertices, 0.8 * one.vertices + (0.2, 0.1, 0.4)])
     mesh = ms.TriangleMesh(vertices, np.vstack([one.faces, one.faces + len(one.vertices)]))
-    return ms.Shell(mesh, material, loose_parts=True)
+    return ms.Shell(mesh, material, clamped, loose_parts=True)
 
 
 MATERIALS = {"hinges": HINGES, "plate": PLATE}
@@ -213,6 +213,23 @@ def test_loose_parts_fly_by_themselves(name):
     assert np.abs(found).max() <= 1e-6 * scale
     found, scale = momenta(shell, run.positions, run.times[1], slice(0, half))
     assert np.abs(found).max() > 0.3 * scale
+
+
+@pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "DS", "DS, BDF2", "springs"])
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
+def test_a_loose_part_flies_beside_a_clamped_one(name):
+    shell = two_sheets(clamped=[0, 7, 14, 21])
+    loose = shell.mesh.components == 1
+    run = run_of(
+        MAKERS[name](shell), gravity=GRAVITY, start=np.where(loose[:, None], bent(shell), shell.rest_positions)
+    )
+    exact = centres(shell, run.positions[:1], loose) + 0.5 * GRAVITY * run.times[:, None] ** 2
+    np.testing.assert_allclose(centres(shell, run.positions, loose), exact, rtol=0, atol=1e-6)
+    found, scale = momenta(shell, run.positions, run.times[1], loose)
+    assert scale > 1e-2
+    assert np.abs(found).max() <= 1e-6 * scale
+    held = run.positions[:, [0, 7, 14, 21]]
+    np.testing.assert_array_equal(held, np.broadcast_to(shell.rest_positions[[0, 7, 14, 21]], held.shape))
 
 
 @pytest.mark.parametrize(("energy", "name"), CASES)

@@ -132,17 +132,54 @@ def crowd_positions(
 
 
 @wp.kernel(enable_backward=False)
+def part_means(labels: wp.array[int], shares: wp.array[Any], places: wp.array2d[Any], means: wp.array2d[Any]) -> None:
+    """Means (B, P) of the vertices of each part, by shares (n,) of its mass; ``places`` are vectors (B, n)."""
+    b, part = wp.tid()
+    total = shares[0] * (places[b, 0] - places[b, 0])
+    for i in range(places.shape[1]):
+        if labels[i] == part:
+            total += shares[i] * places[b, i]
+    means[b, part] = total
+
+
+@wp.kernel(enable_backward=False)
+def place_parts(
+    labels: wp.array[int],
+    means: wp.array2d[Any],
+    turns: wp.array3d[Any],
+    moves: wp.array2d[Any],
+    places: wp.array2d[Any],
+) -> None:
+    """``R (x - mean) + t`` in the place of each x (B, n), with R (B, P + 1, 3), by rows, and t (B, P + 1) of its part.
+
+    Vertices of the last have no mean.
+    """
+    b, i = wp.tid()
+    part = labels[i]
+    place = places[b, i]
+    if part < means.shape[1]:
+        place = place - means[b, part]
+    turned = moves[b, part]
+    for axis in range(3):
+        turned[axis] = turned[axis] + wp.dot(turns[b, part, axis], place)
+    places[b, i] = turned
+
+
+@wp.kernel(enable_backward=False)
 def turned_back(
     levels: wp.array[int],
     rotations: wp.array2d[Any],
     mass: wp.array[Any],
     q: wp.array2d[Any],
-    felt: wp.array[Any],
+    felt: wp.array2d[Any],
     out: wp.array2d[Any],
 ) -> None:
-    """``mass_i R(w)^T felt_b``, vectors (B, n), of all instances b: with no turn where the level is below MWTS."""
+    """``mass_i R(w)^T felt_b``, vectors (B, n), of all instances b: with no turn where the level is below MWTS.
+
+    ``felt`` are vectors (B, 1), or (B, n), one for each vertex.
+    """
     b, i = wp.tid()
-    force = mass[i] * felt[b]
+    force = mass[i] * felt[b, i % felt.shape[1]]
     if levels[b] > _LINEAR:
         w = modal_sum(q, b, rotations, i)
         squared = wp.dot(w, w)
@@ -183,7 +220,10 @@ for _real in (wp.float64, wp.float32):
             "out": _table,
         },
     )
+    wp.overload(part_means, {"shares": _row, "places": _table, "means": _table})
+    _rows = wp.array(dtype=_vector, ndim=3)
+    wp.overload(place_parts, {"means": _table, "turns": _rows, "moves": _table, "places": _table})
     if _real == wp.float64:  # coordinates are stepped in no other
-        _back = {"rotations": _table, "mass": _row, "q": _numbers, "felt": _list, "out": _table}
+        _back = {"rotations": _table, "mass": _row, "q": _numbers, "felt": _table, "out": _table}
         wp.overload(turned_back, _back)
         wp.overload(modal_forces, {"modes": _table, "forces": _table, "out": _numbers})

@@ -247,7 +247,11 @@ def _turn_back_wound_up(first, end, modal, mass, q, felt, work):  # type: ignore
                 for row in range(3):
                     w[row] += q[mode] * modal[pack, mode, 3 + row, j]
             linear, quadratic, _ = coefficients(w[0], w[1], w[2])
-            turned = _turned(felt[0], felt[1], felt[2], w[0], w[1], w[2], -linear, quadratic)
+            if felt.ndim == 1:
+                x, y, z = felt[0], felt[1], felt[2]
+            else:
+                x, y, z = felt[pack, 0, j], felt[pack, 1, j], felt[pack, 2, j]
+            turned = _turned(x, y, z, w[0], w[1], w[2], -linear, quadratic)
             for axis in range(3):
                 work[(3 * (pack - first) + axis) * lanes + j] = mass[pack, j] * turned[axis]
 
@@ -256,13 +260,13 @@ def _turn_back_wound_up(first, end, modal, mass, q, felt, work):  # type: ignore
 def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  # type: ignore[no-untyped-def]
     """Modal forces ``Phi^T R(Psi q_b)^T (mass felt_b)`` (B, m) of the instances b of ``order``, from zeros.
 
-    ``mass`` (packs, lanes) is padded with zeros; ``felt`` (B, 3) is one acceleration for all vertices of an instance;
-    ``work`` is (WORK,).
+    ``mass`` (packs, lanes) is padded with zeros; ``felt`` (B, 3) is one acceleration for all vertices of an instance,
+    or (B, packs, 3, lanes) one for each; ``work`` is (WORK,).
     """
     modes = q.shape[1]
     lanes = lane_count(modal)
     limit = modal.dtype.type(_LIMIT)
-    flat_modal, flat_mass, flat_q = modal.reshape(-1), mass.reshape(-1), q.reshape(-1)
+    flat_modal, flat_mass, flat_q, flat_felt = modal.reshape(-1), mass.reshape(-1), q.reshape(-1), felt.reshape(-1)
     one = spread(modal.dtype.type(1.0))
     for chunk in range(begin, end):
         last = min((chunk + 1) * CHUNK, order.size)
@@ -271,9 +275,15 @@ def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  #
             for pair in range(chunk * CHUNK, last, 2):
                 a, b = order[pair], order[min(pair + 1, last - 1)]
                 worst_a = worst_b = spread(limit)
-                fx, fy, fz = spread(felt[a, 0]), spread(felt[a, 1]), spread(felt[a, 2])
-                gx, gy, gz = spread(felt[b, 0]), spread(felt[b, 1]), spread(felt[b, 2])
+                if felt.ndim == 2:
+                    fx, fy, fz = spread(felt[a, 0]), spread(felt[a, 1]), spread(felt[a, 2])
+                    gx, gy, gz = spread(felt[b, 0]), spread(felt[b, 1]), spread(felt[b, 2])
                 for pack in range(first, ended):
+                    if felt.ndim == 4:
+                        at = 3 * (a * modal.shape[0] + pack) * lanes
+                        fx, fy, fz = load(flat_felt, at), load(flat_felt, at + lanes), load(flat_felt, at + 2 * lanes)
+                        at = 3 * (b * modal.shape[0] + pack) * lanes
+                        gx, gy, gz = load(flat_felt, at), load(flat_felt, at + lanes), load(flat_felt, at + 2 * lanes)
                     at = (6 * pack * modes + 3) * lanes
                     au, av, aw, bu, bv, bw = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
                     squared_a, squared_b = au * au + av * av + aw * aw, bu * bu + bv * bv + bw * bw

@@ -18,11 +18,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.free_parts import FreeParts, axial, inertia_of, turn_keeping
+from modalshell.integrators.free_parts import (
+    FreeParts,
+    axial,
+    crossed,
+    inertia_of,
+    left_jacobian,
+    turn_keeping,
+    turn_of,
+    vector_of,
+)
 from modalshell.integrators.modal.flow import free_flow
 from modalshell.integrators.state import MotionState
-from modalshell.kernels import rotations
-from modalshell.kernels.momentum import exponential, rotation_vector
 from modalshell.modes import Basis
 from modalshell.modes.modal_rotation import cross_matrices
 
@@ -37,13 +44,6 @@ Patch = Callable[[Array, Index], tuple[Array, Array]]
 """Mean position (3,) [m] of the warp at some vertices, and its Jacobian (3, m)."""
 
 
-def left_jacobian(vector: Array) -> Array:
-    """Rt(w) (3, 3), which takes rates of a rotation vector to the angular velocity in the world's frame."""
-    found = np.empty((1, 3, 3))
-    rotations.averages(vector[None], found)
-    return found[0]
-
-
 @final
 class FreeFrames:
     """Frames of all free parts of a basis; see the module.
@@ -56,18 +56,32 @@ class FreeFrames:
         The free parts.
     to_poses : ndarray, shape (6 P, r)
         What takes the coordinates of rigid modes to displacements and rotation vectors of the P frames.
+
+    Attributes
+    ----------
+    parts : tuple of FreePart
+        The parts.
+    count : int
+        Number r of rigid modes.
+    centres : list of ndarray, shape (3,)
+        The parts' centres at rest [m].
+    labels : ndarray, shape (n,)
+        Number of every vertex' part, -1 where it has none.
+    from_poses : ndarray, shape (r, 6 P)
+        The inverse of ``to_poses``.
+    others : ndarray, shape (r, r)
+        Projection of the rigid coordinates on motions that parts with supports are left.
     """
 
     def __init__(self, basis: Basis, parts: FreeParts, to_poses: Array) -> None:
-        self._rest, self._parts, self._count = basis.shell.rest_positions, parts, basis.rigid_modes
-        self._to, self._from = to_poses, np.linalg.pinv(to_poses)
-        self._others = np.eye(self._count) - self._from @ to_poses
-        """Projection of the rigid coordinates on motions that parts with supports are left."""
-        self._all_free = len(to_poses) == self._count
-        self._centres = [part.mean(self._rest[part.vertices]) for part in parts.parts]
-        self._labels = np.full(len(self._rest), -1)
+        self._rest, self.parts, self.count = basis.shell.rest_positions, parts.parts, basis.rigid_modes
+        self.to_poses, self.from_poses = to_poses, np.linalg.pinv(to_poses)
+        self.others = np.eye(self.count) - self.from_poses @ to_poses
+        self._all_free = len(to_poses) == self.count
+        self.centres = [part.mean(self._rest[part.vertices]) for part in parts.parts]
+        self.labels = np.full(len(self._rest), -1)
         for number, part in enumerate(parts.parts):
-            self._labels[part.vertices] = number
+            self.labels[part.vertices] = number
         self._kept: tuple[Array, Array] | None = None
 
     @classmethod
@@ -89,20 +103,24 @@ class FreeFrames:
     # ---- coordinates and positions
 
     def elastic(self, q: Array) -> Array:
-        """Coordinates or rates (m,) without those of the frames."""
+        """Coordinates or rates (..., m) without those of the frames."""
         shape = q.copy()
-        shape[: self._count] = 0.0 if self._all_free else self._others @ q[: self._count]
+        shape[..., : self.count] = 0.0 if self._all_free else (self.others @ q[..., : self.count].T).T
         return shape
 
     def poses(self, q: Array) -> Array:
-        """Displacements [m] and rotation vectors [rad] of the frames (P, 2, 3), or their rates."""
-        return np.asarray(self._to @ q[: self._count]).reshape(-1, 2, 3)
+        """Displacements [m] and rotation vectors [rad] of the frames (..., P, 2, 3), or their rates, at q (..., m)."""
+        return np.asarray((self.to_poses @ q[..., : self.count].T).T).reshape(*q.shape[:-1], -1, 2, 3)
 
     def with_poses(self, q: Array, poses: Array) -> Array:
-        """Coordinates or rates (m,) with those of the frames."""
+        """Coordinates or rates (..., m) with those of the frames (..., P, 2, 3)."""
         whole = self.elastic(q)
-        whole[: self._count] += self._from @ poses.ravel()
+        whole[..., : self.count] += self._rigid(poses)
         return whole
+
+    def _rigid(self, poses: Array) -> Array:
+        """Coordinates (..., r) of the rigid modes, or their rates, of frames (..., P, 2, 3)."""
+        return np.asarray((self.from_poses @ poses.reshape(*poses.shape[:-3], -1).T).T)
 
     def _shaped(self, q: Array, shape: Shape) -> Array:
         """Positions of the warp at q (m,) with every free part about its own centre; kept for the last q."""
@@ -111,7 +129,7 @@ class FreeFrames:
         if kept is not None and np.array_equal(kept[0], elastic):
             return kept[1]
         x = shape(elastic)
-        for part in self._parts.parts:
+        for part in self.parts:
             x[part.vertices] -= part.mean(x[part.vertices])
         self._kept = elastic, x
         return x
@@ -119,8 +137,8 @@ class FreeFrames:
     def positions(self, q: Array, shape: Shape) -> Array:
         """Positions (n, 3) [m] in the world at q (m,)."""
         x = self._shaped(q, shape).copy()
-        for part, centre, (moved, vector) in zip(self._parts.parts, self._centres, self.poses(q), strict=True):
-            x[part.vertices] = x[part.vertices] @ _turn(vector).T + (centre + moved)
+        for part, centre, (moved, vector) in zip(self.parts, self.centres, self.poses(q), strict=True):
+            x[part.vertices] = x[part.vertices] @ turn_of(vector).T + (centre + moved)
         return x
 
     def coordinates_of(self, positions: Array, shape: Shape, project: Callable[[Array], Array]) -> Array:
@@ -128,15 +146,15 @@ class FreeFrames:
 
         ``project`` takes displacements (n, 3) to coordinates.
         """
-        own, poses = positions.copy(), np.empty((len(self._parts.parts), 2, 3))
-        for part, centre, pose in zip(self._parts.parts, self._centres, poses, strict=True):
+        own, poses = positions.copy(), np.empty((len(self.parts), 2, 3))
+        for part, centre, pose in zip(self.parts, self.centres, poses, strict=True):
             x = positions[part.vertices]
             pose[0] = part.mean(x) - centre
             turn, _ = Rotation.align_vectors(x - part.mean(x), self._rest[part.vertices] - centre, part.mass)
             own[part.vertices] = (x - part.mean(x)) @ turn.as_matrix() + centre
         q = self.with_poses(project(own - self._rest), poses)
         bent = self._shaped(q, shape)
-        for part, pose in zip(self._parts.parts, poses, strict=True):
+        for part, pose in zip(self.parts, poses, strict=True):
             x = positions[part.vertices]
             turn, _ = Rotation.align_vectors(x - part.mean(x), bent[part.vertices], part.mass)
             pose[1] = turn.as_rotvec()
@@ -157,7 +175,7 @@ class FreeFrames:
 
     def with_elastic(self, whole: Array, bent: Array) -> Array:
         """A matrix (m, m) with the part of another that belongs to elastic modes."""
-        whole[self._count :, self._count :] = bent[self._count :, self._count :]
+        whole[self.count :, self.count :] = bent[self.count :, self.count :]
         return whole
 
     def push(self, q: Array, load: Array, force: Gradient, shape: Shape, moving: tuple[Array, float]) -> Array:
@@ -178,12 +196,12 @@ class FreeFrames:
     def _add_inertia(self, q: Array, spins: Array, speed: Array, forces: Array, own: Array, shape: Shape) -> None:
         """Add Euler, centrifugal and Coriolis forces to loads (n, 3) in the frames; see :meth:`Pose.shell_load`."""
         x = self._shaped(q, shape)
-        for part, spin, (_, torque), pose in zip(self._parts.parts, spins, forces, self.poses(q), strict=True):
+        for part, spin, (_, torque), pose in zip(self.parts, spins, forces, self.poses(q), strict=True):
             arms, v = x[part.vertices], speed[part.vertices]
             inertia = inertia_of(part.moments(arms, arms))
-            twist = _turn(pose[1]).T @ torque
+            twist = turn_of(pose[1]).T @ torque
             faster = np.linalg.solve(inertia, twist - np.cross(spin, inertia @ spin))
-            felt = _crossed(faster, arms) + _crossed(spin, _crossed(spin, arms) + 2.0 * v)
+            felt = crossed(faster, arms) + crossed(spin, crossed(spin, arms) + 2.0 * v)
             own[part.vertices] -= part.mass[:, None] * felt
 
     def _speeds(self, q: Array, rates: Array, lead: float, shape: Shape) -> Array:
@@ -191,28 +209,28 @@ class FreeFrames:
         elastic = self.elastic(q)
         speed = (shape(elastic) - shape(elastic - lead * self.elastic(rates))) / lead
         x = self._shaped(q, shape)
-        for part in self._parts.parts:
+        for part in self.parts:
             arms, v = x[part.vertices], speed[part.vertices]
             v = v - part.mean(v)
             own = np.asarray(np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(part.moments(arms, v))))
-            speed[part.vertices] = v - _crossed(own, arms)
+            speed[part.vertices] = v - crossed(own, arms)
         return speed
 
     def _joined(self, elastic: Array, forces: Array) -> Array:
-        elastic[: self._count] = self._others @ elastic[: self._count] + self._to.T @ forces.ravel()
+        elastic[: self.count] = self.others @ elastic[: self.count] + self.to_poses.T @ forces.ravel()
         return elastic
 
     def _own(self, q: Array, load: Array, shape: Shape) -> tuple[Array, Array]:
         """A load (n, 3) in the frames less its mean acceleration, and forces and torques (P, 2, 3) in the world."""
-        own, forces, poses = load.copy(), np.zeros((len(self._parts.parts), 2, 3)), self.poses(q)
-        for part, found, (_, vector) in zip(self._parts.parts, forces, poses, strict=True):
+        own, forces, poses = load.copy(), np.zeros((len(self.parts), 2, 3)), self.poses(q)
+        for part, found, (_, vector) in zip(self.parts, forces, poses, strict=True):
             given = load[part.vertices]
             found[0] = given.sum(axis=0)
             uneven = given - part.mass[:, None] * (found[0] / part.total)
             if np.abs(uneven).max() <= _EVEN * np.abs(given).max():
                 own[part.vertices] = 0.0
                 continue
-            turn = _turn(vector)
+            turn = turn_of(vector)
             own[part.vertices] = uneven = uneven @ turn
             found[1] = turn @ axial(uneven.T @ self._shaped(q, shape)[part.vertices])
         return own, forces
@@ -221,18 +239,18 @@ class FreeFrames:
 
     def rows(self, q: Array, vertices: Index, warped: Callable[[Array, Index], Array], shape: Shape) -> Array:
         """Rows (k, 3, m) that take rates to velocities of some vertices; those of frames are angular velocities."""
-        rows, x, labels = warped(self.elastic(q), vertices), self._shaped(q, shape), self._labels[vertices]
-        rows[:, :, : self._count] = rows[:, :, : self._count] @ self._others
+        rows, x, labels = warped(self.elastic(q), vertices), self._shaped(q, shape), self.labels[vertices]
+        rows[:, :, : self.count] = rows[:, :, : self.count] @ self.others
         for number, (_, vector) in enumerate(self.poses(q)):
-            chosen, turn = labels == number, _turn(vector)
+            chosen, turn = labels == number, turn_of(vector)
             arms = x[vertices[chosen]] @ turn.T
             rows[chosen] = turn @ rows[chosen]
-            rows[chosen, :, : self._count] += self._rigid_rows(number, arms, np.eye(3))
+            rows[chosen, :, : self.count] += self._rigid_rows(number, arms, np.eye(3))
         return rows
 
     def _rigid_rows(self, number: int, arms: Array, jacobian: Array) -> Array:
         """Rows (k, 3, r) of a frame's motion at arms (k, 3) in the world, angular velocities by ``jacobian``."""
-        moved, turned = self._to[6 * number : 6 * number + 3], self._to[6 * number + 3 : 6 * number + 6]
+        moved, turned = self.to_poses[6 * number : 6 * number + 3], self.to_poses[6 * number + 3 : 6 * number + 6]
         return np.asarray(moved - cross_matrices(arms) @ jacobian @ turned)
 
     def spun(self, q: Array, rates: Array) -> Array:
@@ -253,38 +271,38 @@ class FreeFrames:
         self, q: Array, vertices: Index, patch: Patch, gradient: Gradient, shape: Shape
     ) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch, and its Jacobian (3, m)."""
-        elastic, poses, labels = self.elastic(q), self.poses(q), self._labels[vertices]
+        elastic, poses, labels = self.elastic(q), self.poses(q), self.labels[vertices]
         value, jacobian = np.zeros(3), np.zeros((3, q.size))
         for number in np.unique(labels):
             chosen = vertices[labels == number]
             share = len(chosen) / len(vertices)
             place, slope = patch(elastic, chosen)
             slope = slope.copy()
-            slope[:, : self._count] = slope[:, : self._count] @ self._others
+            slope[:, : self.count] = slope[:, : self.count] @ self.others
             if number >= 0:
-                part, (moved, vector) = self._parts.parts[number], poses[number]
-                turn, weights = _turn(vector), np.zeros((3, *self._rest.shape))
+                part, (moved, vector) = self.parts[number], poses[number]
+                turn, weights = turn_of(vector), np.zeros((3, *self._rest.shape))
                 for axis in range(3):
                     weights[axis, part.vertices, axis] = part.mass / part.total
                 mean = np.stack([gradient(elastic, weight) for weight in weights])
                 arm = turn @ (place - part.mean(shape(elastic)[part.vertices]))
-                place, slope = arm + self._centres[number] + moved, turn @ (slope - mean)
-                slope[:, : self._count] = self._rigid_rows(number, arm[None], left_jacobian(vector))[0]
+                place, slope = arm + self.centres[number] + moved, turn @ (slope - mean)
+                slope[:, : self.count] = self._rigid_rows(number, arm[None], left_jacobian(vector))[0]
             value, jacobian = value + share * place, jacobian + share * slope
         return value, jacobian
 
     def patch_rotation(self, q: Array, vertices: Index, rows: Array) -> tuple[Array, Array]:
         """Rotation vector (3,) [rad] of a patch, and its Jacobian (3, m), by rows (3, m) of the modal rotations."""
-        rows, number = rows.copy(), int(self._labels[vertices[0]])
-        rows[:, : self._count] = rows[:, : self._count] @ self._others
+        rows, number = rows.copy(), int(self.labels[vertices[0]])
+        rows[:, : self.count] = rows[:, : self.count] @ self.others
         own = rows @ self.elastic(q)
         if number < 0:
             return own, rows
         vector = self.poses(q)[number, 1]
-        turn = _turn(vector)
-        whole = _vector(turn @ _turn(own))
+        turn = turn_of(vector)
+        whole = vector_of(turn @ turn_of(own))
         rows = turn @ left_jacobian(own) @ rows
-        rows[:, : self._count] += left_jacobian(vector) @ self._to[6 * number + 3 : 6 * number + 6]
+        rows[:, : self.count] += left_jacobian(vector) @ self.to_poses[6 * number + 3 : 6 * number + 6]
         return whole, np.asarray(np.linalg.solve(left_jacobian(whole), rows), dtype=np.float64)
 
     # ---- motion
@@ -298,14 +316,12 @@ class FreeFrames:
         """Largest angular velocity [rad/s] of a frame."""
         return float(np.linalg.norm(self._spins(state.coordinates, state.rates), axis=1).max())
 
-    def predicted(self, q: Array, before: MotionState, time: float) -> Array:
-        """Expected coordinates (m,) a ``time`` [s] after a state: frames also turn back what the shape turns."""
-        back = np.zeros((len(self._parts.parts), 2, 3))
-        back[:, 1] = before.memory["turn_back"]
+    def predicted(self, q: Array, back: Array, time: float) -> Array:
+        """Expected coordinates (..., m): frames also turn ``back`` (..., P, 3) what shapes turn, for a ``time`` [s]."""
         if not back.any():
             return q
         q = q.copy()
-        q[: self._count] += time * (self._from @ back.ravel())
+        q[..., : self.count] += time * self._rigid(np.stack([np.zeros_like(back), back], axis=-2))
         return q
 
     def flown(
@@ -317,13 +333,13 @@ class FreeFrames:
         frame that would turn by more than about a radian in the step has no such turn, and goes by its spin.
         """
         c = free_flow(drag, dt)
-        first, last = ((self._from.T @ end[: self._count]).reshape(-1, 2, 3) for end in ends)
+        first, last = ((self.from_poses.T @ end[: self.count]).reshape(-1, 2, 3) for end in ends)
         x0, x1 = self._shaped(before.coordinates, shape), self._shaped(after.coordinates, shape)
         poses, speeds = self.poses(before.coordinates), self.poses(before.rates)
         spins, back, solved = self._spins(before.coordinates, before.rates), np.zeros((len(poses), 3)), True
-        for number, part in enumerate(self._parts.parts):
+        for number, part in enumerate(self.parts):
             y0, y1, pose, speed = x0[part.vertices], x1[part.vertices], poses[number], speeds[number]
-            turn = _turn(pose[1])
+            turn = turn_of(pose[1])
             start, change = first[number], last[number] - first[number]
             momenta = np.array([part.total * speed[0], turn @ inertia_of(part.moments(y0, y0)) @ spins[number]])
             moved = c.e12 * momenta + c.a1 * start + c.a2 * change
@@ -334,13 +350,13 @@ class FreeFrames:
             guess = np.linalg.solve(inertia_of(part.moments(y0, y0)), impulse)
             step, found = turn_keeping(part.moments(y0, y1), impulse, guess)
             if not found:
-                step, solved = _turn(guess), False
+                step, solved = turn_of(guess), False
             turn = turn @ step
-            pose[1] = _vector(turn)
+            pose[1] = vector_of(turn)
             spin = np.linalg.solve(inertia_of(part.moments(y1, y1)), turn.T @ momenta[1])
             own = left_jacobian(-pose[1])
             speed[1] = np.linalg.solve(own, spin)
-            turned = _vector(step) / dt - 0.5 * (spins[number] + spin)
+            turned = vector_of(step) / dt - 0.5 * (spins[number] + spin)
             back[number] = np.linalg.solve(own, turned)
         memory = after.memory | {"turn_back": back}
         q, rates = self.with_poses(after.coordinates, poses), self.with_poses(after.rates, speeds)
@@ -351,9 +367,9 @@ class FreeFrames:
         q, rates = state.coordinates, state.rates
         own, found = self._shaped(q, shape), self._speeds(q, rates, lead, shape)
         spins, poses, speeds = self._spins(q, rates), self.poses(q), self.poses(rates)
-        for part, spin, pose, speed in zip(self._parts.parts, spins, poses, speeds, strict=True):
-            turning = found[part.vertices] + _crossed(spin, own[part.vertices])
-            found[part.vertices] = turning @ _turn(pose[1]).T + speed[0]
+        for part, spin, pose, speed in zip(self.parts, spins, poses, speeds, strict=True):
+            turning = found[part.vertices] + crossed(spin, own[part.vertices])
+            found[part.vertices] = turning @ turn_of(pose[1]).T + speed[0]
         return found
 
     def kinetic_energy(self, state: MotionState, shape: Shape) -> float:
@@ -361,7 +377,7 @@ class FreeFrames:
         q, rates = state.coordinates, state.rates
         elastic, x = self.elastic(rates), self._shaped(q, shape)
         total = 0.5 * float(elastic @ elastic)
-        for part, spin, speed in zip(self._parts.parts, self._spins(q, rates), self.poses(rates), strict=True):
+        for part, spin, speed in zip(self.parts, self._spins(q, rates), self.poses(rates), strict=True):
             arms = x[part.vertices]
             total += 0.5 * part.total * float(speed[0] @ speed[0])
             total += 0.5 * float(spin @ inertia_of(part.moments(arms, arms)) @ spin)
@@ -369,25 +385,5 @@ class FreeFrames:
 
     def at_rest(self, state: MotionState) -> MotionState:
         """A state at rest with what the frames keep."""
-        state.memory["turn_back"] = np.zeros((len(self._parts.parts), 3))
+        state.memory["turn_back"] = np.zeros((len(self.parts), 3))
         return state
-
-
-def _turn(vector: Array) -> Array:
-    """Rotation (3, 3) of a rotation vector (3,)."""
-    found = np.empty((3, 3))
-    exponential(vector, found)
-    return found
-
-
-def _vector(turn: Array) -> Array:
-    """Rotation vector (3,) of a rotation (3, 3)."""
-    found = np.empty(3)
-    rotation_vector(turn, found)
-    return found
-
-
-def _crossed(vector: Array, arms: Array) -> Array:
-    """``vector x arms`` of one vector (3,) and many (k, 3)."""
-    x, y, z = vector
-    return np.asarray(arms @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]))

@@ -181,7 +181,7 @@ class ModalMotion(ModalShape, FrameModel):
         seen: list[Array] = []
 
         def felt(q: Array, rates: Array, share: float) -> Array:
-            seen.append(force(frames.predicted(q, state, share * dt), rates, share))
+            seen.append(force(frames.predicted(q, state.memory["turn_back"], share * dt), rates, share))
             return seen[-1]
 
         after = self.integrator.advance(state, felt, eigenvalues, damp, dt, self._mass_size)
