@@ -22,7 +22,7 @@ from modalshell.compare.runs import Measurement
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("held_out_advice",)

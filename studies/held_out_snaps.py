@@ -20,7 +20,7 @@ from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.snap import v_beam

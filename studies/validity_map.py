@@ -22,7 +22,7 @@ from modalshell.compare.path import Marks
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables

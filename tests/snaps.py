@@ -4,7 +4,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import modalshell as ms
-from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
+from modalshell.models.coarse.coarse_shell import coarse_shell
 
 LOADED, RELEASED, DT = 30, 15, 1 / 30
 

@@ -16,7 +16,7 @@ from modalshell.integrators.modal import Exponential
 from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes

@@ -6,11 +6,15 @@ import importlib.util
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from modalshell.core.checks import checked_count, checked_kind, checked_number
+from modalshell.core.checks import as_array, checked_count, checked_kind, checked_number
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
 from modalshell.core.memory import demand_memory
+from modalshell.mesh.closest import edges_along
+from modalshell.mesh.fins import with_fins, without_fins
 from modalshell.mesh.repair import repair
+from modalshell.mesh.topology import IntArray, numbers_of_edges
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 _PASSES, _NEAR = 4, 0.03
@@ -21,15 +25,17 @@ _BYTES = 1000.0
 """Memory of MeshLab per triangle [bytes]."""
 _ITERATIONS = 10
 """Rounds of splitting, collapsing, flipping and smoothing."""
+_LOST = 0.03
+"""Relative change of the length of junctions and kept edges, from which they count as lost."""
 
 
-def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> TriangleMesh:
+def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0, keep: ArrayLike | None = None) -> TriangleMesh:
     """Remesh a surface with about as many nearly equilateral triangles as requested.
 
     Edges are split, collapsed and flipped towards one length, and vertices are smoothed on the surface
-    [botsch2004]; boundaries and creases stay where they are, but their vertices slide along them. The surface moves by
-    1 % of the bounding box's diagonal at most, so that a coarse mesh may keep more triangles where it is strongly
-    curved. Vertex numbers change: select supports again.
+    [botsch2004]; boundaries, creases and junctions stay where they are, but their vertices slide along them. The
+    surface moves by 1 % of the bounding box's diagonal at most, so that a coarse mesh may keep more triangles where it
+    is strongly curved. Vertex numbers change: select supports again.
 
     Parameters
     ----------
@@ -39,6 +45,8 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> Trian
         Number of triangles, at least 4.
     crease : float
         Angle between neighbouring triangles from which their edge is kept as a crease [degrees], between 0 and 180.
+    keep : array_like of int, shape (k, 2), optional
+        Pairs of vertices whose edges are to lie along edges of the new mesh too, such as lines where a material ends.
 
     Returns
     -------
@@ -48,29 +56,29 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> Trian
     Raises
     ------
     OptionError
-        If MeshLab is not installed, or an option is out of range.
+        If MeshLab is not installed, an option is out of range, or a pair of ``keep`` is no edge.
     MeshError
-        If MeshLab fails on this surface, or the mesh has junctions, whose sheets it would part.
+        If MeshLab fails on this surface, loses a junction or an edge of ``keep``, or the surface is one-sided.
     """
     checked_kind("mesh", mesh, TriangleMesh)
-    if mesh.joints.edges.size:
+    if mesh.seams.size:
         raise MeshError(
-            f"remeshing would part the sheets that meet at {len(mesh.junctions)} junctions and {len(mesh.seams)} seams "
-            "of this mesh: mesh each sheet apart, with the same vertices along the junctions, and weld them "
-            "(TriangleMesh.from_soup)"
+            f"remeshing takes no one-sided surface (got one with {len(mesh.seams)} seams): cut it open first "
+            "(modalshell repair --split)"
         )
     asked = checked_count("triangles", triangles, at_least=4)
     demand_memory(f"a mesh of {asked} triangles", _BYTES * asked, "ask for fewer triangles")
     angle = checked_number("crease", crease, above=0.0, at_most=180.0, unit="degrees")
     if importlib.util.find_spec("pymeshlab") is None:
         raise OptionError("remeshing needs pymeshlab, which is not installed: pip install 'modalshell[remesh]'")
+    edges = _kept_edges(mesh, keep)
     length = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area / asked))
-    made = _of_length(mesh, length, angle)
+    made = _of_length(mesh, length, angle, edges)
     for _ in range(_PASSES - 1):
         if abs(len(made.faces) / asked - 1.0) <= _NEAR:
             break
         length *= float(np.sqrt(len(made.faces) / asked))
-        other = _of_length(mesh, length, angle)
+        other = _of_length(mesh, length, angle, edges)
         if abs(len(other.faces) - asked) >= abs(len(made.faces) - asked):
             break
         made = other
@@ -84,18 +92,54 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> Trian
     return made
 
 
-def _of_length(mesh: TriangleMesh, length: float, crease: float) -> TriangleMesh:
-    """The surface in triangles whose edges are about ``length`` [m]."""
+def _kept_edges(mesh: TriangleMesh, keep: ArrayLike | None) -> IntArray:
+    """Edges of two faces to keep (k,): others are kept as boundaries or junctions."""
+    if keep is None:
+        return np.empty(0, dtype=np.int64)
+    pairs = as_array("keep", keep, "pairs of vertices (k, 2)", OptionError, "iu")
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise OptionError(f"keep must be pairs of vertices (k, 2) (got shape {pairs.shape})")
+    edges = numbers_of_edges(mesh.edges, pairs)
+    if (edges < 0).any():
+        raise OptionError(f"keep names the pair {tuple(pairs[np.argmax(edges < 0)].tolist())}, which is no edge")
+    inner = mesh.edge_faces[edges, 1] >= 0
+    return np.setdiff1d(edges[inner], mesh.junctions)
+
+
+def _of_length(mesh: TriangleMesh, length: float, crease: float, keep: IntArray) -> TriangleMesh:
+    """The surface in triangles whose edges are about ``length`` [m], with edges along those of ``keep`` (k,)."""
     import pymeshlab
 
     size = mesh.size  # MeshLab takes lengths far from 1 for degenerate
+    given = (mesh.vertices, mesh.faces) if not keep.size else with_fins(mesh, keep, length)
     held = pymeshlab.MeshSet()
-    held.add_mesh(pymeshlab.Mesh(mesh.vertices / size, mesh.faces))
+    held.add_mesh(pymeshlab.Mesh(given[0] / size, given[1]))
     try:
         held.meshing_isotropic_explicit_remeshing(
             targetlen=pymeshlab.PureValue(length / size), iterations=_ITERATIONS, featuredeg=crease
         )
     except pymeshlab.PyMeshLabException as error:
         raise MeshError(f"MeshLab could not remesh the surface ({error}); repair the mesh first") from error
-    made = held.current_mesh()
-    return repair(size * made.vertex_matrix(), made.face_matrix(), split=True)[0]
+    found = held.current_mesh()
+    joined = bool(keep.size or mesh.junctions.size)
+    made = repair(size * found.vertex_matrix(), found.face_matrix(), split=not joined)[0]
+    if not joined:
+        return made
+    made = made if not keep.size else without_fins(made, mesh, given)
+    refuse_losses(made, mesh, keep, length)
+    return made
+
+
+def refuse_losses(made: TriangleMesh, mesh: TriangleMesh, keep: IntArray, length: float) -> None:
+    """MeshError where edges to keep, or junctions, are no longer edges of the new mesh, or no junctions."""
+    for name, wanted, among in (("junctions", mesh.junctions, made.junctions), ("edges to keep", keep, None)):
+        if not wanted.size:
+            continue
+        along = edges_along(made, mesh.vertices[mesh.edges[wanted]])[0]
+        along = along if among is None else np.intersect1d(along, among)
+        whole, left = (float(lengths.sum()) for lengths in (mesh.edge_lengths[wanted], made.edge_lengths[along]))
+        if abs(left / whole - 1.0) > _LOST:
+            raise MeshError(
+                f"remeshing in edges of {length:.3g} m keeps {left:.4g} m of {whole:.4g} m of {name}: ask for more "
+                "triangles"
+            )

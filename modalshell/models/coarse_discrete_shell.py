@@ -13,18 +13,21 @@ from numpy.typing import ArrayLike
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
-from modalshell.core.errors import MeshError
+from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
+from modalshell.mesh.closest import closest_points
+from modalshell.models.base.crease_motion import CreaseMotion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import ImplicitModel, implicit_rule
+from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse.profile_step import profile_step
-from modalshell.models.coarse.prolongation import Prolongation, closest_points
+from modalshell.models.coarse.prolongation import Prolongation
+from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.shell import Shell
 
@@ -39,7 +42,7 @@ class CoarseDiscreteShell(ImplicitModel):
     Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
     sharp folds; loads are restricted with the same weights. A step of implicit Euler runs in one compiled function,
     with a profile factorisation, where the coarse shell has no further energies and its supports hold whole vertices;
-    else as that of :class:`DiscreteShell`, six to ten times slower.
+    else as that of :class:`DiscreteShell`, six to ten times slower, as all steps are where creases yield.
 
     Contacts hold exactly at the coarse vertices, by the same sets as those of :class:`DiscreteShell`; forces are stated
     at the fine vertices nearest to them. Fine vertices between these may enter a collider: by the square of the coarse
@@ -83,7 +86,11 @@ class CoarseDiscreteShell(ImplicitModel):
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell), step_tolerance=self.step_tolerance)
         self.coarse_shell = coarse
         mesh, under = shell.mesh, coarse.mesh
-        self._prolongation = Prolongation(under, mesh)
+        self._creases = CreasesBelow.of(self.shell, coarse)
+        if (self._creases is None) != (self.shell.creases is None):
+            raise OptionError("creases must be those of both shells, or of none: make coarse by ms.coarse_shell")
+        folds = None if coarse.creases is None else under.hinge_edges[coarse.creases.hinges]
+        self._prolongation = Prolongation(under, mesh, folds)
         distance = self._prolongation.distance
         if distance.max() > _APART * mesh.size:
             worst = int(distance.argmax())
@@ -104,7 +111,10 @@ class CoarseDiscreteShell(ImplicitModel):
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""
         begin = None if start is None else self.sampled(start)
         answer = self.coarse.equilibrium(force=self._prolongation.restrict(load), start=begin)
-        return replace(answer, positions=self._prolonged(answer.positions), coordinates=answer.positions)
+        kept = answer.creases
+        if kept is not None and self._creases is not None:
+            kept = self._creases.state_of(kept)
+        return replace(answer, positions=self._prolonged(answer.positions), coordinates=answer.positions, creases=kept)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
@@ -144,6 +154,8 @@ class CoarseDiscreteShell(ImplicitModel):
         """What takes the steps of a motion with contacts."""
         from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
 
+        if self._creases is not None:
+            raise OptionError("coarse DS in motion takes contacts or creases, not both: take ms.DiscreteShell")
         return CoarseContactMotion(self, setup, origin)
 
     def centred(self) -> tuple[Self, Array]:
@@ -159,7 +171,16 @@ class CoarseDiscreteShell(ImplicitModel):
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness over its mass."""
-        return None if answer.coordinates is None else self.coarse.lowest_eigenvalue(answer.coordinates)
+        if answer.coordinates is None:
+            return None
+        model = self.coarse
+        if answer.creases is not None and self._creases is not None:
+            model = model.with_creases(self._creases.restricted(answer.creases.angles))
+        return model.lowest_eigenvalue(answer.coordinates)
+
+    def crease_angles(self, angles: Array) -> Array:
+        """Plastic folds (C,) [rad] of the fine shell's creases."""
+        return angles if self._creases is None else self._creases.prolonged(angles)
 
     def prolong(self, positions: ArrayLike) -> Array:
         """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]; LoadError if these are of another shape or not finite.
@@ -188,7 +209,25 @@ class CoarseDiscreteShell(ImplicitModel):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
         begin = None if positions is None else self.sampled(self.shell.checked_positions(positions))
-        return self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
+        state = self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
+        kept = self.coarse.shell.crease_state
+        return state if kept is None else self._crease_motion(Damping()).begin(state, kept.angles, kept.dissipated)
+
+    def _crease_motion(self, damping: Damping) -> CreaseMotion:
+        creases = self.coarse.shell.creases
+        assert creases is not None
+        return CreaseMotion(creases, damping)
+
+    def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under loads that are asked for where they are needed; creases yield in it."""
+        if self._creases is None:
+            return super().march(state, dt, load_at, damping)
+
+        def at(start: EulerStart) -> tuple[Any, Array, Array | None]:
+            return own, self.carried(load_at(start)[0]), None
+
+        own = self.coarse.stepped_by(self.integrator)
+        return self._crease_motion(damping).advance(own, at, state, dt)
 
     @property
     def free_parts(self) -> ProlongedParts | None:

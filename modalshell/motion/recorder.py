@@ -169,7 +169,7 @@ class Recorder:
         if motion.model.level_names:
             self.levels.append(int(motion.state.memory["level"][0]))
         if CREASES in motion.state.memory:
-            self.creases.append(motion.state.memory[CREASES])
+            self.creases.append(motion.model.crease_angles(motion.state.memory[CREASES]))
             self.heat.append(float(motion.state.memory[HEAT][0]))
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):

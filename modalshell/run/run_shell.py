@@ -245,7 +245,8 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
     if motion.model.level_names:
         recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
     if f"{_SNAPSHOT}state_{CREASES}" in (records.dtype.names or ()):
-        recorder.creases = [np.array(angles) for angles in records[f"{_SNAPSHOT}state_{CREASES}"]]
+        kept = records[f"{_SNAPSHOT}state_{CREASES}"]
+        recorder.creases = [motion.model.crease_angles(np.array(angles)) for angles in kept]
         recorder.heat = records[f"{_SNAPSHOT}state_{HEAT}"][:, 0].tolist()
     if motion.setup.contacts:
         each = zip(*(np.array(records[name]) for name in _TOUCHED), strict=True)

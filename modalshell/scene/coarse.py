@@ -13,7 +13,9 @@ import numpy as np
 
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
+from modalshell.models.coarse.coarse_shell import CoarseMesh, remeshed
+from modalshell.models.coarse.taken_over import edges_to_keep
 from modalshell.scene.parts import Shape, build_material
 from modalshell.scene.sheets import MaterialTable, SheetTable
 from modalshell.scene.tables import MeshFile, PhysicalSheet
@@ -35,13 +37,16 @@ def scene_coarse_mesh(
     """A coarse mesh of the scene's surface, by default with cells twice as large.
 
     A shape is generated with ``cells`` along and across, or with those that give about as many as
-    ``triangles``. The mesh of a file is remeshed (extra ``remesh``).
+    ``triangles``. The mesh of a file is remeshed (extra ``remesh``), and so is a shape in ``triangles`` that must keep
+    edges: creases, or bounds of regions.
     """
-    if not _uniform(material):
-        raise OptionError("coarse meshes take a material of single numbers: values per triangle belong to one mesh")
+    if not _transferable(material):
+        raise OptionError(
+            "coarse meshes take a material of discrete shells of single numbers: values per element belong to one mesh"
+        )
     if cells is not None and triangles is not None:
         raise OptionError("cells must be left out with triangles: both say how coarse the mesh is")
-    if isinstance(table, Shape):
+    if isinstance(table, Shape) and (triangles is None or not edges_to_keep(shell).size):
         return _generated(table, material, shell, cells, triangles)
     if cells is not None:
         raise OptionError("cells must be left out with a mesh file, which has none: give triangles in their place")
@@ -69,13 +74,14 @@ def _generated(
 
 
 def _own(material: MaterialTable, mesh: TriangleMesh) -> Material | Sheet | None:
-    """The material of shell theory on ``mesh``; None where the stiffnesses are those of the shell."""
-    return build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet | SheetTable) else None
+    """The material of shell theory on ``mesh``; None where it is that of the shell, or a field of it."""
+    physical = isinstance(material, PhysicalSheet | SheetTable) and _uniform(material)
+    return build_material(material, mesh, Path()) if physical else None
 
 
 def scene_coarse_meshes(table: MeshFile | Shape, material: MaterialTable, shell: Shell) -> list[CoarseMesh]:
-    """Coarse meshes at most half as fine; none for a material that varies, or a file where MeshLab cannot remesh it."""
-    if not _uniform(material):
+    """Coarse meshes at most half as fine; none for stiffnesses that vary, or a file where MeshLab cannot remesh it."""
+    if not _transferable(material):
         return []
     if isinstance(table, Shape):
         given: Any = table
@@ -90,6 +96,11 @@ def scene_coarse_meshes(table: MeshFile | Shape, material: MaterialTable, shell:
                 size = round(len(shell.mesh.faces) / factor**2)
                 meshes.append(scene_coarse_mesh(table, material, shell, triangles=size))
     return meshes
+
+
+def _transferable(material: MaterialTable) -> bool:
+    """Whether a coarse shell can take it over: numbers, or fields of a sheet."""
+    return _uniform(material) or (isinstance(material, PhysicalSheet) and not material.calibrated)
 
 
 def _uniform(material: MaterialTable) -> bool:

@@ -31,6 +31,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_c
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
+from modalshell.mesh.topology import numbers_of_edges
 
 _SWEEPS = 200
 """Sweeps over the creases at most, in search of those that yield."""
@@ -86,7 +87,11 @@ class Crease(ReadOnlyArrays):
     def hinges(self, mesh: TriangleMesh) -> Index:
         """Hinges of the mesh that are its creases; OptionError if there is none, or at a junction."""
         if not isinstance(self.sel, str) and np.ndim(self.sel) == 2:
-            chosen = _edges_of_pairs(np.asarray(self.sel), mesh)
+            pairs = np.asarray(self.sel)
+            chosen = numbers_of_edges(mesh.edges, pairs)
+            if (chosen < 0).any():
+                a, b = sorted(pairs[np.argmax(chosen < 0)].tolist())
+                raise OptionError(f"sel names the pair ({a}, {b}), which is no edge of the mesh")
         else:
             among = selected("sel", self.sel, mesh)
             chosen = np.flatnonzero(among[mesh.edges].all(axis=1))
@@ -105,17 +110,6 @@ class Crease(ReadOnlyArrays):
                 "ends of every edge of the crease"
             )
         return found
-
-
-def _edges_of_pairs(pairs: Index, mesh: TriangleMesh) -> Index:
-    """Numbers of the edges between pairs (k, 2) of vertices; OptionError for a pair that is no edge."""
-    number = {(int(a), int(b)): edge for edge, (a, b) in enumerate(np.sort(mesh.edges, axis=1))}
-    found = []
-    for a, b in np.sort(pairs, axis=1).tolist():
-        if (a, b) not in number:
-            raise OptionError(f"sel names the pair ({a}, {b}), which is no edge of the mesh")
-        found.append(number[a, b])
-    return np.array(found, dtype=np.int64)
 
 
 @final

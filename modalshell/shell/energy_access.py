@@ -64,16 +64,12 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         other.crease_state = state
         return other
 
-    def refuse_rest(self, name: str) -> None:
-        """OptionError where the shell has creases, or is without stress in another shape than its mesh."""
-        self.refuse_creases(name)
-        if self.stressed:
-            raise OptionError(f"{name} knows no prestrain, rest_curvature, temperature or rest: take ms.DiscreteShell")
-
     def refuse_creases(self, name: str) -> None:
         """OptionError where the shell has creases, which ``name`` does not know."""
         if self.creases is not None:
-            raise OptionError(f"{name} knows no creases: take ms.DiscreteShell, or leave creases out")
+            raise OptionError(
+                f"{name} knows no creases: take ms.DiscreteShell or ms.CoarseDiscreteShell, or leave creases out"
+            )
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""

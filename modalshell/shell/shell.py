@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sps
@@ -144,17 +145,17 @@ class Shell(EnergyAccess):
             if self._slopes.mirrored.size:
                 raise SupportError("rest does not go with planes of symmetry: take a mesh of the whole surface")
             self._energy = self._energy.anchored(mesh)
-        self._rest = {
+        self._given = {
             "rest": rest,
             "prestrain": prestrain,
             "rest_curvature": rest_curvature,
             "temperature": temperature,
+            "creases": tuple(creases) if isinstance(creases, list | tuple) else creases,
         }
         self.rest_shape = rest_shape(self.rest_mesh, material, prestrain, rest_curvature, temperature)
         if self.rest_shape is not None:
             self._energy = self._energy.resting(self.rest_shape)
-        self._given_creases = tuple(creases) if isinstance(creases, list | tuple) else creases
-        self.creases = CreaseSet.of(self._given_creases, mesh)
+        self.creases = CreaseSet.of(creases, mesh)
         self.crease_state = None if self.creases is None else CreaseState(np.zeros(self.creases.hinges.size))
         self._support(unknowns)
 
@@ -212,8 +213,13 @@ class Shell(EnergyAccess):
 
     def with_material(self, material: Material | Sheet) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self._rest, "creases": self._given_creases}
-        return Shell(self.mesh, material, None, self.supports, **own)  # type: ignore[arg-type]
+        own = {"energies": self.energies, "loose_parts": self.loose_parts, **self.options}
+        return Shell(self.mesh, material, None, self.supports, **own)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What was given of ``rest``, ``prestrain``, ``rest_curvature``, ``temperature`` and ``creases``."""
+        return dict(self._given)
 
     @property
     def size(self) -> float:

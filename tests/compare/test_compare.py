@@ -18,7 +18,7 @@ from modalshell.compare.draw import pareto_panel
 from modalshell.compare.path import NEXT_TO_SNAP, Marks, _SnapSearch, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.core.cost import counted
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto

@@ -111,7 +111,7 @@ def _meshes() -> list[Target]:
     size = {"length": 1.0, "width": 0.2, "cells": (2, 2)}
     panel = {"length": 1.0, "radius": 0.6, "angle": 90.0, "cells": (2, 2)}
     family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")}
-    anew = [Target("remesh", ms.remesh, {"triangles": 20, "crease": 25.0}, objects={"mesh": mesh})]
+    anew = [Target("remesh", ms.remesh, {"triangles": 20, "crease": 25.0, "keep": [[0, 1]]}, objects={"mesh": mesh})]
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup),

@@ -4,9 +4,12 @@ import importlib.util
 
 import numpy as np
 import pytest
+from junctions import cellular_box, frame, moebius
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.mesh.closest import edges_along
+from modalshell.mesh.remesh import refuse_losses
 
 
 def quality(mesh):
@@ -68,3 +71,85 @@ def test_the_command_line_meshes_anew(tmp_path, capsys):
     assert not stop.value.code
     assert "remeshed" in capsys.readouterr().out
     assert len(ms.load_mesh(out).faces) < 260
+
+
+def length_along(made, mesh, pairs):
+    """Length of the edges of ``made`` along pairs (k, 2) of the vertices of ``mesh``, and that of the pairs."""
+    ends = mesh.vertices[pairs]
+    wanted = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+    return made.edge_lengths[edges_along(made, ends)[0]].sum(), wanted
+
+
+@pytest.mark.usefixtures("meshlab")
+@pytest.mark.parametrize(("kind", "asked"), [("T", 150), ("star", 300), ("box", 500)])
+def test_junctions_stay(kind, asked):
+    star = [(np.cos(a), np.sin(a)) for a in np.arange(9) * np.pi / 4.5]
+    mesh = {
+        "T": lambda: frame([(-1, 0), (1, 0), (0, 1)], cells=(16, 6)),
+        "star": lambda: frame(star, cells=(12, 4)),
+        "box": lambda: cellular_box(cells=(4, 24)),
+    }[kind]()
+    made = ms.remesh(mesh, asked)
+    assert abs(len(made.faces) / asked - 1.0) < 0.25
+    assert made.area == pytest.approx(mesh.area, rel=1e-9)
+    for name in ("junctions", "boundary"):
+        lengths = [
+            m.edge_lengths[m.junctions if name == "junctions" else m.edge_faces[:, 1] < 0].sum() for m in (made, mesh)
+        ]
+        assert lengths[0] == pytest.approx(lengths[1], rel=1e-9)
+    assert np.diff(made.joints.starts).max() == np.diff(mesh.joints.starts).max()
+    assert quality(made).min() > 0.3
+
+
+@pytest.mark.usefixtures("meshlab")
+@pytest.mark.parametrize("asked", [80, 300, 1500])
+@pytest.mark.parametrize("kind", ["line", "half", "cross", "disc"])
+def test_edges_to_keep_stay_in_a_flat_sheet(kind, asked):
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(24, 24))
+    x = mesh.vertices - mesh.vertices.mean(axis=0)
+    ends, pairs = x[mesh.edges], mesh.edge_faces
+    inside = np.linalg.norm(x[mesh.faces].mean(axis=1), axis=1) < 0.3
+    line = (np.abs(ends[:, :, 0]) < 1e-9).all(axis=1)
+    chosen = {
+        "line": line,
+        "half": line & (ends[:, :, 1] < 0.1).all(axis=1),
+        "cross": line | (np.abs(ends[:, :, 1]) < 1e-9).all(axis=1),
+        "disc": (pairs >= 0).all(axis=1) & (inside[pairs[:, 0]] != inside[pairs[:, 1]]),
+    }[kind]
+    made = ms.remesh(mesh, asked, keep=mesh.edges[chosen])
+    assert abs(len(made.faces) / asked - 1.0) < 0.1
+    assert made.area == pytest.approx(1.0, rel=1e-9)
+    assert not made.joints.edges.size
+    assert quality(made).min() > 0.3
+    left, wanted = length_along(made, mesh, mesh.edges[chosen])
+    assert left == pytest.approx(wanted, rel=0.03)
+    if kind != "disc":
+        assert left == pytest.approx(wanted, rel=1e-9)
+        plain, _ = length_along(ms.remesh(mesh, asked), mesh, mesh.edges[chosen])
+        assert plain < 0.7 * wanted  # without being asked for it does not keep them
+    assert (made.face_normals @ mesh.face_normals[0] > 0.99).all()
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_edges_to_keep_on_a_curved_panel():
+    mesh = ms.cylinder_panel(cells=(24, 24))
+    ends = mesh.vertices[mesh.edges]
+    arc = (np.abs(ends[:, :, 0] - np.unique(ends[:, :, 0].round(9))[12]) < 1e-6).all(axis=1)
+    made = ms.remesh(mesh, 300, keep=mesh.edges[arc])
+    left, wanted = length_along(made, mesh, mesh.edges[arc])
+    assert left == pytest.approx(wanted, rel=0.01)
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_what_cannot_be_kept_is_refused():
+    with pytest.raises(ms.MeshError, match="one-sided"):
+        ms.remesh(moebius(), 60)
+    mesh = ms.sheet(cells=(4, 4))
+    with pytest.raises(ms.OptionError, match=r"keep names the pair \(0, 24\), which is no edge"):
+        ms.remesh(mesh, 20, keep=[[0, 1], [0, 24]])
+    with pytest.raises(ms.OptionError, match=r"pairs of vertices \(k, 2\)"):
+        ms.remesh(mesh, 20, keep=[0, 1])
+    fine = ms.sheet(cells=(8, 8))
+    middle = np.abs(fine.vertices[:, 0] - fine.vertices[:, 0].mean()) < 1e-9
+    with pytest.raises(ms.MeshError, match=r"keeps 0 m of .* m of edges to keep: ask for more triangles"):
+        refuse_losses(ms.sheet(cells=(3, 3)), fine, np.flatnonzero(middle[fine.edges].all(axis=1)), 0.3)

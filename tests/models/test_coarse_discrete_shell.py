@@ -7,9 +7,11 @@ from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
-from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell, drawn_to_supports
+from modalshell.mesh.closest import closest_points
+from modalshell.models.coarse.coarse_mesh import drawn_to_supports
+from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell
 from modalshell.models.coarse.profile_step import profile_step
-from modalshell.models.coarse.prolongation import Prolongation, closest_points
+from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 
 CLAMP = 0.0501

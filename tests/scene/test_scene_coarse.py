@@ -2,6 +2,7 @@
 
 import importlib.util
 
+import numpy as np
 import pytest
 
 import modalshell as ms
@@ -86,3 +87,45 @@ def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):
     answer = built.model.equilibrium(gravity=(0, 0, -2.0))
     exact = ms.DiscreteShell(built.shell).equilibrium(gravity=(0, 0, -2.0))
     assert ms.measure.displacement_error(answer.positions, exact.positions, built.shell) < 0.05
+
+
+def test_creases_and_fields_of_a_scene_go_to_its_coarse_shell(tmp_path):
+    pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
+    curvatures = ", ".join(["2.0"] * 128)
+    text = f"""
+    [mesh]
+    shape = "flat_beam"
+    length = 0.4
+    width = 0.1
+    cells = [16, 4]
+    [material]
+    young = 3e9
+    poisson = 0.3
+    thickness = [{", ".join(["2e-4"] * 64 + ["3e-4"] * 64)}]
+    density = 800.0
+    [[supports]]
+    kind = "clamp"
+    sel = "x < 1e-9"
+    [rest]
+    rest_curvature = [{curvatures}]
+    [[creases]]
+    sel = "abs(x - 0.2) < 1e-6"
+    yield_moment = 1e-3
+    hardening = 1e-3
+    [model]
+    name = "coarse-ds"
+    size
+    """
+    sizes = {"triangles = 60": 60, "cells = [8, 2]": 32}
+    for size, count in sizes.items():
+        path = tmp_path / "strip.toml"
+        path.write_text(text.replace("size\n", f"{size}\n"), encoding="utf-8")
+        shell = ms.load_scene(path).build().model.coarse_shell
+        assert len(shell.mesh.faces) == pytest.approx(count, rel=0.2)
+        assert set(np.unique(shell.material.thickness).round(9)) == {2e-4, 3e-4}
+        np.testing.assert_allclose(shell.options["rest_curvature"], 2.0)
+        edges = shell.mesh.hinge_edges[shell.creases.hinges]
+        assert shell.mesh.edge_lengths[edges].sum() == pytest.approx(0.1)
+    path.write_text(text.replace("size\n", "cells = [7, 2]\n"), encoding="utf-8")
+    with pytest.raises(ms.SceneError, match=r"edges along creases\[0\]"):
+        ms.load_scene(path).build()

@@ -295,8 +295,8 @@ def test_what_knows_no_creases_says_so():
     model = ms.DiscreteShell(shell)
     with pytest.raises(ms.OptionError, match="a modal model knows no creases"):
         ms.solve_modes(shell, 3)
-    with pytest.raises(ms.OptionError, match="a coarse shell knows no creases"):
-        ms.coarse_shell(shell, ms.flat_beam(length=1.0, width=0.2, cells=(4, 1)))
+    with pytest.raises(ms.OptionError, match="the hybrid rung knows no creases"):
+        ms.HybridStress.trained(shell, gravity=(0.0, 0.0, -1.0), motions=1)
     with pytest.raises(ms.OptionError, match="an error bar knows no creases"):
         model.equilibrium(gravity=(0.0, 0.0, -1.0), bar=True)
     with pytest.raises(ms.OptionError, match="a path of equilibria knows no creases"):

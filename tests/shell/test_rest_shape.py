@@ -121,8 +121,6 @@ def test_what_needs_a_shape_without_stress_refuses_and_motion_goes_on():
     shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest_curvature=3.0)
     with pytest.raises(ms.OptionError, match=r"solve_modes\(shell, about=state\)"):
         ms.solve_modes(shell, 3)
-    with pytest.raises(ms.OptionError, match="coarse shell"):
-        ms.coarse_shell(shell, jittered((4, 2), 0.3, 0.04))
     model = ms.DiscreteShell(shell)
     rest = model.equilibrium()
     about = ms.solve_modes(shell, 3, about=rest)

@@ -314,6 +314,10 @@ class Model(ABC):
         """What a motion that has come to a state is to say of the model; "" if nothing."""
         return ""
 
+    def crease_angles(self, angles: Array) -> Array:
+        """Plastic folds (C,) [rad] of the shell's creases from those that a state keeps."""
+        return angles
+
     def is_saddle(self, state: MotionState) -> bool:
         """Whether a state at rest under a dead load is unstable."""
         return False

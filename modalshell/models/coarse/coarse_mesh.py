@@ -11,20 +11,24 @@ from scipy.spatial import cKDTree
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh, remesh
+from modalshell.mesh.closest import closest_points, nearest_on_segments
 from modalshell.mesh.welding import drop_unused
-from modalshell.models.coarse.prolongation import closest_points
+from modalshell.models.coarse.taken_over import edges_to_keep
 from modalshell.shell import Shell
 
 _FEWEST = 8
 """Least number of triangles of the part that moves."""
 _SAMPLES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Shares of an edge's length at which its place on the boundary is looked for."""
-_SAME = 1e-9
+_COINCIDENT = 1e-9
 """Distance, in sizes of the mesh, below which midpoints are those of one edge."""
 _THIN, _TURNED = 0.02, 0.5
 """Least area of a triangle over the mean, and cosine of its turn, once vertices are moved onto clamped points."""
 _HEIGHT = 0.1
 """Least height of a held triangle over its edge's length."""
+
+_SAME = 1e-6
+"""Relative distance and difference of areas below which a surface is the same."""
 
 
 def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
@@ -33,7 +37,7 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     The part that moves is remeshed alone, so that the line where the clamps end is a boundary of it. Each coarse edge
     there gets a held triangle on its other side, the hinge between them being the clamp. The clamped region itself
     follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
-    points and lines.
+    points and lines. Junctions, creases and the bounds of regions keep edges along them.
 
     Raises
     ------
@@ -55,12 +59,14 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
     points[rim[np.all(shell.clamped[rim], axis=1)]] = False  # on the boundary, which the coarse mesh keeps
     places = mesh.vertices[points]
+    keep = edges_to_keep(shell)
     if not held.any():
-        return _drawn_to(remesh(mesh, triangles), places)
+        return _drawn_to(_remeshed(mesh, triangles, mesh.edges[keep]), places)
     if held.all():
         raise SupportError("every triangle of the shell is clamped: nothing is left to remesh")
     moving = _part(mesh, ~held)
-    coarse = _drawn_to(remesh(moving, max(_FEWEST, round(triangles * moving.area / mesh.area))), places)
+    count = max(_FEWEST, round(triangles * moving.area / mesh.area))
+    coarse = _drawn_to(_remeshed(moving, count, _pairs_in(mesh, ~held, keep)), places)
     edges = _edges_along(coarse, moving, _clamp_line(mesh, held))
     if not len(edges):
         raise SupportError(f"the clamped line is lost on a mesh of {triangles} triangles: ask for more")
@@ -80,6 +86,44 @@ def places_on(shell: Shell, mesh: TriangleMesh) -> tuple[Index, Array, NDArray[n
     """
     nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
     return nearest, shares, shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+
+
+def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
+    """A coarse mesh with a second row of vertices where the held region of ``shell`` ends.
+
+    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved to the
+    nearest points of held edges. The other vertices follow, the farthest not at all, where that keeps the surface and
+    its outline: rows stay evenly apart.
+    """
+    held = places_on(shell, mesh)[2]
+    if not held.any() or held[mesh.faces].all(axis=1).any():
+        return mesh
+    beside = np.zeros(len(held), dtype=bool)
+    beside[mesh.faces[held[mesh.faces].any(axis=1)]] = True
+    beside &= ~held
+    edges = shell.mesh.edges[shell.clamped[shell.mesh.edges].all(axis=1)]
+    if not beside.any() or len(edges) == 0:
+        return mesh
+    row = mesh.vertices[beside]
+    moves = nearest_on_segments(shell.rest_positions[edges], row)[1] - row
+    drawn = np.array(mesh.vertices)
+    drawn[beside] += moves
+    try:
+        moved = TriangleMesh(drawn, mesh.faces)
+    except MeshError:  # the fine shell has one held row too
+        return mesh
+    if moved.face_areas.min() <= 0.02 * moved.face_areas.mean():
+        return mesh
+    rest = ~held & ~beside
+    distances, leaders = (np.asarray(found) for found in cKDTree(row).query(mesh.vertices[rest]))
+    drawn[rest] += (1.0 - distances / distances.max(initial=0.0))[:, None] * moves[leaders]
+    try:
+        even = TriangleMesh(drawn, mesh.faces)
+    except MeshError:
+        return moved
+    off = closest_points(shell.mesh, even.vertices)[2].max() / mesh.size
+    grown = abs(even.face_areas.sum() / moved.face_areas.sum() - 1.0)
+    return even if max(off, grown) < _SAME else moved
 
 
 def _drawn_to(mesh: TriangleMesh, places: Array) -> TriangleMesh:
@@ -124,19 +168,31 @@ def _part(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:
         return TriangleMesh(*drop_unused(mesh.vertices, mesh.faces[chosen]))
 
 
+def _remeshed(mesh: TriangleMesh, triangles: int, keep: Index) -> TriangleMesh:
+    """``mesh`` with edges along pairs ``keep`` (k, 2) of its vertices."""
+    return remesh(mesh, triangles, keep=keep) if len(keep) else remesh(mesh, triangles)
+
+
+def _pairs_in(mesh: TriangleMesh, chosen: NDArray[np.bool_], edges: Index) -> Index:
+    """Pairs (k, 2) of vertices, as numbered in :func:`_part`, of those of ``edges`` that its triangles have."""
+    inside = np.bincount(mesh.faces[chosen].ravel(), minlength=len(mesh.vertices)) > 0
+    kept = np.intersect1d(edges, mesh.face_edges[chosen])
+    return np.asarray((np.cumsum(inside) - 1)[mesh.edges[kept]])
+
+
 def _clamp_line(mesh: TriangleMesh, held: NDArray[np.bool_]) -> Array:
     """Ends (k, 2, 3) [m] of the edges between held (T,) and other triangles."""
-    pairs = mesh.edge_faces
-    inner = (pairs >= 0).all(axis=1)
-    line = inner & (held[pairs[:, 0]] != held[pairs[:, 1]])
-    return np.asarray(mesh.vertices[mesh.edges[line]])
+    count = len(mesh.edges)
+    some = np.bincount(mesh.face_edges[held].ravel(), minlength=count) > 0
+    other = np.bincount(mesh.face_edges[~held].ravel(), minlength=count) > 0
+    return np.asarray(mesh.vertices[mesh.edges[some & other]])
 
 
 def _edges_along(coarse: TriangleMesh, fine: TriangleMesh, line: Array) -> Index:
     """Indices of the boundary edges of ``coarse`` that lie on the ``line`` (k, 2, 3), a part of ``fine``'s boundary."""
     rim = fine.vertices[fine.edges[fine.edge_faces[:, 1] < 0]]
     apart = cKDTree(line.mean(axis=1)).query(rim.mean(axis=1))[0]
-    others = rim[apart > _SAME * fine.size]
+    others = rim[apart > _COINCIDENT * fine.size]
     outer = np.flatnonzero(coarse.edge_faces[:, 1] < 0)
     points = _along(coarse.vertices[coarse.edges[outer]])
     near = cKDTree(_along(line).reshape(-1, 3)).query(points)[0]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.spatial import cKDTree
 
 from modalshell.core.checks import checked_count, checked_kind, shown
 from modalshell.core.errors import MeshError, OptionError, SupportError
@@ -16,7 +16,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse.coarse_mesh import places_on, remeshed_to_supports
-from modalshell.models.coarse.prolongation import closest_points
+from modalshell.models.coarse.taken_over import CreasesBelow, FacesBelow, restricted_options, restricted_sheet
 from modalshell.modes import Factoriser, lowest_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.shell import GAUSS_NEWTON, Material, Sheet, Shell
@@ -39,8 +39,6 @@ _TWISTED = 0.5
 """Part of the logarithm of the flexure's factor that is taken from a mode above the lowest: uniform bends need less."""
 _NEARER = 1.0 / 3.0
 """Squared error under gravity with the flexure alone scaled, over that of the other calibration, to take the former."""
-_SAME = 1e-6
-"""Relative distance and difference of areas below which a surface is the same."""
 _ROUNDS, _MET = 12, 1e-4
 """Newton steps on both stiffnesses at most, and the logarithm of a ratio of eigenvalues that counts as met."""
 
@@ -97,6 +95,10 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     nearer to those of a supported fine shell: their squared error below a third. Sheets of :class:`Isotropic` need no
     calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
 
+    Fields over the triangles of a sheet, and of its rest shape, become means over the fine triangles under each coarse
+    one; another mesh at rest is sampled. Creases become the edges of ``mesh`` along them. A number of triangles gives a
+    mesh that has edges there, at junctions, and where a region ends in which a field is constant.
+
     Hinges of a remeshed surface bend and twist in other proportions than those of the fine mesh, which two factors
     cannot correct. Under gravity a leaf and V-beams in a fifth to three fifths of the triangles were within 0.5 to 5 %
     of DS, panels of 90 degrees between held straight edges within 5 to 19 %. A stiff V-beam in 271 triangles twisted at
@@ -110,8 +112,8 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
         The same surface with fewer vertices; or about how many triangles to remesh it in (extra ``remesh``), with an
         edge wherever the clamped region ends. On hinges the new mesh has a twist stiffness of its own: compare.
     material : Material or Isotropic, optional
-        Stiffnesses for ``mesh``; without it those of ``shell``, which must then be single numbers, or functions of an
-        :class:`Isotropic`. The shear stiffness of a :class:`Material`, a force, is scaled by edge length.
+        Stiffnesses for ``mesh``; without it those of ``shell``, of a :class:`Material` if they are single numbers: its
+        shear stiffness, a force, is scaled by edge length.
 
     Returns
     -------
@@ -121,17 +123,17 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     Raises
     ------
     OptionError
-        If ``material`` is left out and that of ``shell`` has values of single elements; if it gives the lowest mode of
-        either mesh no stiffness; or if a number of triangles is given and MeshLab is not installed or they are not
+        If ``material`` is left out and a :class:`Material` has values of single elements; if it gives the lowest mode
+        of either mesh no stiffness; or if a number of triangles is given and MeshLab is not installed or they are not
         fewer than those of ``shell``.
     MeshError
-        If MeshLab fails on this surface.
+        If MeshLab fails on this surface; if ``mesh`` has no edges along a crease; or if triangles of it face the other
+        way than those of ``shell`` and curvatures, temperatures or directions count by their normals.
     SupportError
         If no vertex of ``mesh`` lies where ``shell`` is held, or if those that do leave it free to turn.
     """
     checked_kind("shell", shell, Shell)
     shell.require_clamps("a coarse shell")
-    shell.refuse_rest("a coarse shell")
     if not isinstance(mesh, TriangleMesh):
         if isinstance(mesh, bool) or not isinstance(mesh, int | np.integer):
             raise OptionError(f"mesh must be a TriangleMesh or a number of triangles (got {shown(mesh)})")
@@ -139,9 +141,23 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     given = shell.material if material is None else material
     if not isinstance(given, Material | Sheet):
         raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(given)})")
-    if material is None and any(isinstance(value, np.ndarray) for value in _values(given)):
+    if material is None and isinstance(given, Material) and any(map(np.ndim, vars(given).values())):
         raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
-    clamped = places_on(shell, mesh)[2]
+    below, clamped = FacesBelow(shell.mesh, mesh), places_on(shell, mesh)[2]
+    if material is None and isinstance(given, Sheet):
+        given = restricted_sheet(given, below)
+    _refuse_supports(shell, mesh, given, clamped)
+    _refuse_turned(shell, given, below)
+    options = restricted_options(shell, mesh, below)
+    made = Shell(mesh, given, clamped, energies=shell.energies, **options)
+    if isinstance(given, Material):
+        ratio = 1.0 if material is not None else float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
+        made = made.with_material(_calibrated(shell, mesh, replace(given, shear=given.shear * ratio)))
+    return _creased(shell, made)
+
+
+def _refuse_supports(shell: Shell, mesh: TriangleMesh, given: Material | Sheet, clamped: NDArray[np.bool_]) -> None:
+    """SupportError where ``clamped`` (k,) vertices of the coarse mesh do not hold it as the fine shell is held."""
     if shell.clamped.any() and not clamped.any():
         raise SupportError("no vertex of the coarse mesh lies where the fine shell is held: refine it there")
     if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
@@ -149,18 +165,36 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
             "a row of held vertices leaves the coarse shell free to turn where the fine one is clamped: give its "
             "mesh a second row of held vertices there, or hold a region of triangles of the fine shell"
         )
-    if isinstance(given, Sheet):
-        return Shell(mesh, given, clamped, energies=shell.energies)
-    if material is None:
-        ratio = float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
-        given = replace(given, shear=given.shear * ratio)
-    return _Calibration(shell, mesh, given).best()
 
 
-def _values(material: Material | Sheet) -> list[Any]:
-    """Constants of a material, of pairs each."""
-    values = [getattr(material, part.name) for part in fields(material)]  # type: ignore[arg-type]
-    return [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
+def _calibrated(shell: Shell, mesh: TriangleMesh, given: Material) -> Material:
+    """The material on ``mesh``, as of shells without another shape at rest and without creases."""
+    plain = not shell.stressed and shell.creases is None
+    own = shell if plain else Shell(shell.mesh, shell.material, None, shell.supports, energies=shell.energies)
+    found = _Calibration(own, mesh, given).best().material
+    assert isinstance(found, Material)
+    return found
+
+
+def _creased(shell: Shell, coarse: Shell) -> Shell:
+    """A coarse shell whose creases have kept what those of ``shell`` have."""
+    state, creases = shell.crease_state, CreasesBelow.of(shell, coarse)
+    if state is None or creases is None or not (state.dissipated or state.angles.any()):
+        return coarse
+    return coarse.creased(creases.state_of(state, restrict=True))
+
+
+def _refuse_turned(shell: Shell, material: Material | Sheet, below: FacesBelow) -> None:
+    """MeshError where coarse triangles face the other way and something counts by their normals."""
+    given, direction = shell.options, getattr(material, "direction", None)
+    vectors = direction is None or (not callable(direction) and np.shape(direction)[-1:] == (3,))
+    counts = not vectors or given["rest_curvature"] is not None or given["temperature"] is not None
+    if counts and below.turned.any():
+        first = int(np.argmax(below.turned))
+        raise MeshError(
+            f"triangle {first} of the coarse mesh faces the other way than the fine ones, by whose normals curvatures, "
+            "temperatures through the thickness and directions count: wind it as those are"
+        )
 
 
 @final
@@ -323,53 +357,6 @@ def _means(values: Array, starts: Index) -> Array:
         return values
     sizes = np.diff(starts, append=len(values)).reshape(-1, *(1,) * (values.ndim - 1))
     return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes)
-
-
-def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
-    """A coarse mesh with a second row of vertices where the held region of ``shell`` ends.
-
-    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved to the
-    nearest points of held edges. The other vertices follow, the farthest not at all, where that keeps the surface and
-    its outline: rows stay evenly apart.
-    """
-    held = places_on(shell, mesh)[2]
-    if not held.any() or held[mesh.faces].all(axis=1).any():
-        return mesh
-    beside = np.zeros(len(held), dtype=bool)
-    beside[mesh.faces[held[mesh.faces].any(axis=1)]] = True
-    beside &= ~held
-    edges = shell.mesh.edges[shell.clamped[shell.mesh.edges].all(axis=1)]
-    if not beside.any() or len(edges) == 0:
-        return mesh
-    row = mesh.vertices[beside]
-    moves = _nearest_on_edges(shell.rest_positions[edges], row) - row
-    drawn = np.array(mesh.vertices)
-    drawn[beside] += moves
-    try:
-        moved = TriangleMesh(drawn, mesh.faces)
-    except MeshError:  # the fine shell has one held row too
-        return mesh
-    if moved.face_areas.min() <= 0.02 * moved.face_areas.mean():
-        return mesh
-    rest = ~held & ~beside
-    distances, leaders = (np.asarray(found) for found in cKDTree(row).query(mesh.vertices[rest]))
-    drawn[rest] += (1.0 - distances / distances.max(initial=0.0))[:, None] * moves[leaders]
-    try:
-        even = TriangleMesh(drawn, mesh.faces)
-    except MeshError:
-        return moved
-    off = closest_points(shell.mesh, even.vertices)[2].max() / mesh.size
-    grown = abs(even.face_areas.sum() / moved.face_areas.sum() - 1.0)
-    return even if max(off, grown) < _SAME else moved
-
-
-def _nearest_on_edges(edges: Array, points: Array) -> Array:
-    """Nearest points (k, 3) of edges (e, 2, 3) to ``points`` (k, 3)."""
-    arms, starts = edges[:, 1] - edges[:, 0], edges[:, 0]
-    shares = np.einsum("kex,ex->ke", points[:, None] - starts, arms) / np.sum(arms**2, axis=1)
-    candidates = starts + shares.clip(0.0, 1.0)[:, :, None] * arms
-    chosen = np.linalg.norm(candidates - points[:, None], axis=2).argmin(axis=1)
-    return np.asarray(candidates[np.arange(len(points)), chosen])
 
 
 def _lowest(shell: Shell) -> float:

@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalshell.core.cost import count_read
@@ -19,16 +20,13 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.closest import all_closest
 from modalshell.mesh.topology import connected_parts
 
-_NEAR = 12
-"""Coarse triangles, by their centres, among which the one under a point is looked for."""
 _NEIGHBOURS = 14
 """Number of nearest coarse vertices with a weight; that of the farthest is zero."""
 _SHARP = np.cos(np.radians(20.0))
 """Cosine of the rest angle from which an edge ends a smooth patch, if the fine mesh has such an edge at all."""
-_TOGETHER = 1e-9
-"""Difference of distances, in sizes of the mesh, below which a point lies on both patches."""
 _INDEPENDENT = 1e-6
 """Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
 _AT = 1e-4
@@ -43,6 +41,8 @@ class Prolongation(ReadOnlyArrays):
     ----------
     coarse, fine : TriangleMesh
         Two meshes of one surface at rest.
+    folds : ndarray of int64, shape (k,), optional
+        Edges of ``coarse`` that end smooth patches too: it folds there.
 
     Attributes
     ----------
@@ -50,10 +50,10 @@ class Prolongation(ReadOnlyArrays):
         Of every fine vertex from the coarse mesh [m].
     """
 
-    def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
+    def __init__(self, coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None = None) -> None:
         points = np.asarray(fine.vertices)
-        under, _, self.distance, on = _closest(coarse, points)
-        patches = _smooth_patches(coarse, fine)
+        under, _, self.distance, on = all_closest(coarse, points)
+        patches = _smooth_patches(coarse, fine, folds)
         pairs = [np.unique(patches[near]) for near in on]
         owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
         part = 1.0 / np.bincount(owners)  # of a point on a fold each side decides half
@@ -137,51 +137,22 @@ def _restrict(load, starts, columns, weights, coarse):  # type: ignore[no-untype
                 coarse[columns[k], axis] += weights[k] * load[i, axis]
 
 
-def closest_points(mesh: TriangleMesh, points: Array) -> tuple[Index, Array, Array]:
-    """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m]."""
-    return _closest(mesh, points)[:3]
-
-
-def _closest(mesh: TriangleMesh, points: Array) -> tuple[Index, Array, Array, list[Index]]:
-    """What :func:`closest_points` gives, and all triangles on which the nearest point lies."""
-    corners = mesh.vertices[mesh.faces]
-    near = cKDTree(corners.mean(axis=1)).query(points, k=min(_NEAR, len(corners)))[1].reshape(len(points), -1)
-    shares = _barycentric(corners[near], points[:, None])
-    offsets = np.einsum("pkc,pkcx->pkx", shares, corners[near]) - points[:, None]
-    distance = np.linalg.norm(offsets, axis=2)
-    best = distance.argmin(axis=1)
-    rows = np.arange(len(points))
-    least = distance[rows, best]
-    on = [found[apart] for found, apart in zip(near, distance <= least[:, None] + _TOGETHER * mesh.size, strict=True)]
-    return near[rows, best], shares[rows, best], least, on
-
-
-def _barycentric(corners: Array, points: Array) -> Array:
-    """Shares (..., 3) of the point of each triangle (..., 3, 3) that is (nearly) nearest to its point (..., 3)."""
-    first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
-    arm = points - corners[..., 0, :]
-    aa, bb, ab = (np.sum(u * v, axis=-1) for u, v in ((first, first), (second, second), (first, second)))
-    ra, rb = np.sum(arm * first, axis=-1), np.sum(arm * second, axis=-1)
-    determinant = aa * bb - ab**2
-    shares = np.stack([(bb * ra - ab * rb) / determinant, (aa * rb - ab * ra) / determinant], axis=-1)
-    whole = np.concatenate([1.0 - shares.sum(axis=-1, keepdims=True), shares], axis=-1).clip(0.0, None)
-    return whole / whole.sum(axis=-1, keepdims=True)
-
-
-def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, Index]:
-    """Pairs of triangles (e, 2) that share an edge, and which of the edges are sharp (e,), as all junctions are."""
+def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, NDArray[np.bool_]]:
+    """Edges (e,) of two triangles or more, and which of them are sharp (e,), as all junctions are."""
     inner = np.flatnonzero((mesh.edge_faces >= 0).all(axis=1))
     pairs = mesh.edge_faces[inner]
     cosines = np.sum(mesh.face_normals[pairs[:, 0]] * mesh.face_normals[pairs[:, 1]], axis=1)
-    return pairs, (cosines < _SHARP) | np.isin(inner, mesh.joints.edges)
+    return inner, (cosines < _SHARP) | np.isin(inner, mesh.joints.edges)
 
 
-def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh) -> Index:
+def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None) -> Index:
     """Number (T,) of the smooth patch of every coarse triangle; a coarse mesh of a smooth surface is one patch."""
-    pairs, sharp = _sharp_edges(coarse)
+    inner, sharp = _sharp_edges(coarse)
     if not _sharp_edges(fine)[1].any():
         sharp[:] = False
-    return connected_parts(pairs[~sharp], len(coarse.faces))
+    if folds is not None:
+        sharp |= np.isin(inner, folds)
+    return connected_parts(coarse.edge_faces[inner[~sharp]], len(coarse.faces))
 
 
 def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[Index, Array]:

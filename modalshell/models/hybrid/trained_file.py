@@ -43,7 +43,7 @@ def trainable(coarse: Shell) -> Shell:
     if coarse.stressed:
         raise OptionError(
             "the hybrid rung knows no rest shape other than the mesh's: leave prestrain, rest_curvature, "
-            "temperature and rest out, or take ds"
+            "temperature and rest out, or take coarse-ds or ds"
         )
     if folded and any(support.mirror() is not None for support in coarse.supports):
         raise SupportError(

@@ -1,0 +1,84 @@
+"""Places on a mesh nearest to points, and edges that lie along curves of another mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.mesh.triangle_mesh import TriangleMesh
+
+_NEAR = 12
+"""Triangles, by their centres, among which the one nearest a point is looked for."""
+_TOGETHER = 1e-9
+"""Difference of distances, in sizes of the mesh, below which a point lies on several triangles."""
+_ALONG = 0.1
+"""Distance from a curve, as a share of its length, within which an edge lies along it."""
+_AT_ONCE = 3_000_000
+"""Coordinates of points and segments compared at a time."""
+
+
+def closest_points(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m]."""
+    return all_closest(mesh, points)[:3]
+
+
+def all_closest(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
+    """What :func:`closest_points` gives, and all triangles on which the nearest point lies."""
+    corners = mesh.vertices[mesh.faces]
+    sheets = int(np.diff(mesh.joints.starts).max(initial=2))
+    count = min(_NEAR * sheets // 2, len(corners))
+    near = cKDTree(corners.mean(axis=1)).query(points, k=count)[1].reshape(len(points), -1)
+    shares = _barycentric(corners[near], points[:, None])
+    offsets = np.einsum("pkc,pkcx->pkx", shares, corners[near]) - points[:, None]
+    distance = np.linalg.norm(offsets, axis=2)
+    best = distance.argmin(axis=1)
+    rows = np.arange(len(points))
+    least = distance[rows, best]
+    on = [found[apart] for found, apart in zip(near, distance <= least[:, None] + _TOGETHER * mesh.size, strict=True)]
+    return near[rows, best], shares[rows, best], least, on
+
+
+def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Shares (..., 3) of the point of each triangle (..., 3, 3) that is (nearly) nearest to its point (..., 3)."""
+    first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    arm = points - corners[..., 0, :]
+    aa, bb, ab = (np.sum(u * v, axis=-1) for u, v in ((first, first), (second, second), (first, second)))
+    ra, rb = np.sum(arm * first, axis=-1), np.sum(arm * second, axis=-1)
+    determinant = aa * bb - ab**2
+    shares = np.stack([(bb * ra - ab * rb) / determinant, (aa * rb - ab * ra) / determinant], axis=-1)
+    whole = np.concatenate([1.0 - shares.sum(axis=-1, keepdims=True), shares], axis=-1).clip(0.0, None)
+    return whole / whole.sum(axis=-1, keepdims=True)
+
+
+def nearest_on_segments(ends: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Segment (k,) of those between ``ends`` (e, 2, 3) nearest to each of ``points`` (k, 3), and the point (k, 3)."""
+    chosen, places = np.zeros(len(points), dtype=np.int64), np.empty(points.shape)
+    arms, starts = ends[:, 1] - ends[:, 0], ends[:, 0]
+    for rows in np.array_split(np.arange(len(points)), 1 + points.size * len(ends) // _AT_ONCE):
+        near = points[rows, None]
+        shares = np.einsum("kex,ex->ke", near - starts, arms) / np.sum(arms**2, axis=1)
+        found = starts + shares.clip(0.0, 1.0)[:, :, None] * arms
+        chosen[rows] = np.linalg.norm(found - near, axis=2).argmin(axis=1)
+        places[rows] = found[np.arange(len(rows)), chosen[rows]]
+    return chosen, places
+
+
+def edges_along(mesh: TriangleMesh, ends: FloatArray) -> tuple[IntArray, IntArray]:
+    """Edges (k,) of a mesh that lie along curves of segments between ``ends`` (e, 2, 3), and the segment of each.
+
+    Both ends of such an edge, its middle and its quarters are on the curves, by a share of its length.
+    """
+    lengths = mesh.edge_lengths
+    middles = mesh.vertices[mesh.edges].mean(axis=1)
+    reach = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
+    apart = cKDTree(ends.mean(axis=1)).query(middles)[0]
+    near = np.flatnonzero(apart <= 0.5 * reach + _ALONG * lengths)
+    first, last = mesh.vertices[mesh.edges[near]].swapaxes(0, 1)
+    off, segments = np.zeros(len(near)), np.zeros(len(near), dtype=np.int64)
+    for share in (0.0, 0.25, 0.75, 1.0, 0.5):
+        points = (1.0 - share) * first + share * last
+        segments, places = nearest_on_segments(ends, points)
+        off = np.maximum(off, np.linalg.norm(places - points, axis=1))
+    on = off <= _ALONG * lengths[near]
+    return near[on], segments[on]
