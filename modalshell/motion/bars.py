@@ -65,6 +65,11 @@ class Bars:
         void = np.flatnonzero(~self.valid)
         return float(self.times[void[0]]) if void.size else None
 
+    def texts(self) -> list[str]:
+        """What each check says, in a few words."""
+        numbers = zip(self.displacement, self.valid, strict=True)
+        return [f"{100.0 * error:.2g} % from DS" if valid else "bar void" for error, valid in numbers]
+
     def __str__(self) -> str:
         if not self.times.size:
             return "no frame was checked"
