@@ -16,6 +16,11 @@ _MOST = 1e9
 """Size of a bar or margin above which all are alike; files hold finite numbers."""
 
 
+def check_text(error: float, valid: bool) -> str:
+    """What a check says, in a few words."""
+    return f"{100.0 * error:.2g} % from DS" if valid else "bar void"
+
+
 @final
 @short_repr
 @dataclass(frozen=True)
@@ -68,7 +73,7 @@ class Bars:
     def texts(self) -> list[str]:
         """What each check says, in a few words."""
         numbers = zip(self.displacement, self.valid, strict=True)
-        return [f"{100.0 * error:.2g} % from DS" if valid else "bar void" for error, valid in numbers]
+        return [check_text(float(error), bool(valid)) for error, valid in numbers]
 
     def __str__(self) -> str:
         if not self.times.size:
