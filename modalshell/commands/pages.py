@@ -106,7 +106,12 @@ class _ShellPage:
         what = "motion" if scene.motion is not None else "equilibrium"
         name = scene.model.spec.name
         record = recorded(
-            motion.times, shapes, motion.amplitudes, label=f"The scene's {what}, {name}", tones=self._tones(run)
+            motion.times,
+            shapes,
+            motion.amplitudes,
+            label=f"The scene's {what}, {name}",
+            tones=self._tones(run),
+            bars=run.bars,
         )
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]

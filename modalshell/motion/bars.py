@@ -16,6 +16,11 @@ _MOST = 1e9
 """Size of a bar or margin above which all are alike; files hold finite numbers."""
 
 
+def check_text(error: float, valid: bool) -> str:
+    """What a check says, in a few words."""
+    return f"{100.0 * error:.2g} % from DS" if valid else "bar void"
+
+
 @final
 @short_repr
 @dataclass(frozen=True)
@@ -64,6 +69,11 @@ class Bars:
         """Time [s] of the first bar that is void; None if all hold."""
         void = np.flatnonzero(~self.valid)
         return float(self.times[void[0]]) if void.size else None
+
+    def texts(self) -> list[str]:
+        """What each check says, in a few words."""
+        numbers = zip(self.displacement, self.valid, strict=True)
+        return [check_text(float(error), bool(valid)) for error, valid in numbers]
 
     def __str__(self) -> str:
         if not self.times.size:

@@ -30,7 +30,7 @@ class WantedBars(TypedDict):
 
 
 def wanted_bars(bars: int | tuple[int, str | Shell], model: Model, *, constrained: bool, touching: bool) -> WantedBars:
-    """What ``bars`` of :func:`modalshell.simulate` asks for; OptionError where there is none."""
+    """What ``bars`` of :func:`modalshell.simulate` asks for; OptionError where that cannot be had."""
     every, on = bars if isinstance(bars, tuple) and len(bars) == 2 else (bars, "shell")
     every = checked_count("bars", every)
     check_bar(model.true_shell, constrained=constrained, touching=touching)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.motion.bars import Bars
 from modalshell.page.html import MOST_SHAPES, encoded, encoded_columns
 
 _STOPS = 33
@@ -42,7 +43,13 @@ class Tones:
 
 
 def recorded(
-    times: Array, shapes: Array, amplitudes: NDArray[np.floating], *, label: str, tones: Tones | None = None
+    times: Array,
+    shapes: Array,
+    amplitudes: NDArray[np.floating],
+    *,
+    label: str,
+    tones: Tones | None = None,
+    bars: Bars | None = None,
 ) -> dict[str, Any]:
     """The frames ``rest + sum_k amplitudes[f, k] shapes[k]`` as a page reads them.
 
@@ -58,6 +65,8 @@ def recorded(
         What the page calls them.
     tones : Tones, optional
         Field that colours the shell.
+    bars : Bars, optional
+        Error bars that the page shows beside the time, each from its check on.
 
     Raises
     ------
@@ -66,13 +75,16 @@ def recorded(
     """
     if len(shapes) > MOST_SHAPES:
         raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {len(shapes)}): store fewer frames")
-    return {
+    record: dict[str, Any] = {
         "times": np.asarray(times, dtype=float).tolist(),
         "label": label,
         "shapes": encoded_columns(np.reshape(shapes, (len(shapes), -1)).T),
         "amounts": encoded(np.asarray(amplitudes, np.float32)),
         "tones": None if tones is None else _toned(tones),
     }
+    if bars is not None:  # a page without any is as it was
+        record["bars"] = {"times": bars.times.tolist(), "texts": bars.texts()}
+    return record
 
 
 def _toned(tones: Tones) -> dict[str, Any]:

@@ -61,7 +61,7 @@ function numbers(q) {
   let drop = 0;
   for (let a = 0; a < 3; a++) drop += down[a] * (x[3 * data.tip + a] - rest[3 * data.tip + a]);
   const change = area(x) / restArea - 1;
-  show("time", `${state.time.toFixed(2)} ${data.units.time}`); show("drop", length(drop)); show("largest", length(largest));
+  show("time", `${state.time.toFixed(2)} ${data.units.time}${barNow()}`); show("drop", length(drop)); show("largest", length(largest));
   show("area", (100 * change).toFixed(2) + " %");
   if (live) bars(q);
   keepFramed(x);

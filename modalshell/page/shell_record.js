@@ -24,6 +24,12 @@ function playAt(time) {  // amounts between the two nearest frames
   between(scene.amounts, scene.count, scene.q);
   if (scene.tones) between(scene.tones.amounts, scene.tones.count, scene.tones.now);
 }
+function barNow() {  // the last error bar that was found up to now
+  const bars = state.model === "scene" && record.bars;
+  let k = -1;
+  while (bars && k + 1 < bars.times.length && bars.times[k + 1] <= state.time + 1e-9) k++;
+  return k < 0 ? "" : `, ${bars.texts[k]}`;
+}
 function scenePositions() {
   const out = new Float64Array(3 * n), u = new Float64Array(3);
   for (let i = 0; i < n; i++) {

@@ -184,8 +184,7 @@ def _texts(run: Trajectory, model: str, times: Array) -> list[str]:
         text = f"{name}{time:.2f} {run.units.time}"
         before = 0 if bars is None else int(np.searchsorted(bars.times, time, side="right"))
         if bars is not None and before:
-            error = f"{100.0 * bars.displacement[before - 1]:.2g} % from DS" if bars.valid[before - 1] else "bar void"
-            text = f"{text}, {error}"
+            text = f"{text}, {bars.texts()[before - 1]}"
         texts.append(text)
     return texts
 

@@ -25,6 +25,7 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_damping
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
+from modalshell.viewer.live_bar import LiveBar
 
 FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""
@@ -218,6 +219,8 @@ class ViewSession:
         try:
             for _ in take_steps(motion, end):
                 self._owed -= motion.setup.dt
+                if self._bar is not None:
+                    self._bar.see(motion)
                 self.late = motion.count < end and watch() > limit
                 if self.late:
                     self._owed = 0.0
@@ -240,7 +243,8 @@ class ViewSession:
         modes = f", {self.modes} modes" if "modes" in model_tables()[self.name].__struct_fields__ else ""
         state = "playing" if self.playing else "paused"
         work = f"{self.frame_milliseconds:.2g} ms a frame"
-        parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", work, state]
+        bar = "" if self._bar is None else self._bar.text
+        parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", bar, work, state]
         if self.playing and self.late:
             parts.append("slower than real time")
         return "; ".join(filter(None, [*parts, self.note, self.refusal]))
@@ -248,6 +252,7 @@ class ViewSession:
     def _begin(self, motion: Motion) -> None:
         """Restore a motion."""
         self._motion = motion
+        self._bar = LiveBar(motion) if self.scene.bar else None
         self._owed = 0.0
         self.late, self.playing, self.diverged, self.note = False, False, False, ""
         self.positions = self.shell.rest_positions

@@ -105,8 +105,11 @@ def test_a_scene_with_contacts_or_bars_plays_its_run_and_says_so(scene_file):
     file = scene_file()
     file.write_text(f"bar = true\n{text}")
     barred = scene_page(ms.load_scene(file))
-    assert content(barred)["record"] is not None
+    bars = content(barred)["record"]["bars"]
+    assert len(bars["times"]) == len(bars["texts"]) > 0
+    assert all(text.endswith("% from DS") for text in bars["texts"])
     assert "Error bar: " in barred.text
+    assert "bars" not in content(page)["record"]
 
 
 def test_committed_pages_record_what_they_must():
@@ -152,6 +155,30 @@ def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, fil
              && one.getBoundingClientRect().right > innerWidth + 1).map(one => one.id || one.tagName)"""
     assert page.evaluate(cut) == []
     assert errors == []
+    context.close()
+
+
+@pytest.mark.slow
+def test_bars_stand_beside_the_time(browser, scene_file, tmp_path):
+    text = scene_file(("duration = 1", "duration = 2")).read_text()
+    file = scene_file()
+    file.write_text(f"bar = true\n{text}")
+    made = scene_page(ms.load_scene(file))
+    shown = tmp_path / "barred.html"
+    shown.write_text(made.text, encoding="utf-8")
+    bars = content(made)["record"]["bars"]
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    page.goto(shown.as_uri())
+    page.wait_for_selector("canvas")
+    at = """time => {
+        shell.state.paused = true; shell.state.time = time; shell.playAt(time); shell.numbers(shell.state.q);
+    }"""
+    page.evaluate(at, 0.0)
+    assert page.inner_text("#time") == "0.00 s"
+    for k in (0, len(bars["times"]) - 1):
+        page.evaluate(at, bars["times"][k] + 0.01)
+        assert page.inner_text("#time") == f"{bars['times'][k] + 0.01:.2f} s, {bars['texts'][k]}"
     context.close()
 
 

@@ -48,6 +48,23 @@ def test_session_follows_the_scene_frame_by_frame(session, scene_file):
     np.testing.assert_array_equal(session.positions, motion.positions())
 
 
+def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path):
+    file = scene_file(*BEAM, ("duration = 4.0", "duration = 1.6"))
+    file.write_text(f"bar = true\n{file.read_text()}")
+    run = ms.run_scene(file, out=tmp_path).trajectory
+    session = ViewSession(ms.load_scene(file))
+    said = []
+    session.play()
+    for _ in range(len(run.times) - 1):
+        session.advance(FRAME_SECONDS)
+        said.append(session.status().split("; ")[2])
+    assert len(run.bars.times) == 3
+    for time, text in zip(run.bars.times, run.bars.texts(), strict=True):
+        k = round(time / FRAME_SECONDS)  # a bar is known one frame later
+        assert said[k] == text
+    assert "from DS" not in said[5]
+
+
 def test_nothing_moves_before_play_and_in_pause(session):
     session.advance(1.0)
     assert session.time == 0.0

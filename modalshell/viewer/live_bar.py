@@ -1,0 +1,56 @@
+"""The error bar of a motion that is shown while it runs."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.models.motion_check import MotionCheck
+from modalshell.motion import Motion
+from modalshell.motion.bars import check_text
+from modalshell.scene.scene import BARS_EVERY
+
+
+@final
+class LiveBar:
+    """The last bar of a motion, found every 15 steps as in runs of scenes.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion, at its start.
+
+    Attributes
+    ----------
+    text : str
+        What the last check says; "" before the first one.
+
+    Raises
+    ------
+    OptionError
+        For a shell that its supports do not hold.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        setup = motion.setup
+        self._check = MotionCheck(motion.model.true_shell, setup.loading, setup.damping, setup.supports)
+        self._follows = motion.model.follows_snaps
+        self._frames: list[tuple[int, Array]] = []
+        self._largest, self._held, self.text = 0.0, True, ""
+
+    def see(self, motion: Motion) -> None:
+        """Take the motion after a step; its dead loads are those of now."""
+        x = motion.positions().copy()
+        self._frames = [*self._frames[-2:], (motion.count, x)]
+        counts = [count for count, _ in self._frames]
+        middle = motion.count - 1
+        if middle % BARS_EVERY == 0 and counts == [middle - 1, middle, middle + 1]:
+            times = motion.setup.dt * np.array(counts, dtype=np.float64)
+            bar = self._check.bar_under(times, np.stack([frame for _, frame in self._frames]), motion.load)[0]
+            off = self._check.off(bar, self._check.own(times[1], self._frames[1][1]))
+            valid = bar.valid and (self._held or self._follows)
+            self._held = self._held and bar.valid
+            self.text = check_text(off / self._largest if self._largest > 0.0 else float(off > 0.0), valid)
+        self._largest = max(self._largest, self._check.moved(self._check.own(motion.time, x)))
