@@ -119,8 +119,7 @@ def moved(
     model: ms.Model, steps: int, dt: float, every: int = 1, **motion: Any
 ) -> tuple[ms.Trajectory, dict[str, Any]]:
     """A motion of ``steps``, each ``every``-th stored, and what it took: counts of solves and reference seconds."""
-    with counted() as work, warnings.catch_warnings():
-        warnings.simplefilter("ignore", ms.ModalShellWarning)
+    with counted() as work, warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         run = ms.simulate(model, duration=steps * dt, dt=dt, store_every=every, **motion)
     took = {"solves": work.solves, "cost": 1e-6 * work.cost, "status": run.status, "unsolved": run.unconverged_steps}
     return run, took

@@ -204,8 +204,7 @@ def build(folder: Path, *, reference: bool = True, run_tutorials: bool = True) -
         With the links that lead nowhere and the formulas that cannot be read.
     """
     site = Site(folder, run_tutorials)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         if reference:
             write_reference(folder)
         elif not (folder / "api" / "modalshell.html").is_file():

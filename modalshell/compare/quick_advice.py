@@ -113,16 +113,8 @@ def quick_advice(
         As for :func:`modalshell.tradeoff`.
     error : float
         Largest displacement error against DS over the load range, relative to how far DS moves.
-    gravity : array_like, shape (3,), optional
-        Acceleration [m/s^2]; with a shell.
-    force : array_like, shape (n, 3), optional
-        Dead forces on the vertices [N]; with a shell.
-    modes : sequence of int
-        Mode counts to try.
-    loads : sequence of float
-        Factors of the load.
-    on_step : callable, optional
-        Called with the number of rungs done and their total.
+    gravity, force, modes, loads, on_step : optional
+        As for :func:`modalshell.tradeoff`.
 
     Returns
     -------

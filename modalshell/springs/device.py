@@ -21,18 +21,10 @@ class DeviceVerlet(VerletSheet):
 
     Parameters
     ----------
-    grid : SheetGrid
-        The sheet; without dashpots.
-    dtype : {float64, float32}
-        Precision of the state and the arithmetic.
-    start : array_like, shape (rows * columns, 3), optional
-        Positions [m]; by default at rest.
+    grid, dtype, start, velocity, allow_unstable_step
+        As for :class:`modalshell.springs.GridVerlet`.
     device : str, optional
         "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
-    velocity : array_like, shape (rows * columns, 3), optional
-        Velocities [m/s]; by default zero.
-    allow_unstable_step : bool
-        Whether steps may be longer than the stable one.
 
     Raises
     ------

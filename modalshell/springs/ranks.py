@@ -60,14 +60,10 @@ class RankedSprings:
 
     Parameters
     ----------
-    springs : Springs
-        Between the particles.
-    mass : array_like, shape (n,)
-        [kg].
+    springs, mass, held
+        As for :class:`modalshell.springs.ImplicitSprings`; held particles do not move.
     positions : array_like, shape (n, 3)
         Where the particles start from rest [m].
-    held : array_like of bool, shape (n,), or of int, optional
-        Particles that do not move.
     communicator : optional
         Communicator of petsc4py or mpi4py; by default all ranks.
 
