@@ -178,7 +178,7 @@ class ActiveSet:
         return Rest(x, active, np.where(active, pushes, 0.0), size, iteration, solved, limited=size > rules.accepted)
 
     def correct(self, x: Array, least: int, most: int) -> tuple[Rest, list[Array]]:
-        """At least so many steps from x (n, 3), until the set repeats, at ``most``; and the stresses predicted there.
+        """At ``least`` this number of steps from x (n, 3), until the set repeats, and ``most``; the stresses predicted too.
 
         Converged says whether the set repeats. SolverError where the steps leave the finite numbers.
         """
