@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, cast, final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,10 @@ from modalshell.statics.bifurcation import BIFURCATION, PathEvent, Range, Trace,
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import EnergyFunction
 from modalshell.statics.path import CONTROLS, Control, Followable, Tracer
+from modalshell.statics.potential import Potential
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # paths without contacts do not import it
 
 _BEYOND = 2.0
 """Multiples of the requested range of load factors within which a path is followed."""
@@ -76,6 +80,10 @@ class EquilibriumPath:
         Wall time, without that of the branches.
     mesh : TriangleMesh or None
         Of the shell.
+    contact_forces : ndarray, shape (k, n, 3)
+        Force of the contacts on every vertex [N]; empty without contacts, as the next one.
+    in_contact : ndarray of bool, shape (k, n)
+        Vertices that touch a collider.
     """
 
     factors: Array
@@ -92,6 +100,8 @@ class EquilibriumPath:
     iterations: int = 0
     seconds: float = 0.0
     mesh: TriangleMesh | None = field(default=None, repr=False)
+    contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)), repr=False)
+    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool), repr=False)
 
     @classmethod
     def _of(
@@ -145,6 +155,7 @@ def equilibrium_path(
     steps: int = 20,
     points: int = 400,
     branches: int = 0,
+    contacts: Sequence[Contact] | None = None,
     on_step: Progress | None = None,
 ) -> EquilibriumPath:
     """Follow the equilibria of a shell under a load that grows in proportion, stable or not.
@@ -178,6 +189,10 @@ def equilibrium_path(
         Points at most of a path.
     branches : int
         Number of the path's bifurcations, from its beginning, whose other branch is followed too, to both sides.
+    contacts : sequence of Contact, optional
+        Colliders without friction, as they are at time 0, for DS with ``control="load"``: from each point to the next
+        what touches may change. Stability is that of the motions that keep the gaps; where it changes the point is a
+        bifurcation. The path ends where no equilibrium is near under more load.
     on_step : callable, optional
         Called with the number of points so far and the most.
 
@@ -191,7 +206,8 @@ def equilibrium_path(
     LoadError
         For loads or positions of the wrong shape or not finite, or a load that moves nothing.
     OptionError
-        For a model without a potential, supports that leave the shell free, or options out of range.
+        For a model without a potential, supports that leave the shell free, options out of range, or contacts with
+        another control than the load, with branches, with friction, or of models that are not of all vertices.
     SolverError
         If there is no equilibrium to begin from.
 
@@ -219,6 +235,13 @@ def equilibrium_path(
     problem = followed.model.problem
     if not problem.measure(problem.push_at(problem.origin)) > 0.0:
         raise LoadError("no load moves the shell, so there is no path to follow: give gravity, force or loads")
+    if contacts:
+        if control != "load" or branches:
+            raise OptionError(
+                f'with contacts a path is followed by load steps, without branches (got control="{control}" and '
+                f'branches={branches}): give control="load"'
+            )
+        return _with_contacts(followed, contacts, (begin, until), (steps, points), on_step)
     reach, longest = _BEYOND * abs(until - begin), abs(until - begin) / steps
     span = Range(until, begin - reach, begin + abs(until - begin) + reach, points)
 
@@ -244,6 +267,37 @@ def equilibrium_path(
                     EquilibriumPath._of(branch, followed, walker.iterations, watch_time(), event.index)
                 )
     return path
+
+
+def _with_contacts(
+    followed: _Followed,
+    contacts: Sequence[Contact],
+    ends: tuple[float, float],
+    counts: tuple[int, int],
+    on_step: Progress | None,
+) -> EquilibriumPath:
+    """The path between two load factors with contacts; ``counts`` are the steps at least, and the points at most."""
+    from modalshell.contact.path import LoadSteps  # not without contacts
+    from modalshell.contact.touching import Touching, checked_contacts, touched_frame
+
+    watch_time, (begin, until), model = Stopwatch(), ends, followed.model
+    problem, given = model.problem, checked_contacts(contacts)
+    if not isinstance(problem, Potential):
+        raise OptionError("paths with contacts are followed by models of all vertices alone: take DS")
+    for index, contact in enumerate(given):
+        if contact.friction:
+            raise OptionError(
+                f"paths take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
+            )
+    touching = Touching(given, problem.shell, model.positions(problem.origin)[0] - problem.origin[0])
+    walker = LoadSteps(problem, touching, abs(until - begin) / counts[0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = walker.first(problem.origin if followed.first is None else followed.first, begin)
+        trace, rests = walker.follow(first, until, counts[1], on_step)
+    path = EquilibriumPath._of(trace, followed, walker.iterations, watch_time())
+    touched = [touched_frame(touching, rest.point, rest.pushes) for rest in rests]
+    forces, touches = np.array([one.forces for one in touched]), np.array([one.touches for one in touched])
+    return replace(path, contact_forces=forces, in_contact=touches)
 
 
 class _Followed(NamedTuple):

@@ -178,7 +178,7 @@ class ActiveSet:
         return Rest(x, active, np.where(active, pushes, 0.0), size, iteration, solved, limited=size > rules.accepted)
 
     def correct(self, x: Array, least: int, most: int) -> tuple[Rest, list[Array]]:
-        """At least so many steps from x (n, 3), until the set repeats, at ``most``; and the stresses predicted there.
+        """At ``least`` so often a step from x (n, 3), until the set repeats, and ``most``; the stresses predicted too.
 
         Converged says whether the set repeats. SolverError where the steps leave the finite numbers.
         """
@@ -244,6 +244,10 @@ class ActiveSet:
         pushes = np.zeros(rest.pushes.size)
         pushes[equations.frames.rows] = np.maximum(equations.frames.pushes(gradient), 0.0)
         return replace(rest, pushes=pushes, stable=factor is not None)
+
+    def negative_eigenvalues(self, rest: Rest) -> int:
+        """Number of negative eigenvalues of the exact Hessian on the motions that keep the gaps."""
+        return self._equations(rest, EXACT)[0].factor().negative_eigenvalues()
 
     def _refined(self, rest: Rest, equations: Rotated, factor: Factor) -> tuple[Rest, Array]:
         """The end refined as :mod:`modalshell.statics.refine` does it, with what touches staying on its collider."""

@@ -92,8 +92,8 @@ class ModalContacts:
         Positions (n, 3) [m] at coordinates (m,).
     rows : callable
         Their derivatives at some vertices.
-    turns : bool
-        Whether vertices turn with the modal rotations.
+    turns : bool or callable
+        Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
         Of warps in closed form, whose frames are compiled: positions at rest, modes, rotations, and ``turns``.
 
@@ -110,7 +110,7 @@ class ModalContacts:
         positions: Callable[[Array], Array],
         rows: Rows,
         *,
-        turns: bool = True,
+        turns: bool | Callable[[Array], Array] = True,
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
@@ -127,6 +127,27 @@ class ModalContacts:
         if self._moving:
             self._bodies = self.touching.packed()
 
+    def positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] at q (m,), without what is beyond the modes."""
+        return self._positions(q)
+
+    def along(self, q: Array, rows: Index) -> Array:
+        """Derivatives (k, m) of the gaps of some rows."""
+        moves = self._rows(q, self.touching.vertices[rows])
+        normals = self.touching.gaps(self._positions(q), rows)[1]
+        return np.asarray((normals[:, None, :] @ moves)[:, 0])
+
+    def turning(self, q: Array, x: Array, pushes: Array) -> Array:
+        """Stiffness (m, m) that ``pushes`` (r,) [N] at positions x (n, 3) take away as they turn with the surfaces."""
+        rows = np.flatnonzero(pushes)
+        moves, curvatures = self._rows(q, self.touching.vertices[rows]), self.touching.gaps(x, rows)[2]
+        return np.einsum("kim,kij,kjl->ml", moves, pushes[rows, None, None] * curvatures, moves, optimize=True)
+
+    def pull(self, q: Array, forces: Array) -> Array:
+        """Generalised force (m,) of contact forces (n, 3) [N]."""
+        vertices = np.flatnonzero(forces.any(axis=1))
+        return np.einsum("ki,kim->m", forces[vertices], self._rows(q, vertices))
+
     def gaps(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows at positions x (n, 3)."""
         touching = self.touching
@@ -138,6 +159,8 @@ class ModalContacts:
 
     def _rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors (n, 3) [rad] of the vertices at q."""
+        if callable(self._turns):
+            return self._turns(q)
         if not self._turns:
             return _NO_TURNS
         return np.asarray(self._spin @ q).reshape(-1, 3)
@@ -215,10 +238,18 @@ class ModalContacts:
 
         ``compliance`` is G, (m,) or (m, m).
         """
-        base = self._positions(q)
-        begin = Pressed(q, self._local(q, pushes, base), pushes, False, base)
-        rows = self.candidates(self.gaps(base + begin.local), pushes)
+        return self.pressed_on(free, compliance, self.state(q, pushes, 0.0))
+
+    def pressed_on(self, free: Array, compliance: Array, begin: Pressed) -> Pressed:
+        """The same about a :meth:`state`."""
+        assert begin.positions is not None
+        rows = self.candidates(self.gaps(begin.positions + begin.local), begin.pushes)
         return self._newton(free, compliance, begin, rows, 1)[0]
+
+    def state(self, q: Array, pushes: Array, local: Array | float) -> Pressed:
+        """What forces (r,) [N] press in at q (m,), along the normals where ``local`` (n, 3) [m] was pressed in."""
+        base = self._positions(q)
+        return Pressed(q, self._local(q, pushes, base + local), pushes, False, base)
 
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""

@@ -196,6 +196,10 @@ class Rotated:
         turned[self.frames.unknowns] = 0.0
         return turned
 
+    def factor(self) -> Factor:
+        """Factor, in turned axes, of the Hessian on the motions that keep the gaps; SolverError if it is singular."""
+        return self._problem.factor(self.matrix(np.zeros(self._hessian.shape[0])))
+
     def definite_factor(self) -> Factor | None:
         """Factor, in turned axes, of the Hessian on the motions that keep the gaps; None unless that is definite."""
         return self._problem.definite_factor(self.matrix(np.zeros(self._hessian.shape[0])))

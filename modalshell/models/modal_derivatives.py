@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
+from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
@@ -17,8 +19,9 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.kernels.rotations import largest_turn
+from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, implicit_rule
@@ -85,6 +88,7 @@ class ModalDerivatives(ImplicitModel):
     """
 
     name = "MD-ROM"
+    pressed_in = True
 
     def __init__(
         self,
@@ -116,10 +120,10 @@ class ModalDerivatives(ImplicitModel):
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
-        problem = self._statics(load)
+        problem = self.statics_of(load)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             found = equilibrium(problem, None if start is None else self.coordinates_of(start))
-        positions = self._positions(found.point)
+        positions = self.positions_at(found.point)
         return Equilibrium(
             positions,
             *self._distortion.judged(*verdict(found.residual, found.stable), positions),
@@ -129,7 +133,25 @@ class ModalDerivatives(ImplicitModel):
             coordinates=found.point,
         )
 
-    def _statics(self, load: Array) -> ReducedPotential:
+    def _solve_touching(
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        from modalshell.models.reduction.contact import reduced_equilibrium_on_contacts  # not without contacts
+
+        if constraints:
+            raise self.no_constraints()
+        found = reduced_equilibrium_on_contacts(self, loading, start, contacts)
+        outcome, message = self._distortion.judged(found.outcome, found.message, found.positions)
+        return replace(found, outcome=outcome, message=message)
+
+    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
+        """What takes the steps of a motion with contacts."""
+        from modalshell.models.reduction.contact import ReducedContactMotion  # not without contacts
+
+        return ReducedContactMotion(self, setup, _STEP_GOAL)
+
+    def statics_of(self, load: Array) -> ReducedPotential:
+        """The potential under a load (n, 3) [N]."""
         push = load.ravel() @ self._vectors
         return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
 
@@ -143,7 +165,7 @@ class ModalDerivatives(ImplicitModel):
         """
         z, vectors = dead_state(state)[0], self._vectors
         hessian = self.energy.hessian(z)[2]
-        x = self._positions(z)
+        x = self.positions_at(z)
 
         def by_constant(name: str) -> Array:
             if name == "young" and not self.shell.energies:  # of elements with weights, too
@@ -165,8 +187,8 @@ class ModalDerivatives(ImplicitModel):
     def followable(self, load: Array) -> Followable:
         """The reduced potential, coordinates z as unknowns."""
         return Followable(
-            self._statics(load),
-            self._positions,
+            self.statics_of(load),
+            self.positions_at,
             self.coordinates_of,
             lambda _, force: force.ravel() @ self._vectors,
         )
@@ -184,6 +206,16 @@ class ModalDerivatives(ImplicitModel):
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step of h."""
+        problem, scale = self.step_problem(start, load, damping)
+        guess = start.origin + start.dt * start.rates
+        stresses = self.energy.predicted_stresses(start.near, guess - start.near)
+        answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
+        if not answer.converged:
+            answer = problem.descend(start.near, scale)
+        return answer.point, answer.converged
+
+    def step_problem(self, start: EulerStart, load: Array, damping: Damping) -> tuple[ReducedPotential, float]:
+        """The potential of such a step, and the size of its forces."""
         z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
         if damping.stiffness_factor:
@@ -191,18 +223,12 @@ class ModalDerivatives(ImplicitModel):
         push = load.ravel() @ self._vectors + start.rates / dt
         scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
         problem = ReducedPotential(push, z, self.energy, scaling, self.basis.edge_change, quadratic=quadratic)
-        scale = problem.scale_at(z)
-        guess = z + dt * start.rates
-        stresses = self.energy.predicted_stresses(start.near, guess - start.near)
-        answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
-        if not answer.converged:
-            answer = problem.descend(start.near, scale)
-        return answer.point, answer.converged
+        return problem, problem.scale_at(z)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` (r,) of the coordinates."""
         moved = (self._vectors @ move).reshape(-1, 3)
-        return float(largest_turn(self._positions(coordinates), moved, self.shell.mesh.faces))
+        return float(largest_turn(self.positions_at(coordinates), moved, self.shell.mesh.faces))
 
     def largest_move(self, change: Array) -> float:
         """Largest displacement [m] of a vertex by a small ``change`` (r,), of those that the vectors move most."""
@@ -227,7 +253,7 @@ class ModalDerivatives(ImplicitModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        return self._positions(state.coordinates)
+        return self.positions_at(state.coordinates)
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
@@ -237,6 +263,7 @@ class ModalDerivatives(ImplicitModel):
         """Elastic energy [J] as the model has it: by cubature if it is on."""
         return self.energy.value(state.coordinates)
 
-    def _positions(self, z: Array) -> Array:
+    def positions_at(self, z: Array) -> Array:
+        """Vertex positions (n, 3) [m] at coordinates z (r,)."""
         count_read(self._vectors.nbytes)
         return self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3)

@@ -127,7 +127,7 @@ def share_as_text(error: float) -> str:
 class ErrorEstimator:
     """Finds error bars of answers of one shell, one after the other; the order of elimination is found once.
 
-    Where some unknowns are held besides those of the supports, a subclass says what the motions are that are left.
+    Where more is held than the supports hold, a subclass says what the motions are that are left.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class ImplicitModel(FrameModel):
     """
 
     integrator: ImplicitRule
+    pressed_in: ClassVar[bool] = False
+    """Whether its contacts press displacements in beyond its own unknowns."""
 
     def stepped_by(self, integrator: str | FullIntegrator) -> Self:
         """The same model, and what it hands over to, with another implicit rule of its steps."""
@@ -135,7 +137,8 @@ class ImplicitStepper(Stepper):
         if setup.constraints:
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
-        self._contacts = self.model.contact_motion(setup, self.origin) if setup.contacts else None
+        self._contacts: Any = self.model.contact_motion(setup, self.origin) if setup.contacts else None
+        self._presses = bool(setup.contacts) and self.model.pressed_in
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest, with contacts refused inside a collider."""
@@ -144,6 +147,19 @@ class ImplicitStepper(Stepper):
             return state
         own = self.model.shell.rest_positions if positions is None else positions - self.origin
         return self._contacts.begin(state, own)
+
+    def own_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the model's own."""
+        own = super().own_positions(state)
+        return own + self._contacts.local(state) if self._presses else own
+
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
+        return super().own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of what contacts press in."""
+        return float(self._contacts.energy(state)) if self._presses else 0.0
 
     @property
     def note(self) -> str:

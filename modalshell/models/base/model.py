@@ -154,7 +154,7 @@ class Model(ABC):
 
     def no_contacts(self) -> OptionError:
         """The error of a model that takes no contacts."""
-        return OptionError(f"{self.name} takes no contacts: take DS, or LMA, MWTS or RSW")
+        return OptionError(f"{self.name} takes no contacts: take DS, or another model of a shell that bends")
 
     def no_constraints(self) -> OptionError:
         """The error of a model that takes no constraints."""

@@ -1,0 +1,314 @@
+"""Contacts of a shell whose positions are linear in few coordinates: statics, and steps of implicit Euler.
+
+Mixed Newton's steps, each a small complementarity problem (theory 13, eq. 7 and 8): of the least of the quadratic
+model of the energy outside the colliders to first order, with what the shell gives way beyond its vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, final
+
+import numpy as np
+import scipy.linalg
+from scipy.spatial.transform import Rotation
+
+from modalshell.contact.contact import Contact
+from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.steps import refuse_fast
+from modalshell.contact.touching import checked_contacts, touched_frame
+from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
+from modalshell.integrators.state import PUSHES, Damping, MotionSetup, MotionState
+from modalshell.loads import Loading
+from modalshell.mesh import TriangleMesh
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.implicit import LoadAt
+from modalshell.models.base.settle import self_consistent
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.continuation import Steps
+from modalshell.statics.verdict import verdict
+
+_MOST = 40
+"""Steps at most."""
+LOCAL, BEYOND = "local", "beyond"
+"""Names in a state's memory of the displacement (n, 3) [m] beyond the vectors, and of its energy (1,) [J]."""
+
+
+class Settled(NamedTuple):
+    """Where the steps ended: the coordinates and forces, the residual, the number of steps, and whether they ended."""
+
+    pressed: Pressed
+    residual: float
+    iterations: int
+    solved: bool
+
+
+@final
+class VertexTurns:
+    """Turns of a mesh's vertices from where they are.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The mesh.
+    rest : ndarray, shape (n, 3)
+        Its positions at rest [m].
+    """
+
+    def __init__(self, mesh: TriangleMesh, rest: Array) -> None:
+        self._faces = mesh.faces
+        self._neighbour = np.zeros(len(rest), dtype=np.int64)
+        ends = mesh.edges
+        self._neighbour[ends[:, 0]], self._neighbour[ends[:, 1]] = ends[:, 1], ends[:, 0]
+        self._rest = self._frames(rest)
+
+    def _frames(self, x: Array) -> Array:
+        """Axes (n, 3, 3) along an edge, and along the normal."""
+        corners, normals = x[self._faces], np.zeros_like(x)
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        np.add.at(normals, self._faces, across[:, None])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        along = x[self._neighbour] - x
+        along -= np.sum(along * normals, axis=1, keepdims=True) * normals
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        return np.stack([along, np.cross(normals, along), normals], axis=2)
+
+    def vectors(self, x: Array) -> Array:
+        """Rotation vectors (n, 3) [rad] at positions x (n, 3)."""
+        turned = self._frames(x) @ self._rest.transpose(0, 2, 1)
+        return np.ascontiguousarray(Rotation.from_matrix(turned).as_rotvec())
+
+
+def reduced_contacts(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
+    """The contacts of a model with ``basis.vectors``; OptionError where it cannot take them."""
+    given, basis = checked_contacts(contacts), model.basis
+    for index, contact in enumerate(given):
+        if contact.friction or contact.push_out or contact.restitution:
+            raise OptionError(
+                f"contact {index} has friction, push_out or restitution, which {model.name} does not take: take DS"
+            )
+    rows = basis.vectors.reshape(-1, 3, basis.size)
+    turns = VertexTurns(model.shell.mesh, model.shell.rest_positions)
+
+    def rows_at(q: Array, vertices: Index) -> Array:  # noqa: ARG001 (they are the same everywhere)
+        return np.asarray(rows[vertices])
+
+    span = replace(basis.modes, modes=basis.vectors, eigenvalues=basis.eigenvalues)
+    return ModalContacts(given, span, model.positions_at, rows_at, turns=lambda q: turns.vectors(model.positions_at(q)))
+
+
+def settle(
+    problem: Any,
+    pressing: ModalContacts,
+    begin: Pressed,
+    scale: float,
+    goal: float,
+    stresses: list[Array] | None = None,
+) -> Settled:
+    """Least potential outside the colliders, by mixed Newton with contacts from ``begin``.
+
+    ``problem`` is a :class:`~modalshell.models.reduction.reduced_potential.ReducedPotential`, ``scale`` the size of its
+    load, to which the residual relates, ``stresses`` those predicted at the beginning.
+    """
+    pressed, residual = begin, np.inf
+    for count in range(_MOST + 1):
+        z, pushes = pressed.q, pressed.pushes
+        gradient, hessian = problem.linearise(z, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+        state = pressing.state(z, pushes, pressed.local)
+        x = pressing.positions(z) + state.local
+        out = gradient - pressing.pull(z, pressing.touching.forces(x, pushes))
+        whole = max(scale, problem.measure(gradient - out)) or 1.0
+        residual = problem.measure(out) / whole
+        if not np.isfinite(residual) or (pressed.solved and residual <= goal) or count == _MOST:
+            break
+        hessian = hessian - pressing.turning(z, x, pushes)
+        if not problem.factor(hessian).is_definite():
+            hessian = problem.linearise(z, GAUSS_NEWTON)[1]
+        compliance = np.linalg.inv(hessian)
+        found = pressing.pressed_on(z - compliance @ gradient, compliance, state)
+        moved, stresses, _ = problem.moved(z, found.q - z)
+        pressed = replace(found, q=moved)
+    pressed = replace(pressed, local=state.local)
+    return Settled(pressed, residual, count, bool(pressed.solved and residual <= goal))
+
+
+def reduced_equilibrium_on_contacts(
+    model: Any, loading: Loading, start: Array | None, contacts: Sequence[Contact]
+) -> Equilibrium:
+    """Equilibrium with contacts of a model linear in its coordinates; loads come in steps where that must be.
+
+    Parameters
+    ----------
+    model : ModalDerivatives
+        The model.
+    loading : Loading
+        Its loads.
+    start : ndarray, shape (n, 3), optional
+        Where to begin.
+    contacts : sequence of Contact
+        Colliders.
+    """
+    pressing = reduced_contacts(model, contacts)
+    pressing.touching.refuse_inside(model.shell.rest_positions if start is None else start)
+
+    def solve(load: Array, start: Array | None) -> Equilibrium:
+        return _rest(model, pressing, load, start)
+
+    return self_consistent(solve, loading, start) if loading.live else solve(loading.dead, start)
+
+
+def _rest(model: Any, pressing: ModalContacts, load: Array, start: Array | None) -> Equilibrium:
+    """Equilibrium under a dead load (n, 3) [N]."""
+    z, rows = np.zeros(model.basis.size), pressing.touching.vertices.size
+    if start is not None:
+        z = model.coordinates_of(start)
+    x = model.positions_at(z)
+    pressed, steps, iterations = Pressed(z, np.zeros_like(x), np.zeros(rows), False), Steps(), 0
+    scale = model.statics_of(load).scale_at(None)
+    while steps.fraction < 1.0:
+        problem = model.statics_of(steps.target * load)
+        goal = method.ACCEPTED if steps.target == 1.0 else problem.path_goal
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            found = settle(problem, pressing, pressed, scale, goal)
+        iterations += found.iterations
+        reached = model.positions_at(found.pressed.q) + found.pressed.local
+        if not found.solved or pressing.touching.crossed(x, reached):
+            if steps.refuse():
+                continue
+            break
+        pressed, x = found.pressed, reached
+        steps.accept()
+    converged = steps.fraction >= 1.0
+    stable = _stable(problem, pressing, found.pressed) if converged else None
+    outcome, message = verdict(found.residual if converged else np.inf, stable)
+    if not converged:
+        message = f"the contact set did not settle at {steps.target:.3g} of the load"
+    forces, touches, deepest = touched_frame(pressing.touching, x, pressed.pushes)
+    return Equilibrium(
+        x,
+        outcome,
+        message,
+        iterations,
+        found.residual,
+        stable,
+        coordinates=pressed.q,
+        contact_forces=forces,
+        in_contact=touches,
+        deepest=deepest,
+    )
+
+
+def _stable(problem: Any, pressing: ModalContacts, pressed: Pressed) -> bool:
+    """Whether the exact Hessian is positive definite on the motions that keep the gaps."""
+    rows = np.flatnonzero(pressed.pushes)
+    hessian = problem.linearise(pressed.q, EXACT)[1]
+    held = pressing.along(pressed.q, rows) / problem.scaling
+    left = scipy.linalg.null_space(held) if rows.size else np.eye(pressed.q.size)
+    part = left.T @ (hessian / problem.scaling[:, None] / problem.scaling) @ left
+    return bool(part.size == 0 or np.linalg.eigvalsh(part)[0] > 0.0)
+
+
+@final
+class _PressedSteps(LoadedSteps):
+    """Steps of implicit Euler of a model that contacts press on."""
+
+    def __init__(
+        self, model: Any, pressing: ModalContacts, begin: Pressed, load_at: LoadAt, damping: Damping, goal: float
+    ) -> None:
+        self._model, self._pressing, self._load_at, self._damping = model, pressing, load_at, damping
+        self._goal, self.pressed = goal, begin
+        self._load = np.empty(0)
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        """State at the end, and whether its equations were solved."""
+        self._load = self._load_at(start)[0]
+        problem, scale = self._model.step_problem(start, self._load, self._damping)
+        guess = start.origin + start.dt * start.rates
+        stresses = self._model.energy.predicted_stresses(start.near, guess - start.near)
+        begin = replace(self.pressed, q=guess, positions=None)
+        found = settle(problem, self._pressing, begin, scale, self._goal, stresses)
+        self.pressed = found.pressed
+        return start.after(found.pressed.q), found.solved
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return float(self._model.turn(coordinates, move))
+
+    def load_on(self, x: Array) -> Array:
+        """Load (n, 3) [N] of the last step."""
+        return self._load
+
+
+@final
+class ReducedContactMotion:
+    """Takes the steps of a model linear in its coordinates with contacts: the model's own where nothing touches.
+
+    Where something does, implicit Euler stands in for the model's rule, and its end is the least of its potential
+    outside the colliders.
+
+    Parameters
+    ----------
+    model : ModalDerivatives
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+    goal : float
+        Residual of a step.
+    """
+
+    note = ""
+
+    def __init__(self, model: Any, setup: MotionSetup, goal: float) -> None:
+        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
+        refuse_fast(given, model.shell.rest_positions, setup.dt)
+        self._model, self._setup, self._goal = model, setup, goal
+        self._pressing = reduced_contacts(model, given)
+        rows = self._pressing.touching.vertices.size
+        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}
+
+    def begin(self, state: MotionState, positions: Array) -> MotionState:
+        """A start at ``positions`` (n, 3) [m], refused inside a collider."""
+        self._pressing.touching.refuse_inside(positions)
+        self._pressing.touching.refuse_inside(self._model.positions(state))
+        return self._clear(state)
+
+    def _clear(self, state: MotionState) -> MotionState:
+        return MotionState(state.coordinates, state.rates, state.memory | self._none)
+
+    def local(self, state: MotionState) -> Array:
+        """Displacement (n, 3) [m] of a state beyond the vectors."""
+        found = state.memory.get(LOCAL)
+        return self._none[LOCAL] if found is None else found
+
+    def energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state beyond the vectors."""
+        return float(state.memory[BEYOND][0])
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """What touches in a state at ``positions`` (n, 3) [m] and ``time`` [s]."""
+        self._pressing.at(time)
+        return touched_frame(self._pressing.touching, positions, state.memory[PUSHES])
+
+    def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
+        model, pressing, damping = self._model, self._pressing, self._setup.damping
+        kept = state.memory
+        own = MotionState(state.coordinates, state.rates, {k: v for k, v in kept.items() if k not in self._none})
+        pressing.at(begin + dt)
+        if not kept[PUSHES].any():
+            after, solved = model.march(own, dt, load_at, damping)
+            if not pressing.touched(pressing.gaps(model.positions(after))):
+                return self._clear(after), solved
+        first = Pressed(state.coordinates, kept[LOCAL], kept[PUSHES], False)
+        euler = _PressedSteps(model, pressing, first, load_at, damping, self._goal)
+        rule = model.integrator
+        after, solved = rule.standing_in(euler, own, dt)
+        pressed = euler.pressed
+        after = rule.stood_in_for(own, after, dt)
+        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
+        return MotionState(after.coordinates, after.rates, after.memory | memory), solved
