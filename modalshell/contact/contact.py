@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,9 @@ class Contact(ReadOnlyArrays):
         For what is no collider or path, an invalid selection, a negative friction or speed, or a restitution beyond
         [0, 1].
     """
+
+    has_surface: ClassVar = True
+    """Whether it has a surface to draw."""
 
     def __init__(
         self,

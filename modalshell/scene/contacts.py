@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.contact import COLLIDERS, Contact
+from modalshell.contact import COLLIDERS, Contact, SelfContact
 from modalshell.core.errors import OptionError, SceneError
 from modalshell.scene import tables
 from modalshell.scene.read import checked_table, chosen
@@ -44,6 +44,19 @@ class ContactTable(Built, frozen=True):
         )
 
 
+class SelfContactTable(Built, frozen=True):
+    """A table of ``[[contacts]]`` with ``kind = "self"``: the keys of :class:`modalshell.SelfContact`."""
+
+    @property
+    def path(self) -> None:
+        """None: it moves with the shell."""
+
+    def contact(self) -> SelfContact:
+        """The contact."""
+        made: SelfContact = self.build()
+        return made
+
+
 def _motion(table: ContactPath | None) -> SupportPath | None:
     if table is None:
         return None
@@ -56,10 +69,12 @@ def _motion(table: ContactPath | None) -> SupportPath | None:
 
 def collider_tables() -> dict[str, type[Any]]:
     """The tables of ``[[contacts]]`` by the kinds of their colliders."""
-    return {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
+    kinds = {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
+    own = signature_table(SelfContact, SelfContactTable, tag_field="kind", tag=SelfContact.key)
+    return kinds | {SelfContact.key: own}
 
 
-def contact_tables(file: Path, raw: Any) -> tuple[ContactTable, ...]:
+def contact_tables(file: Path, raw: Any) -> tuple[ContactTable | SelfContactTable, ...]:
     """The tables of ``[[contacts]]``; SceneError where one is refused."""
     if not isinstance(raw, list):
         raise SceneError(f"{file}: contacts: must be a list of tables, [[contacts]] (got {raw!r:.60})")

@@ -60,6 +60,8 @@ class Equilibrium(Drawn):
         Vertices that touch a collider.
     deepest : float
         Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
+    self_contact : float or None
+        Smallest distance [m] of parts in self-contact, its gap where none are nearer; None without it.
     creases : CreaseState or None
         What creases have kept, of a shell that has them: ``shell.creased(state.creases)`` resumes there.
     conservative : bool
@@ -86,6 +88,7 @@ class Equilibrium(Drawn):
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 3)))
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     deepest: float = 0.0
+    self_contact: float | None = None
     creases: CreaseState | None = field(default=None, compare=False)
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)

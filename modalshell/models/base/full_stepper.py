@@ -65,6 +65,10 @@ class FullStepper(Stepper):
         """What touches in a state at ``time`` [s], with contacts."""
         return None if self.contacts is None else self.contacts.steps.frame(state.coordinates, time)
 
+    def further_energy(self, state: MotionState) -> float:
+        """Energy [J] of the barrier of self-contact in a state."""
+        return 0.0 if self.contacts is None else float(self.contacts.steps.energy(state.coordinates))
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
         state = super().state_at(positions, time)
