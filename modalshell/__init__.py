@@ -102,12 +102,23 @@ from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Ti
 from modalshell.sweep import SweepResult, run_sweep
 
 if TYPE_CHECKING:
-    from modalshell.contact import Box, Capsule, Contact, Cylinder, HeightField, MeshCollider, Plane, Sphere
+    from modalshell.contact import (
+        Box,
+        Capsule,
+        Contact,
+        Cylinder,
+        HeightField,
+        MeshCollider,
+        Plane,
+        SelfContact,
+        Sphere,
+    )
 
 __version__ = "0.1.0"
 
 _LAZY = dict.fromkeys(
-    ("Box", "Capsule", "Contact", "Cylinder", "HeightField", "MeshCollider", "Plane", "Sphere"), "modalshell.contact"
+    ("Box", "Capsule", "Contact", "Cylinder", "HeightField", "MeshCollider", "Plane", "SelfContact", "Sphere"),
+    "modalshell.contact",
 )
 """Names that are imported when they are first used: nothing else pays for them."""
 
@@ -196,6 +207,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneResult",
+    "SelfContact",
     "SelfWeight",
     "Shell",
     "ShellFields",

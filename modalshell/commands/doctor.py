@@ -21,6 +21,7 @@ _EXTRAS = {
     "web": ("trame", "scenes played in a browser"),
     "interchange": ("pxr", "motions as USD and glTF"),
     "remesh": ("pymeshlab", "meshes made coarser or finer"),
+    "contact": ("ipctk", "shells that touch themselves and each other"),
     "gpu": ("warp", "springs and crowds on a GPU"),
     "mpi": ("petsc4py", "one sheet of springs over several processes"),
     "cluster": ("distributed", "sweeps over several machines"),

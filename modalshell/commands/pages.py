@@ -122,7 +122,7 @@ class _ShellPage:
         return shell_page(
             mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),
             live=live, record=record, gravity=gravity, units=units, notes=notes + said,
-            bodies=[contact.body(corners, motion.times, inset) for contact in contacts],
+            bodies=[contact.body(corners, motion.times, inset) for contact in contacts if contact.has_surface],
         )  # fmt: skip
 
     def _tones(self, run: ms.Trajectory) -> Tones | None:

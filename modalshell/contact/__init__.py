@@ -8,6 +8,7 @@ from modalshell.contact.cylinder import Cylinder
 from modalshell.contact.height_field import HeightField
 from modalshell.contact.mesh_collider import MeshCollider
 from modalshell.contact.plane import Plane
+from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.sphere import Sphere
 
 __all__ = [
@@ -20,5 +21,6 @@ __all__ = [
     "HeightField",
     "MeshCollider",
     "Plane",
+    "SelfContact",
     "Sphere",
 ]

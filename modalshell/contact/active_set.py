@@ -170,7 +170,7 @@ class ActiveSet:
             allowed /= self.scale(pushes)
             last, active = active, self._next(x, pushes, equations.frames.rows, max(_PULL, allowed))
             repeated = bool(share > 0.999 and np.array_equal(last, active))
-            if not repeated:
+            if not repeated and active.size:
                 key = np.packbits(active).tobytes()
                 seen[key] = seen.get(key, 0) + 1
                 if seen[key] > _REVISITS:
@@ -239,7 +239,7 @@ class ActiveSet:
             return rest
         equations, gradient = self._equations(rest, EXACT)
         factor = equations.definite_factor()
-        if factor is not None and rest.residual > method.ACCEPTED and self.problem.quadratic is None:
+        if factor is not None and rest.residual > method.ACCEPTED and self.problem.refinable:
             rest, gradient = self._refined(rest, equations, factor)
         pushes = np.zeros(rest.pushes.size)
         pushes[equations.frames.rows] = np.maximum(equations.frames.pushes(gradient), 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import Any, Self, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,9 @@ class Contact(ReadOnlyArrays):
         For what is no collider or path, an invalid selection, a negative friction or speed, or a restitution beyond
         [0, 1].
     """
+
+    has_surface: ClassVar = True
+    """Whether it has a surface to draw."""
 
     def __init__(
         self,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
+from modalshell.contact.layered import LayeredPotential, Patterns, pressure_of
+from modalshell.contact.layers import Layers
 from modalshell.contact.touching import Touching
 from modalshell.core.typing import Array
 from modalshell.statics import mixed_newton as method
@@ -16,6 +18,10 @@ _SHALLOW = 1e-3
 """Depth, as a share of the shell's size, from which a start is led out in steps."""
 _FIRST_STEP = 0.125
 """First share of the way out."""
+_CLOSE = 0.1
+"""Distance of layers, as a share of the gap, below which the barrier is stiffened."""
+_STIFFER, _STIFFENED = 8.0, 6
+"""By how much, and how often at most."""
 
 
 def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Rest:
@@ -50,6 +56,34 @@ def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Re
         x = rest.point
         steps.accept()
     return replace(rest, iterations=iterations)
+
+
+def rest_on_layers(
+    problem: Potential, touching: Touching, layers: Layers, start: Array
+) -> tuple[Rest, LayeredPotential]:
+    """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the problem.
+
+    The shell moves in a thick fluid. The barrier is stiffened, from the load over the area on, until no two layers are
+    nearer than a small part of the gap.
+
+    Raises
+    ------
+    OptionError
+        For a start that crosses itself, or inside a collider.
+    """
+    touching.refuse_inside(start)
+    layers.refuse_crossing(start, "at the start")
+    patterns = Patterns(problem.factoriser.backend)
+    pressure = pressure_of(problem.force(start), problem) or problem.scale_at(start) / problem.shell.mesh.area
+    iterations = 0
+    for _ in range(_STIFFENED):
+        layered = LayeredPotential.of(problem, layers.stiff(pressure), patterns)
+        rest = _slowly(layered, touching, start, iterations)
+        iterations = rest.iterations
+        if not rest.converged or layered.layers.least(rest.point) >= _CLOSE * layers.gap:
+            break
+        start, pressure = rest.point, _STIFFER * pressure
+    return rest, layered
 
 
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:

@@ -10,6 +10,8 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import SLIP, Friction
+from modalshell.contact.layered import LayeredPotential, Patterns
+from modalshell.contact.layers import Layers
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
@@ -20,6 +22,8 @@ from modalshell.statics.potential import Potential
 
 _MOST = 40
 """Iterations at most of a step, before the thick fluid."""
+_AMONG_LAYERS = 14
+"""The same with self-contact, whose steps the thick fluid finds the sooner."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
 _BOUNCE = 3.0
@@ -40,6 +44,8 @@ class TouchingSteps:
         Where that is in the world [m].
     dt : float
         Step [s].
+    layers : Layers, optional
+        Those of self-contact.
 
     Attributes
     ----------
@@ -56,21 +62,27 @@ class TouchingSteps:
         For a collider that moves by more than its smallest radius in a step.
     """
 
-    def __init__(self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float) -> None:
+    def __init__(
+        self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float, layers: Layers | None = None
+    ) -> None:
+        self.layers, self._patterns = layers, Patterns(None)
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
         self.rubs = any(contact.friction for contact in self.now.contacts)
+        self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
         self._deep = EXACT_GAP * self.now.size
         refuse_fast(self.now.contacts, shell.rest_positions + origin, dt)
 
     def begin(self, x: Array) -> None:
-        """Refuse a motion that begins at x (n, 3) inside a collider."""
+        """Refuse a motion that begins at x (n, 3) inside a collider, or crossing itself."""
         self.now.refuse_inside(x)
+        if self.layers is not None:
+            self.layers.refuse_crossing(x, "at the start")
 
     def told(self, dt: float) -> str:
         """What is said of friction; "" without it."""
-        if not self.rubs:
+        if not self._creeps:
             return ""
         creep = SLIP * self.now.size / dt
         return (
@@ -79,16 +91,18 @@ class TouchingSteps:
         )
 
     def touches(self, x: Array, time: float) -> bool:
-        """Whether a vertex at x (n, 3) touches a collider at ``time`` [s]."""
-        return bool((self.now.at(time).distances(x) <= self._deep).any())
+        """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""
+        return self._layers_near(x) or bool((self.now.at(time).distances(x) <= self._deep).any())
 
     def enters(self, x: Array, time: float) -> bool:
-        """Whether a vertex at x (n, 3) lies inside a collider at ``time`` [s]."""
-        return bool((self.now.at(time).distances(x) < -self._deep).any())
+        """Whether a vertex at x (n, 3) lies inside a collider at ``time`` [s], or layers touch each other."""
+        return self._layers_near(x) or bool((self.now.at(time).distances(x) < -self._deep).any())
 
     def passed(self, x: Array, y: Array, time: float) -> bool:
-        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s]."""
-        least = min(contact.collider.smallest_radius for contact in self.now.contacts)
+        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s], or a layer."""
+        if self.layers is not None and self.layers.free_part(x, y) < 1.0:
+            return True
+        least = min((contact.collider.smallest_radius for contact in self.now.contacts), default=np.inf)
         parts = float(np.sqrt(np.sum((y - x) ** 2, axis=1).max())) / least
         if not parts > 1.0:
             return False
@@ -112,6 +126,13 @@ class TouchingSteps:
         before, lagged = self.now, self.pushes
         self.now = before.at(time, problem.shell)
         rules, chosen = rules_of(problem, goal, _MOST), None
+        if self.layers is not None:
+            first, free = self._cleared(problem, first)
+            if not free:
+                return problem.origin, False
+            layers = self.layers.rubbed(problem.origin)
+            problem = LayeredPotential.of(problem, layers, self._patterns)
+            rules = rules._replace(most=_AMONG_LAYERS)
         while True:
             friction = Friction(before, lagged, problem.origin, time - before.time) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
@@ -125,9 +146,29 @@ class TouchingSteps:
             # What touches for the first time has no force of the step before: it takes that of this one.
             lagged, chosen = np.where(new, self.pushes, lagged), rest.active
 
+    def _layers_near(self, x: Array) -> bool:
+        return self.layers is not None and self.layers.near(x)
+
+    def _cleared(self, problem: Potential, first: Array) -> tuple[Array, bool]:
+        """A guess (n, 3) that the shell reaches without layers that meet, what is held in its place; and whether so."""
+        layers, begin = self.layers, problem.origin
+        assert layers is not None
+        if (free := layers.free_part(begin, first)) < 1.0:
+            held, guess = problem.shell.clamped, begin + 0.5 * free * (first - begin)
+            guess[held] = first[held]
+            return guess, layers.free_part(begin, guess) >= 1.0
+        return first, True
+
+    def energy(self, x: Array) -> float:
+        """Energy [J] of the barrier between layers at x (n, 3)."""
+        return 0.0 if self.layers is None else self.layers.value(x)
+
     def frame(self, x: Array, time: float) -> TouchedFrame:
         """What touches at x (n, 3) and ``time`` [s], the end of the last step."""
-        return touched_frame(self.now.at(time), x, self.pushes, self._stopping)
+        if self.layers is None:
+            return touched_frame(self.now.at(time), x, self.pushes, self._stopping)
+        found = touched_frame(self.now.at(time), x, self.pushes, -self.layers.gradient(x))
+        return found._replace(self_contact=self.layers.least(x))
 
     def projected(self, x: Array, rates: Array, time: float, dt: float) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].

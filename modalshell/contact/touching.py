@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.gap_kernels import Packed, packed
+from modalshell.contact.self_contact import SelfContact
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
@@ -39,12 +40,17 @@ def checked_contacts(contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
     """The contacts as a tuple; OptionError if one is not a contact."""
     if contacts is None:
         return ()
-    if isinstance(contacts, Contact):
-        raise OptionError("contacts must be a list of contacts (got one Contact: write contacts=[contact])")
+    if isinstance(contacts, Contact | SelfContact):
+        kind = type(contacts).__name__
+        raise OptionError(f"contacts must be a list of contacts (got one {kind}: write contacts=[contact])")
     try:
         given = tuple(contacts)
     except TypeError as error:
         raise OptionError(f"contacts must be a list of contacts (got {shown(contacts)})") from error
+    if any(isinstance(contact, SelfContact) for contact in given):
+        raise OptionError(
+            "self-contact is for DS with implicit steps alone (got SelfContact): take DS, or leave it out"
+        )
     return tuple(checked_kind("each of contacts", contact, Contact) for contact in given)
 
 
@@ -266,6 +272,17 @@ def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
     rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
     touching.put_on(x, rows, np.zeros(rows.size))
     return x
+
+
+def parted(contacts: Sequence[Contact | SelfContact] | None) -> tuple[tuple[Contact, ...], SelfContact | None]:
+    """The contacts with colliders, and the self-contact among them; OptionError for two of these."""
+    if contacts is None or isinstance(contacts, Contact | SelfContact):
+        return checked_contacts(contacts), None
+    own = [contact for contact in contacts if isinstance(contact, SelfContact)]
+    if len(own) > 1:
+        raise OptionError(f"contacts must have one SelfContact at most (got {len(own)})")
+    others = [contact for contact in contacts if not isinstance(contact, SelfContact)]
+    return checked_contacts(others), own[0] if own else None
 
 
 def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:

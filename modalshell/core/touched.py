@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
 
+TOUCHED = "contact_forces", "in_contact", "deepest", "self_contact"
+"""Names of its parts in trajectories and in records of runs."""
+
 
 class TouchedFrame(NamedTuple):
     """Contacts of one frame.
@@ -21,8 +24,11 @@ class TouchedFrame(NamedTuple):
         Vertices that are pushed.
     deepest : float
         Depth of the deepest vertex [m], at least 0.
+    self_contact : float
+        Smallest distance [m] of parts in self-contact, at most its gap; NaN without self-contact.
     """
 
     forces: Array
     touches: NDArray[np.bool_]
     deepest: float
+    self_contact: float = np.nan

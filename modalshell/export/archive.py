@@ -77,7 +77,8 @@ _CONTACTS = {
     "deepest": Field("f", ("F",), "m"),
 }
 """What touches, of trajectories with contacts."""
-_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _LEVELS | _CREASES | _CONTACTS
+_SELF_CONTACT = {"self_contact": Field("f", ("F",), "m")}
+_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _LEVELS | _CREASES | _CONTACTS | _SELF_CONTACT
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -98,6 +99,8 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
         values |= {name: getattr(run, name) for name in _CREASES}
     if run.deepest.size:
         values |= {name: getattr(run, name) for name in _CONTACTS}
+    if run.self_contact.size:
+        values["self_contact"] = run.self_contact
     arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES | _FURTHER)
     positions = arrays.pop("positions")
     return write_atomically(path, lambda file: _write(file, arrays, positions))
@@ -164,7 +167,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         if _BARS.keys() & further.keys():
             on = str(data[_BARS_ON]) if _BARS_ON in further else "shell"
             values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS}, on=on)
-        values |= {name: data[name] for name in _CONTACTS if name in further}
+        values |= {name: data[name] for name in _CONTACTS | _SELF_CONTACT if name in further}
         if "levels" in further:
             values["levels"] = tuple(str(name) for name in data["levels"])
         values |= {name: data[name] for name in _CREASES if name in further}

@@ -91,7 +91,7 @@ def error_bar(
     if loading is None:
         loading = shell.loading(gravity, force, loads)
     positions = shell.checked_positions(answer.positions if isinstance(answer, Equilibrium) else answer)
-    check_bar(shell, constrained=constrained)
+    check_bar(shell, constrained=constrained, contacts=touching)
     if isinstance(on, str) and on == "shell":
         return bar_on_shell(shell, positions, loading, touching, walk=walk)
     if touching:

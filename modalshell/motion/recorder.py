@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
-from modalshell.core.touched import TouchedFrame
+from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
@@ -181,8 +181,11 @@ class Recorder:
         shell = self.motion.shell
         contacts: dict[str, Any] = {}
         if self.touched:
-            names = "contact_forces", "in_contact", "deepest"
-            contacts = {name: np.array(each) for name, each in zip(names, zip(*self.touched, strict=True), strict=True)}
+            contacts = {
+                name: np.array(each) for name, each in zip(TOUCHED, zip(*self.touched, strict=True), strict=True)
+            }
+            if np.isnan(contacts["self_contact"]).all():
+                del contacts["self_contact"]
         return Trajectory(
             times=np.array(self.times),
             positions=positions,

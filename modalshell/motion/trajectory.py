@@ -78,6 +78,8 @@ class Trajectory(Drawn):
         Vertices that are pushed.
     deepest : ndarray, shape (F,)
         Depth of the deepest vertex in a collider [m].
+    self_contact : ndarray, shape (F,)
+        Smallest distance [m] of parts in self-contact, its gap where none are nearer; empty without it.
     bars : Bars or None
         Error bars of some frames, where these were asked for.
     units : UnitSystem
@@ -103,6 +105,7 @@ class Trajectory(Drawn):
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
     deepest: Array = field(default_factory=lambda: np.empty(0))
+    self_contact: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
     units: UnitSystem = SI
 
@@ -133,6 +136,8 @@ class Trajectory(Drawn):
         if answer.in_contact.size:
             forces, touches = answer.contact_forces[None], answer.in_contact[None]
             kept |= {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
+        if answer.self_contact is not None:
+            kept["self_contact"] = np.array([answer.self_contact])
         energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),

@@ -164,7 +164,7 @@ def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[
     if not contacts:
         return []
     corners, inset = corners_about(run)
-    return [contact.surfaces(corners, times, inset) for contact in contacts]
+    return [contact.surfaces(corners, times, inset) for contact in contacts if contact.has_surface]
 
 
 def corners_about(run: Trajectory) -> tuple[Array, float]:

@@ -15,7 +15,7 @@ from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.core.memory import demand_disk
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
-from modalshell.core.touched import TouchedFrame
+from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
@@ -37,8 +37,6 @@ from modalshell.statics.buckling import ADVICE, buckles
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
-_TOUCHED = "contact_forces", "in_contact", "deepest"
-"""Names in a record of what touches."""
 _SNAPSHOT = "snapshot_"
 
 
@@ -193,7 +191,7 @@ def _move(
         values |= {"time": motion.time, "positions": motion.positions(), "energies": recorder.energies[-1]}
         values |= {"fault": str(recorder.fault or "").encode(), "fault_time": recorder.fault_time}
         if recorder.touched:
-            values |= dict(zip(_TOUCHED, recorder.touched[-1], strict=True))
+            values |= dict(zip(TOUCHED, recorder.touched[-1], strict=True))
         file.append(values | {"seconds": recorder.seconds})
     return recorder.trajectory(file.records()["positions"]), resumed
 
@@ -210,8 +208,8 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
     ]
     if motion.setup.contacts:
         count = len(motion.shell.rest_positions)
-        shapes = ("<f8", (count, 3)), ("?", (count,)), ("<f8",)
-        fields += [(name, *shape) for name, shape in zip(_TOUCHED, shapes, strict=True)]
+        shapes = ("<f8", (count, 3)), ("?", (count,)), ("<f8",), ("<f8",)
+        fields += [(name, *shape) for name, shape in zip(TOUCHED, shapes, strict=True)]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
 
 
@@ -249,8 +247,10 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
         recorder.creases = [motion.model.crease_angles(np.array(angles)) for angles in kept]
         recorder.heat = records[f"{_SNAPSHOT}state_{HEAT}"][:, 0].tolist()
     if motion.setup.contacts:
-        each = zip(*(np.array(records[name]) for name in _TOUCHED), strict=True)
-        recorder.touched = [TouchedFrame(forces, touches, float(deep)) for forces, touches, deep in each]
+        each = zip(*(np.array(records[name]) for name in TOUCHED), strict=True)
+        recorder.touched = [
+            TouchedFrame(forces, touches, float(deep), float(near)) for forces, touches, deep, near in each
+        ]
     fault = bytes(last["fault"]).decode()
     recorder.resume(
         np.array(records["time"]),

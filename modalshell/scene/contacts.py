@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from modalshell.contact import COLLIDERS, Contact
+from modalshell.contact import COLLIDERS, Contact, SelfContact
 from modalshell.scene import tables
 from modalshell.scene.parts import moved_path
 from modalshell.scene.read import listed_tables
@@ -31,11 +31,26 @@ class ContactTable(Built, frozen=True):
         return Contact(self.build(), self.sel, self.friction, self.restitution, path, push_out=self.push_out)
 
 
+class SelfContactTable(Built, frozen=True):
+    """A table of ``[[contacts]]`` with ``kind = "self"``: the keys of :class:`modalshell.SelfContact`."""
+
+    @property
+    def path(self) -> None:
+        """None: it moves with the shell."""
+
+    def contact(self) -> SelfContact:
+        """The contact."""
+        made: SelfContact = self.build()
+        return made
+
+
 def collider_tables() -> dict[str, type[Any]]:
     """The tables of ``[[contacts]]`` by the kinds of their colliders."""
-    return {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
+    kinds = {key: signature_table(kind, ContactTable, tag_field="kind", tag=key) for key, kind in COLLIDERS.items()}
+    own = signature_table(SelfContact, SelfContactTable, tag_field="kind", tag=SelfContact.key)
+    return kinds | {SelfContact.key: own}
 
 
-def contact_tables(file: Path, raw: Any) -> tuple[ContactTable, ...]:
+def contact_tables(file: Path, raw: Any) -> tuple[ContactTable | SelfContactTable, ...]:
     """The tables of ``[[contacts]]``; SceneError where one is refused."""
     return listed_tables(file, "contacts", raw, collider_tables())

@@ -35,7 +35,6 @@ _STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
 
 
-@final
 @dataclass(frozen=True)
 class Potential(Problem[sps.csc_array]):
     """A shell's potential, on the free vertices: x are positions (n, 3) [m].
@@ -77,6 +76,11 @@ class Potential(Problem[sps.csc_array]):
     def push(self) -> Array:
         """Load (N,) [N] on the free unknowns."""
         return self.push_at(self.origin)
+
+    @property
+    def refinable(self) -> bool:
+        """Whether its states can be refined in extended precision: the energies of the shell alone have that."""
+        return self.quadratic is None
 
     @property
     def is_dead(self) -> bool:
@@ -164,7 +168,11 @@ class Potential(Problem[sps.csc_array]):
         with self.costs.part("factorisation"):
             if self.unsymmetric:
                 return self._condensed(self.factoriser.general(hessian))
-            return self._condensed(self.factoriser.symmetric(hessian))
+            return self._condensed(self.factoriser_of(hessian).symmetric(hessian))
+
+    def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:  # noqa: ARG002 (all are of one pattern)
+        """What factorises a Hessian."""
+        return self.factoriser
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
         """Factor of a positive definite Hessian, None for any other.
@@ -173,7 +181,8 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("factorisation"):
             try:
-                factor = self.factoriser.definite(_symmetric_half(hessian) if self.unsymmetric else hessian)
+                symmetric = _symmetric_half(hessian) if self.unsymmetric else hessian
+                factor = self.factoriser_of(hessian).definite(symmetric)
                 if factor.is_definite():
                     return self._condensed(factor)
                 if self.unsymmetric and self._oscillates(whole := self._condensed(self.factoriser.general(hessian))):

@@ -125,7 +125,7 @@ class ViewSession:
 
     def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
         """Vertices [m] and triangles of the colliders, where they are now."""
-        contacts = self._built.contacts
+        contacts = [contact for contact in self._built.contacts if contact.has_surface]
         if not contacts:
             return []
         rest, size = self.shell.rest_positions, self.shell.size

@@ -33,6 +33,20 @@ def test_every_kind_is_read(scene_file):
     assert pickle.loads(pickle.dumps(scene)).build_contacts()[1].collider.radius == 0.5
 
 
+def test_self_contact_is_read_and_comes_back_from_a_file(scene_file, tmp_path):
+    pytest.importorskip("ipctk", reason="ipctk is not installed (pip install 'modalshell[contact]')")
+    more = '[[contacts]]\nkind = "self"\ngap = 1e-3\nfriction = 0.2\n' + FLOOR
+    scene = ms.load_scene(scene_file(('"mwts"', '"ds"'), ("duration = 1", "duration = 0.1"), more=more))
+    own, floor = scene.build_contacts()
+    assert (own.gap, own.friction, own.sel) == (1e-3, 0.2, "all")
+    assert floor.has_surface
+    found = ms.run_scene(scene, out=tmp_path).trajectory
+    assert (found.self_contact == 1e-3).all()  # nothing comes near
+    assert ms.load_trajectory(ms.save_trajectory(found, tmp_path / "again.npz")).self_contact.size == len(found.times)
+    with pytest.raises(ms.SceneError, match=r"contacts\[0\].*path"):
+        ms.load_scene(scene_file(more='[[contacts]]\nkind = "self"\npath = {}\n'))
+
+
 def test_a_scene_rests_on_what_the_same_calls_rest_on(scene_file):
     scene = ms.load_scene(scene_file(('"mwts"', '"ds"'), ("[motion]\nduration = 1", ""), more=FLOOR + BALL))
     built = scene.build()

@@ -18,13 +18,17 @@ if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
 
 
-def check_bar(shell: Shell, *, constrained: bool = False, touching: bool = False) -> None:
-    """OptionError where answers on a shell have no error bar; ``touching`` where contacts allow none."""
+def check_bar(
+    shell: Shell, *, constrained: bool = False, touching: bool = False, contacts: Sequence[Contact] | None = None
+) -> None:
+    """OptionError where answers on a shell have no error bar; ``touching`` where no contacts allow one."""
     shell.refuse_creases("an error bar")
     if constrained:
         raise OptionError("error bars under position or orientation constraints are not known: drop one")
     if touching:
         raise OptionError("under contacts static answers alone have an error bar: take equilibrium(..., bar=True)")
+    if any(not getattr(contact, "has_surface", True) for contact in contacts or ()):
+        raise OptionError("an error bar under self-contact is not known: leave out the bar, or the self-contact")
     if loose := left_free(shell):
         raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
 

@@ -8,8 +8,9 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.layers import Layers
 from modalshell.contact.steps import TouchingSteps
-from modalshell.contact.touching import checked_contacts
+from modalshell.contact.touching import parted
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
@@ -51,7 +52,7 @@ class ContactMotion:
     Raises
     ------
     OptionError
-        For colliders that move too fast, and ``push_out`` with explicit rules.
+        For colliders that move too fast, and ``push_out`` or self-contact with explicit rules.
     """
 
     def __init__(
@@ -64,13 +65,20 @@ class ContactMotion:
         contacts: Sequence[Contact] | None = None,
         frame: SupportPath | None = None,
     ) -> None:
-        contacts = checked_contacts(setup.contacts if contacts is None else contacts)
-        for index, contact in enumerate(contacts):
+        given, own = parted(setup.contacts if contacts is None else contacts)
+        for index, contact in enumerate(given):
             if contact.push_out and not isinstance(rule, ImplicitRule):
                 raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'sdirk2'")
+        layers = None
+        if own is not None:
+            if not isinstance(rule, ImplicitRule):
+                raise OptionError(f"self-contact needs implicit steps (got {rule.name}): take 'sdirk2'")
+            layers = Layers(own, shell)
+            weight = np.linalg.norm(setup.loading.dead, axis=1).sum()
+            layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)
         self._rule: Any = rule
         self._setup = setup
-        self.steps = TouchingSteps([contact.seen_from(frame) for contact in contacts], shell, origin, setup.dt)
+        self.steps = TouchingSteps([contact.seen_from(frame) for contact in given], shell, origin, setup.dt, layers)
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None

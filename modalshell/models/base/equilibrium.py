@@ -61,7 +61,9 @@ class Equilibrium(Drawn):
     deepest : float
         Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
     contacts : tuple of Contact
-        Colliders under which it was found.
+        Contacts under which it was found.
+    self_contact : float or None
+        Smallest distance [m] of parts in self-contact, its gap where none are nearer; None without it.
     creases : CreaseState or None
         What creases have kept, of a shell that has them: ``shell.creased(state.creases)`` resumes there.
     conservative : bool
@@ -89,6 +91,7 @@ class Equilibrium(Drawn):
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     deepest: float = 0.0
     contacts: tuple[Any, ...] = field(default=(), repr=False, compare=False)
+    self_contact: float | None = None
     creases: CreaseState | None = field(default=None, compare=False)
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)

@@ -65,6 +65,10 @@ class FullStepper(Stepper):
             return None
         return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
 
+    def further_energy(self, state: MotionState) -> float:
+        """Energy [J] of the barrier of self-contact in a state."""
+        return 0.0 if self.contacts is None else float(self.contacts.steps.energy(state.coordinates))
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
         state = super().state_at(positions, time)

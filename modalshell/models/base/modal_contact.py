@@ -85,7 +85,7 @@ def equilibrium_on_modal_contacts(
         q, pushes, x = pressed.q, pressed.pushes, reached
         steps.accept()
     converged = steps.fraction >= 1.0
-    forces, touches, deepest = touched_frame(pressing.touching, x, pushes)
+    forces, touches, deepest, _ = touched_frame(pressing.touching, x, pushes)
     answer = Equilibrium(
         x,
         Outcome.CONVERGED if converged else Outcome.NOT_CONVERGED,

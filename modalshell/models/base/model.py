@@ -104,7 +104,7 @@ class Model(ABC):
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if checked_kind("bar", bar, bool):
-            check_bar(self.true_shell, constrained=bool(wanted))
+            check_bar(self.true_shell, constrained=bool(wanted), contacts=contacts)
         if contacts:
             found = self._solve_touching(loading, begin, contacts, wanted)
         elif wanted:

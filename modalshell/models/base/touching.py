@@ -8,8 +8,10 @@ import numpy as np
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
-from modalshell.contact.statics import rest_on_contacts
-from modalshell.contact.touching import Touching, checked_contacts
+from modalshell.contact.layers import Layers
+from modalshell.contact.self_contact import SelfContact
+from modalshell.contact.statics import rest_on_contacts, rest_on_layers
+from modalshell.contact.touching import Touching, parted
 from modalshell.core.errors import OptionError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
@@ -25,7 +27,7 @@ def equilibrium_on_contacts(
     problem: Potential,
     origin: Array,
     start: Array | None,
-    contacts: Sequence[Contact],
+    contacts: Sequence[Contact | SelfContact],
     constraints: Sequence[Constraint],
     costs: Timings,
 ) -> Equilibrium:
@@ -36,10 +38,10 @@ def equilibrium_on_contacts(
     OptionError
         For what is no contact, for constraints with them, or a start inside a collider.
     """
-    given = checked_contacts(contacts)
+    given, own = parted(contacts)
     if constraints:
         raise OptionError("contacts and constraints do not go together yet: move the supports instead")
-    for index, contact in enumerate(given):
+    for index, contact in enumerate(contacts):
         if contact.friction:
             raise OptionError(
                 f"contact {index} has friction (got {contact.friction:g}): statics of DS take contacts without it, as "
@@ -47,8 +49,14 @@ def equilibrium_on_contacts(
             )
     before, shell = dict(costs), problem.shell
     touching = Touching(given, shell, origin)
+    first = shell.rest_positions if start is None else start - origin
+    further, closest = None, None
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-        rest = rest_on_contacts(problem, touching, shell.rest_positions if start is None else start - origin)
+        if own is None:
+            rest = rest_on_contacts(problem, touching, first)
+        else:
+            rest, layered = rest_on_layers(problem, touching, Layers(own, shell), first)
+            further, closest = -layered.layers.gradient(rest.point), layered.layers.least(rest.point)
     gaps = touching.distances(rest.point)
     notes = [] if rest.converged else ["the contact set did not settle"]
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
@@ -56,8 +64,11 @@ def equilibrium_on_contacts(
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
-    touches = np.zeros(len(rest.point), dtype=bool)
+    forces, touches = touching.forces(rest.point, rest.pushes), np.zeros(len(rest.point), dtype=bool)
     touches[touching.vertices[rest.active]] = True
+    if further is not None:
+        forces += further
+        touches |= further.any(axis=1)
     return Equilibrium(
         rest.point + origin if origin.any() else rest.point,
         outcome,
@@ -66,7 +77,8 @@ def equilibrium_on_contacts(
         rest.residual,
         rest.stable,
         costs=costs.since(before),
-        contact_forces=touching.forces(rest.point, rest.pushes),
+        contact_forces=forces,
         in_contact=touches,
         deepest=max(0.0, -float(gaps.min(initial=0.0))),
+        self_contact=closest,
     )

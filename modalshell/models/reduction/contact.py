@@ -188,7 +188,7 @@ def _rest(model: Any, pressing: ModalContacts, load: Array, start: Array | None)
     outcome, message = verdict(found.residual if converged else np.inf, stable)
     if not converged:
         message = f"the contact set did not settle at {steps.target:.3g} of the load"
-    forces, touches, deepest = touched_frame(pressing.touching, x, pressed.pushes)
+    forces, touches, deepest, _ = touched_frame(pressing.touching, x, pressed.pushes)
     return Equilibrium(
         x,
         outcome,
