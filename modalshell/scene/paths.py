@@ -35,6 +35,7 @@ def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) ->
             gravity=built.gravity,
             force=built.force,
             watch=watch,  # type: ignore[arg-type]
+            contacts=built.contacts,
             on_step=on_step,
             **options | changed,
         )

@@ -11,6 +11,7 @@ import modalshell as ms
 from modalshell.contact import COLLIDERS
 from modalshell.contact.contact import Contact
 from modalshell.run.results import Look, write_result
+from modalshell.scene.paths import scene_path
 
 FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
 BALL = '[[contacts]]\nkind = "sphere"\ncenter = [0.8, 0, -0.3]\nradius = 0.2\nsel = "x > 0.5"\n'
@@ -132,3 +133,25 @@ def test_a_result_without_contacts_has_no_members_of_them(scene_file, tmp_path):
     with np.load(found.files[0]) as stored:
         assert not {"contact_forces", "in_contact", "deepest"} & set(stored.files)
     assert found.trajectory.deepest.size == 0
+
+
+def test_bars_and_paths_of_scenes_know_what_they_touch(scene_file):
+    still = ('"mwts"', '"ds"'), ("[motion]\nduration = 1", '[path]\ncontrol = "load"')
+    scene = ms.load_scene(scene_file(*still, more=FLOOR))
+    state = scene.build().equilibrium()
+    path = scene_path(scene)
+    assert path.in_contact[-1].any()
+    np.testing.assert_allclose(path.positions[-1], state.positions, atol=1e-8)
+    with pytest.raises(
+        ms.SceneError, match=r'path: with contacts a path is followed by load steps.* give control="load"'
+    ):
+        scene_path(scene, control="arc")
+    file = scene_file(*still, more=FLOOR)
+    file.write_text(f"bar = true\n{file.read_text()}")
+    barred = ms.load_scene(file).build().equilibrium()
+    assert barred.bar.valid
+    assert barred.bar.displacement < 1e-6
+    moving = scene_file(more=FLOOR)
+    moving.write_text(f"bar = true\n{moving.read_text()}")
+    with pytest.raises(ms.SceneError, match="bar: under contacts static answers alone have an error bar"):
+        ms.load_scene(moving).build()
