@@ -66,7 +66,7 @@ def recorded(
     tones : Tones, optional
         Field that colours the shell.
     bars : Bars, optional
-        Error bars that the page shows beside the time, each from its check on.
+        Error bars that the page shows next to the time, each from its check on.
 
     Raises
     ------
