@@ -28,4 +28,4 @@ def draw(results: Path, folder: Path) -> Path:
             aim = sign * 100.0 * shown[0]["bound"]
             curves.append(Curve(ends, [aim, aim], label, "black", dashed=True, points=False))
         panels.append(Panel(curves, name, "vertices", "error [%]", log_x=True, legend_inside=False))
-    return draw_curves(panels, folder / "obstacle_course.png", columns=4)
+    return draw_curves(panels, folder / "obstacle_course.png", columns=3, one_legend=True)

@@ -65,7 +65,7 @@ def draw_paths(result: StudyResult, folder: Path) -> Path:
     text = "unstable (triangles: limit points, squares: bifurcations)"
     told = Curve(np.ravel(start.x)[:1], np.ravel(start.y)[:1], text, "0.35", dashed=True, points=False)
     panels[0] = replace(panels[0], curves=[*panels[0].curves, told])
-    return draw_curves(panels, folder / "snap.png", columns=4, one_legend=True)
+    return draw_curves(panels, folder / "snap.png", columns=2, one_legend=True)
 
 
 def shapes(case: str, positions: np.ndarray, faces: np.ndarray) -> list[View]:

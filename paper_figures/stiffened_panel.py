@@ -22,4 +22,4 @@ def draw(results: Path, folder: Path) -> Path:
                 errors = [100.0 * (row["found"] - 1.0) for row in own]
                 curves.append(Curve([float(row["cells"]) for row in own], errors, mesh, color))
         panels.append(Panel(curves, shape, "cells", "off theory [%]"))
-    return draw_curves(panels, folder / "stiffened_panel.png")
+    return draw_curves(panels, folder / "stiffened_panel.png", columns=2, one_legend=True)

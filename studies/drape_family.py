@@ -6,12 +6,16 @@ shape for each of a geometric series of bending lengths, from stiff to soft and 
 state of less energy is kept; a small seeded unevenness lets it buckle. Runs in between that start from the interpolated
 shape measure the error of interpolation; runs that start from the flat cloth fold otherwise, and measure the scatter.
 
-Example: python -m studies.drape_family
+With ``--length`` a cloth of any bending length [m] is run from the page's own shape, and compared with the page.
+
+Example: python -m studies.drape_family --length 0.021
 """
 
 from __future__ import annotations
 
+import argparse
 import base64
+import json
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +117,31 @@ def swept(mesh: ms.TriangleMesh, lengths: Array, start: Array) -> list[Array]:
     return found
 
 
+def shown(length: float, file: Path = FAMILY) -> tuple[Array, float]:
+    """Shape (n, 3) [m] and drape coefficient that the page shows at a bending length [m] within its range."""
+    family = json.loads(file.read_text(encoding="utf-8"))
+    lengths = family["lengths"]
+    if not lengths[-1] <= length <= lengths[0]:
+        raise ms.OptionError(f"length must be from {lengths[-1]:g} to {lengths[0]:g} m (got {length:g})")
+    stored = np.frombuffer(base64.b64decode(family["positions"]), dtype="<i2").astype(np.float64)
+    states = family["scale"] * stored.reshape(len(lengths), -1, 3)
+    place = float(np.interp(-np.log(length), -np.log(lengths), np.arange(len(lengths))))
+    before = min(int(place), len(lengths) - 2)
+    share = place - before
+    shape = (1.0 - share) * states[before] + share * states[before + 1]
+    return shape, coefficient_between(length, lengths, family["coefficients"])
+
+
+def again(length: float, seed: int = 99) -> tuple[float, float]:
+    """Drape coefficient of a run of the cloth of a bending length [m] from the page's shape, and the page's own."""
+    mesh = annulus()
+    start, told = shown(length)
+    answer = hung(cloth(mesh, length), start, seed)
+    if not answer.converged:
+        raise ms.SolverError(f"the cloth of a bending length of {length:.4g} m: {answer.status}, {answer.message}")
+    return coefficient(answer.positions, mesh.faces), told
+
+
 def main(target: Path = FAMILY) -> Path:
     """Find the family and write it: of the sweeps to soft cloth and back, the state of less energy at each length."""
     mesh = annulus()
@@ -150,4 +179,11 @@ def main(target: Path = FAMILY) -> Path:
 
 
 if __name__ == "__main__":
-    print(main())
+    parser = argparse.ArgumentParser(prog="python -m studies.drape_family", description=__doc__)
+    parser.add_argument("--length", type=float, help="bending length [m] of a cloth to run and compare with the page")
+    asked = parser.parse_args().length
+    if asked is None:
+        print(main())
+    else:
+        run, page = again(asked)
+        print(f"run {100.0 * run:.1f} %, page {100.0 * page:.1f} %: {100.0 * (run - page):+.1f} points")

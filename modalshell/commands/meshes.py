@@ -182,6 +182,7 @@ class _FilmOptions:
     camera: Annotated[
         tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
     ] = DEFAULT_CAMERA
+    follow: Annotated[bool, Parameter(negative="", help="Move the camera of a film with the shell.")] = False
     turntable: Annotated[bool, Parameter(negative="", help="Turn the shell once about the vertical.")] = False
     still: Annotated[float | None, Parameter(help="Also draw the frame at this time [s].")] = None
     style: Annotated[
@@ -199,6 +200,7 @@ class _FilmOptions:
             turntable=self.turntable,
             still=None if self.still is None else checked_number("--still", self.still, at_least=0.0, unit="s"),
             style=self.style,
+            follow=self.follow,
         )
 
 

@@ -46,7 +46,8 @@ function update() {
   const out = length > lengths[0] || length < lengths[K - 1];
   show("error", out ? "Beyond the computed drapes: the nearest is drawn."
        : `Runs from nearby shapes are within ${(100 * spread(data.missed, length)).toFixed(1)} points of this coefficient; `
-         + `cloths laid flat may fold otherwise: within ${(100 * spread(data.scatter, length)).toFixed(1)} points.`);
+         + `cloths laid flat may fold otherwise: within ${(100 * spread(data.scatter, length)).toFixed(1)} points. `
+         + `Run this cloth from the shape drawn: python -m studies.drape_family --length ${length.toPrecision(4)}`);
   const list = nearest(length, state.weight).map(card => {
     const button = document.createElement("button");
     button.textContent = `${card.name} (${card.what})`;

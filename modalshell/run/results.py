@@ -92,6 +92,8 @@ class Look:
         Name of the model, for the corner of a film.
     style : str
         "stage": films have a ground, a shadow, and the model and the time in a corner; "plain": the shell alone.
+    follow : bool
+        Whether the camera of a film moves with the middle of the shell.
     """
 
     rate: float | None = None
@@ -102,10 +104,12 @@ class Look:
     title: str = ""
     model: str = ""
     style: Literal["stage", "plain"] = "stage"
+    follow: bool = False
 
     def plain(self) -> dict[str, Any]:
-        """The attributes as JSON has them."""
-        return asdict(self) | {"camera": list(self.camera)}
+        """The attributes as JSON has them; films of before this key was there are not made again."""
+        given = asdict(self) | {"camera": list(self.camera)}
+        return given if self.follow else {name: value for name, value in given.items() if name != "follow"}
 
 
 def write_result(
@@ -151,12 +155,21 @@ def write_result(
             if framed == 1 and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
                 stage = Stage(motions[0], run.faces)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
+        if look.follow:
+            framed, motions = 1, _followed(surfaces, motions)
         if "scalars" in colours:
             colours["scalars"] += [None] * (len(surfaces) - 1)
         return write_film(
             path, surfaces, motions, fps=rate / every, camera=look.camera, framed=framed, on_frame=on_step, **colours
         )
     return save_trajectory(run, path, on_frame=on_step)
+
+
+def _followed(surfaces: Sequence[ShadedSurface], motions: Sequence[Any]) -> list[Array]:
+    """All motions as a camera sees them that moves with the middle of the first."""
+    middle = np.asarray(motions[0], dtype=np.float64).mean(axis=1, keepdims=True)
+    still = (surface.vertices if motion is None else motion for surface, motion in zip(surfaces, motions, strict=True))
+    return [np.asarray(one, dtype=np.float64) - (middle - middle[0]) for one in still]
 
 
 def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[tuple[Array, NDArray[np.int64]]]:

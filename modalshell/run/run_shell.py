@@ -91,10 +91,9 @@ class ShellRun(SceneRun[SceneResult]):
         solve: Callable[[Shell, int], Basis] = model_basis,
     ) -> None:
         super().__init__(scene, shell, folder)
-        self._scene, self._look = (
-            scene,
-            look or Look(color=scene.output.color, model=scene.model.spec.name, style=scene.output.look),
-        )
+        shown = scene.output
+        own = Look(color=shown.color, model=scene.model.spec.name, style=shown.look, follow=shown.camera == "follow")
+        self._scene, self._look = scene, look or own
         self._on_frame, self._solve = on_frame, solve
         with located(scene.file, "output", scene.output):
             checked_fields(self._fields, shell)

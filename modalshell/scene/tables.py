@@ -209,7 +209,7 @@ class Output(Table, frozen=True):
 
     The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
     coloured by the one named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow
-    and text.
+    and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
@@ -218,3 +218,4 @@ class Output(Table, frozen=True):
     fields: list[FieldName] = []
     color: FieldName | Literal["displacement"] | None = None
     look: Literal["stage", "plain"] = "stage"
+    camera: Literal["still", "follow"] = "still"

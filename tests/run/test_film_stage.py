@@ -97,3 +97,62 @@ def test_the_corner_has_the_last_error_bar_found():
     )  # fmt: skip
     expected = ["MWTS, 0.00 s", "MWTS, 0.20 s, 1.2 % from DS", "MWTS, 0.30 s, 1.2 % from DS", "MWTS, 0.40 s, bar void"]
     assert _texts(run, "MWTS", run.times) == expected
+
+
+def test_a_following_camera_sees_a_falling_shell_at_its_size(tmp_path):
+    vertices, faces = flat()
+    fallen = np.linspace(0.0, 1.0, 3)[:, None, None] * np.array([3.0, 0.0, -20.0])
+    bent = np.linspace(0.0, 0.2, 3)[:, None, None] * vertices[:, [0]] * np.array([0.0, 0.0, 1.0])
+    run = Trajectory(
+        times=np.arange(3.0), positions=vertices + fallen + bent, outcome=ms.Outcome.COMPLETED, message="",
+        unconverged_steps=0, seconds=0.0, energies=np.zeros((3, 3)), constraint_residuals=np.empty((3, 0)), faces=faces,
+        rest_positions=vertices,
+    )  # fmt: skip
+    painted = {}
+    for follow in (False, True):
+        path = write_result(run, tmp_path / f"{follow}.mp4", Look(style="plain", follow=follow))
+        reader = imageio_ffmpeg.read_frames(str(path))
+        width, height = next(reader)["size"]
+        frames = [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
+        painted[follow] = [np.argwhere(frame.min(axis=2) < 200) for frame in frames]
+    assert max(len(places) for places in painted[False]) < 0.05 * min(len(places) for places in painted[True])
+    middles = [places.mean(axis=0) for places in painted[True]]
+    assert np.ptp(middles, axis=0).max() < 60  # pixels: it stays where it is, and bends
+    assert len({len(places) for places in painted[True]}) == 3
+
+
+def test_the_ground_moves_away_below_a_following_camera(tmp_path, monkeypatch):
+    vertices, faces = flat()
+    frames = np.stack([vertices + np.array([0.0, 0.0, 2.0]), vertices])
+    run = Trajectory(
+        times=np.arange(2.0), positions=frames, outcome=ms.Outcome.COMPLETED, message="", unconverged_steps=0,
+        seconds=0.0, energies=np.zeros((2, 3)), constraint_residuals=np.empty((2, 0)), faces=faces,
+        rest_positions=vertices,
+    )  # fmt: skip
+    seen = []
+    monkeypatch.setattr("modalshell.run.results.write_film", lambda _, __, motions, **___: seen.append(motions))
+    for follow in (False, True):
+        write_result(run, tmp_path / "f.mp4", Look(follow=follow))
+    still, moved = seen
+    np.testing.assert_allclose(moved[0][1], moved[0][0], atol=1e-12)
+    assert still[1] is None
+    np.testing.assert_allclose((moved[1][1] - moved[1][0])[:, 2], 2.0)
+    assert "follow" not in Look().plain()
+    assert Look(follow=True).plain()["follow"]
+
+
+def test_a_scene_says_that_the_camera_follows(scene_file, tmp_path, monkeypatch):
+    seen = []
+
+    def drawn(path, _, motions, **__):
+        seen.append(np.asarray(motions[0]).mean(axis=1))
+        path.touch()
+        return path
+
+    monkeypatch.setattr("modalshell.run.results.write_film", drawn)
+    output = f'[output]\nfolder = "{tmp_path}"\nformats = ["mp4"]\ncamera = '
+    for camera in ("follow", "still"):
+        ms.run_scene(scene_file(("duration = 1", "duration = 0.1"), more=f'{output}"{camera}"\n'), restart=True)
+    assert [bool(np.ptp(middle, axis=0).max() < 1e-12) for middle in seen] == [True, False]
+    with pytest.raises(ms.SceneError, match="camera"):
+        ms.load_scene(scene_file(more=f'{output}"behind"\n'))
