@@ -145,6 +145,21 @@ def test_explicit_springs_are_put_back_onto_a_ball(integrator):
     assert rise(run) < (1e-3 if integrator == "verlet" else 2e-2)
 
 
+@pytest.mark.parametrize("integrator", ["bdf2", "linear_implicit"])
+def test_implicit_springs_drape_over_a_ball(integrator):
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(8, 8))
+    sheet = {"young": 1e4, "poisson": 0.0, "thickness": 5e-3, "density": 100.0}
+    shell = ms.Shell(mesh, ms.Material.from_physical(mesh=mesh, **sheet))
+    ball = ms.Contact(ms.Sphere(mesh.vertices.mean(axis=0) - [0.0, 0.0, 0.31], 0.3))
+    model = ms.SpringSheet(shell, integrator=integrator)
+    run = ms.simulate(model, duration=0.3, dt=1 / 120, gravity=GRAVITY, damping=(1.0, 0.0), contacts=[ball])
+    assert run.status == "completed"
+    assert run.in_contact[-1].any()
+    assert min(ball.distance(x).min() for x in run.positions) >= -1e-9
+    assert run.positions[-1, :, 2].min() < -0.1
+    assert rise(run) <= (1e-9 if integrator == "bdf2" else 1e-3)
+
+
 def test_motions_that_cannot_be_are_refused_by_name():
     mesh, material = strip()
     shell = ms.Shell(mesh, material)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
+from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind, checked_number
+from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
@@ -27,6 +30,7 @@ from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
+from modalshell.statics.error_bar import ErrorBar
 
 
 @final
@@ -46,7 +50,7 @@ class Auto(Model):
     margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
-    DS: from the corrected answer where the bar holds, from rest elsewhere.
+    DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is.
 
     Parameters
     ----------
@@ -123,9 +127,34 @@ class Auto(Model):
                 stable=True,
                 coordinates=None,
             )
-        exact = _static(full, loading, bar.corrected if bar.valid else start)
+        return self._told(_static(full, loading, bar.corrected if bar.valid else start), bar)
+
+    def _told(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
+        """The answer of DS, with why it is that."""
+        modal, full = self.levels[0].model, self.levels[-1].model
         reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
         return replace(exact, message="; ".join(part for part in (exact.message, reason) if part))
+
+    def _solve_touching(
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        """The modal answer where its bar is small; that of DS elsewhere, and where contacts push the shell out."""
+        modal, full = self.levels[0].model, self.levels[-1].model
+        if constraints:
+            raise self.no_constraints()
+        if any(getattr(contact, "push_out", 0.0) for contact in contacts):
+            return _static(full, loading, start, contacts)
+        found = _static(modal, loading, start, contacts)
+        bar = bar_on_shell(self.shell, found.positions, loading, contacts)
+        if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
+            return replace(
+                found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
+            )
+        return self._told(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+
+    def no_contacts(self) -> OptionError:
+        """The error of motions, which take no contacts."""
+        return OptionError(f"{self.name} takes contacts in equilibrium alone: take DS, or another model, to move")
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """That of DS at the answer."""
@@ -215,5 +244,7 @@ def template_size(template: MotionState) -> int:
     return sum(part.size for part in template.arrays().values())
 
 
-def _static(model: Model, loading: Loading, start: Array | None) -> Equilibrium:
+def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
+    if contacts:
+        return model._solve_touching(loading, start, contacts, ())
     return model._solve_live(loading, start) if loading.live else model._solve(loading.dead, start)
