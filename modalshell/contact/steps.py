@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import final
 
 import numpy as np
 
-from modalshell.contact.active_set import ActiveSet
+from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import SLIP, Friction
 from modalshell.contact.layered import LayeredPotential, Patterns
@@ -17,6 +18,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.shell import Shell
+from modalshell.statics.mixed_newton import Rules
 from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
 
@@ -24,6 +26,8 @@ _MOST = 40
 """Iterations at most of a step, before the thick fluid."""
 _AMONG_LAYERS = 14
 """The same with self-contact, whose steps the thick fluid finds the sooner."""
+_TURNS, _TURNED = 6, 1e-6
+"""Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
 _BOUNCE = 3.0
@@ -122,10 +126,15 @@ class TouchingSteps:
     def solve(
         self, problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], time: float
     ) -> tuple[Array, bool]:
-        """Minimum (n, 3) of a step's potential outside the colliders at ``time`` [s], and whether it was found."""
+        """Minimum (n, 3) of a step's potential outside the colliders at ``time`` [s], and whether it was found.
+
+        On a curved collider the normal at the end of a step has a part along the way there, and would drive what slides
+        over an edge. That part is taken out: what is left does the work of a discrete gradient of the gap, none for
+        what keeps touching [gonzalez1996].
+        """
         before, lagged = self.now, self.pushes
         self.now = before.at(time, problem.shell)
-        rules, chosen = rules_of(problem, goal, _MOST), None
+        rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
             first, free = self._cleared(problem, first)
             if not free:
@@ -133,18 +142,59 @@ class TouchingSteps:
             layers = self.layers.rubbed(problem.origin)
             problem = LayeredPotential.of(problem, layers, self._patterns)
             rules = rules._replace(most=_AMONG_LAYERS)
+        start = before, lagged, time - before.time
+        rest, turned = self._minimum(problem, start, first, scale, rules, stresses), np.zeros_like(first)
+        for _ in range(_TURNS):
+            last, turned = turned, self._turning(before, problem.origin, rest, time - before.time)
+            if not rest.converged or np.abs(turned - last).max() <= _TURNED * np.abs(rest.pushes).max(initial=0.0):
+                break
+            led, still = replace(problem, load=problem.load + turned), np.zeros_like(first)
+            near = problem.shell.predicted_stresses(rest.point, still)
+            again = self._minimum(led, start, rest.point, scale, rules, near, rest.active)
+            if not again.converged:
+                break
+            rest = again
+        self.pushes = np.where(rest.active, rest.pushes, 0.0)
+        return rest.point, rest.converged
+
+    def _turning(self, before: Touching, x: Array, rest: Rest, dt: float) -> Array:
+        """Forces (n, 3) [N] that take from those along the normals at the end what drives the step from x (n, 3)."""
+        forces, rows = np.zeros_like(x), np.flatnonzero(rest.active & (rest.pushes > 0.0))
+        vertices = self.now.vertices[rows]
+        gap, normals, curvature = self.now.gaps(rest.point, rows)
+        if not curvature.any():
+            return forces
+        way = rest.point[vertices] - x[vertices] - dt * self.now.velocities(rest.point, rows)
+        driven = np.sum(normals * way, axis=1) - (gap - before.distances(x)[rows])
+        length = np.sum(way**2, axis=1)
+        share = np.where(driven > 0.0, driven / np.maximum(length, 1e-300), 0.0)
+        np.subtract.at(forces, vertices, (rest.pushes[rows] * share)[:, None] * way)
+        return forces
+
+    def _minimum(
+        self,
+        problem: Potential,
+        start: tuple[Touching, Array, float],
+        first: Array,
+        scale: float,
+        rules: Rules,
+        stresses: list[Array],
+        chosen: Mask | None = None,
+    ) -> Rest:
+        """Minimum from a ``first`` guess (n, 3), with friction by the forces at the ``start`` of the step."""
+        (before, lagged, dt), settled = start, False
         while True:
-            friction = Friction(before, lagged, problem.origin, time - before.time) if self.rubs else None
+            friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
             rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
             if not rest.converged:
                 rest = solver.descend(problem.origin, rules)
-            self.pushes = np.where(rest.active, rest.pushes, 0.0)
-            new = (self.pushes > 0.0) & (lagged <= 0.0)
-            if chosen is not None or not (self.rubs and rest.converged and new.any()):
-                return rest.point, rest.converged
+            pushes = np.where(rest.active, rest.pushes, 0.0)
+            new = (pushes > 0.0) & (lagged <= 0.0)
+            if settled or not (self.rubs and rest.converged and new.any()):
+                return rest
             # What touches for the first time has no force of the step before: it takes that of this one.
-            lagged, chosen = np.where(new, self.pushes, lagged), rest.active
+            lagged, chosen, settled = np.where(new, pushes, lagged), rest.active, True
 
     def _layers_near(self, x: Array) -> bool:
         return self.layers is not None and self.layers.near(x)

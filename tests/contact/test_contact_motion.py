@@ -61,6 +61,23 @@ def test_a_strip_on_a_ball_and_through_a_motion_of_it():
     assert run.positions[-1, mesh.vertices[:, 0].argmax(), 2] > 0.1
 
 
+@pytest.mark.parametrize(
+    ("thickness", "friction"), [(1e-2, 0.0), pytest.param(1e-3, 0.0, marks=pytest.mark.slow), (1e-2, 0.3)]
+)
+def test_a_strip_gains_no_energy_where_it_slides_over_a_rounded_edge(thickness, friction):
+    mesh, material = strip(thickness, 20)
+    box = ms.Contact(ms.Box((0, 0, 0), (0.2, 0.3, 0.15), rounding=0.05), friction=friction)
+    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="implicit")
+    given = {"duration": 200 / 60, "dt": 1 / 60, "gravity": GRAVITY, "start": tilted(mesh, 0.3, 0.2)}
+    run = ms.simulate(model, contacts=[box], **given)
+    assert run.unconverged_steps == 0
+    normals = box.gap(run.positions[run.in_contact])[1]
+    assert ((np.abs(normals[:, 0]) > 0.1) & (np.abs(normals[:, 2]) > 0.1)).sum() > 3  # it does slide over an edge
+    slid = np.flatnonzero(run.in_contact.any(axis=1))
+    work = np.ptp(run.energies[: slid[-1] + 1, 2])
+    assert np.diff(run.energies.sum(axis=1))[: slid[-1] + 1].max() <= 1e-10 * work
+
+
 def test_a_plate_bounces_as_often_halved():
     mesh, material = strip(young=1e10)
     contact = ms.Contact(ms.Plane(), restitution=0.5)
