@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Basis, Factoriser, condensed_factor
-from modalshell.shell import GAUSS_NEWTON
+from modalshell.shell import EXACT, GAUSS_NEWTON
 
 _KEPT = 2e8
 """Bytes of shapes that are kept."""
@@ -87,7 +87,7 @@ class LocalShapes:
 def _static_solver(basis: Basis) -> Callable[[Array], Array]:
     """Static solutions of a shell at rest under forces on its free unknowns."""
     shell = basis.shell
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    data = shell.energy_gradient_hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)[2]
     internal = shell.pattern.internal
     try:
         factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))

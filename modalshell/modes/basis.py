@@ -32,6 +32,7 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.modes.settled import settled_modes
 from modalshell.shell import Isotropic, Material, Sheet, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.shell.sheet import SHEETS
@@ -144,7 +145,9 @@ class Basis(VibrationModes, Drawn):
         return basis_sensitivity(self, checked_kind("wrt", wrt, str))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the basis with its shell to an ``.npz`` file (no pickle)."""
+        """Write the basis with its shell to an ``.npz`` file (no pickle); OptionError for a mesh under stress."""
+        if self.shell.stressed:
+            raise OptionError("a file of a basis holds no rest shape: solve the modes of a settled shell again")
         shell, material = self.shell, self.shell.material
         if isinstance(material, Isotropic):  # functions cannot be stored, their values can
             material = material.on(shell.mesh)
@@ -323,11 +326,11 @@ def _solved(
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
     shell.refuse_creases("a modal model")
     if shell.stressed:
-        raise OptionError(
-            "modes about the mesh need a shell without stress there (got one of a prestrain, rest_curvature, "
-            "temperature or rest): find its equilibrium by ms.DiscreteShell, and its modes by "
-            "solve_modes(shell, about=state)"
-        )
+        if attachments is not None:
+            raise OptionError("attachments are shapes about a mesh without stress: leave them out")
+        eigenvalues, modes, residual, name, whole = settled_modes(shell, count, backend)
+        rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
+        return Basis(shell, eigenvalues, modes, read_only(rotations), 0, residual, name), whole
     forces = attached_forces(shell, attachments)
     eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)
     if forces.shape[1]:

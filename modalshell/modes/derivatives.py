@@ -116,6 +116,8 @@ def span_slope(basis: VibrationModes, name: str) -> SpanSlope:
 
 def basis_sensitivity(basis: VibrationModes, name: str) -> BasisSensitivity:
     """Derivatives of eigenvalues and modes by a constant; see :meth:`modalshell.Basis.sensitivity`."""
+    if basis.shell.stressed:
+        raise OptionError("derivatives of modes are those about a mesh without stress: build the shell without it")
     values, rigid = basis.eigenvalues, basis.rigid_modes
     gaps = np.diff(values[rigid:]) / values[rigid + 1 :] if values.size > rigid + 1 else np.ones(1)
     if gaps.min() < _APART:

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array, Index
@@ -39,6 +40,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     _energy: ElasticEnergy
     _slots: list[Index]
     _slopes: HeldSlopes
+    _settled: bool
 
     @property
     def elastic_energy(self) -> ElasticEnergy:
@@ -62,6 +64,31 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         other = copy.copy(self)
         other._energy = self._energy.with_rest_angles(self.creases.on_mesh(further))
         other.crease_state = state
+        return other
+
+    def settled(self, positions: ArrayLike) -> Self:
+        """The same shell with another mesh that its stresses hold in equilibrium, for modes and modal models about it.
+
+        The energy stays as it is, and so does what is without stress; displacements count from ``positions``, as loads
+        that follow the rest shape do.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 3)
+            An equilibrium without load [m], such as that of :class:`DiscreteShell`; :func:`solve_modes` checks it.
+
+        Raises
+        ------
+        OptionError
+            If the shell has creases, whose folds would change with the state.
+        LoadError
+            For positions of the wrong shape or not finite.
+        """
+        self.refuse_creases("a settled shell")
+        other = copy.copy(self)
+        other.mesh = TriangleMesh(checked_vectors("positions", positions, self.rest_positions.shape), self.mesh.faces)
+        other.rest_positions = np.asarray(other.mesh.vertices)
+        other._settled = True
         return other
 
     def refuse_creases(self, name: str) -> None:

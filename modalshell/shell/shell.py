@@ -126,6 +126,7 @@ class Shell(EnergyAccess):
         self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         self.rest_mesh = mesh_at_rest(mesh, rest)
+        self._clamped_on, self._settled = mesh, False
         if not isinstance(material, Material | Sheet):
             raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(material)})")
         self.material = material
@@ -212,13 +213,18 @@ class Shell(EnergyAccess):
         return other
 
     def with_material(self, material: Material | Sheet) -> Shell:
-        """A shell of another material, with the same mesh, supports and further energies."""
+        """A shell of another material, with the same mesh, supports and further energies; OptionError if settled."""
         own = {"energies": self.energies, "loose_parts": self.loose_parts, **self.options}
         return Shell(self.mesh, material, None, self.supports, **own)
 
     @property
     def options(self) -> dict[str, Any]:
-        """What was given of ``rest``, ``prestrain``, ``rest_curvature``, ``temperature`` and ``creases``."""
+        """What was given of ``rest``, ``prestrain``, ``rest_curvature``, ``temperature`` and ``creases``.
+
+        OptionError for a :meth:`settled` shell: what was given belongs to another mesh.
+        """
+        if self._settled:
+            raise OptionError("a settled shell cannot be built again: start from the shell that it was made of")
         return dict(self._given)
 
     @property
@@ -305,7 +311,9 @@ class Shell(EnergyAccess):
         refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
         if not isinstance(energy, RestFolds):
             if self._folds is None:
-                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped).anchored(self.mesh)
+                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped).anchored(
+                    self._clamped_on
+                )
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density, self.rest_shape)

@@ -66,6 +66,8 @@ class ModalModel(ModalMotion):
         Repeated eigenvalues do no harm, unless the basis ends within one. Rest angles act by the couples that they
         cause at rest, in the frame of the modes' own elastic forces.
         """
+        if self.shell.stressed:
+            raise OptionError(f"{self.name} has no derivatives about a mesh under stress: take DS")
         return ModalTangent(self, state).derivative(wrt, of)
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:

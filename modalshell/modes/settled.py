@@ -1,0 +1,51 @@
+"""Modes about a mesh whose own stresses are in equilibrium, such as those of a prestrain or of a temperature."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.modes.eigenpairs import mass_scaled
+from modalshell.modes.factorisation import Factoriser
+from modalshell.modes.loaded import loaded_modes
+from modalshell.modes.tangent import TangentStiffness
+from modalshell.shell import EXACT, Shell
+
+_SETTLED = 1e-6
+"""Move of Newton's method, in sizes of the mesh, from which it is in no equilibrium."""
+
+
+@final
+class SettledModes(NamedTuple):
+    """Eigenvalues (m,), modes (3n, m), their residual, the factor's name, and how many are of whole eigenspaces."""
+
+    eigenvalues: Array
+    modes: Array
+    residual: float
+    name: str
+    whole: int
+
+
+def settled_modes(shell: Shell, count: int, backend: str | None) -> SettledModes:
+    """The modes of the exact stiffness about the mesh; OptionError where that is in no stable equilibrium."""
+    x, unknowns = shell.rest_positions, shell.unknowns
+    factoriser = Factoriser(backend)
+    gradient = np.asarray(unknowns.restrict(shell.energy_gradient(x)[1].ravel()))
+    move = np.asarray(unknowns.prolong(TangentStiffness.at(shell, x, factoriser).solve(gradient)))
+    if not (off := float(np.abs(move).max())) <= _SETTLED * shell.size:
+        raise OptionError(
+            "modes about the mesh need a shell without stress there, or in equilibrium (got one of a prestrain, "
+            f"rest_curvature, temperature or rest, {off:.3g} m from it): take DS or coarse DS; or let it come to rest "
+            "first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal models; modes "
+            "under a load are those of solve_modes(shell, about=state)"
+        )
+    found, whole = loaded_modes(shell, x, count, backend)
+    root = np.sqrt(unknowns.masses(shell.mass))[:, None]
+    vectors = root * np.asarray(unknowns.values(found.modes))
+    operator = mass_scaled(shell, shell.energy_gradient_hessian(x, EXACT)[2])
+    left = np.linalg.norm(operator @ vectors - vectors * found.eigenvalues, axis=0)
+    residual = float((left / found.eigenvalues).max())
+    return SettledModes(found.eigenvalues, found.modes, residual, factoriser.backend or "multifrontal", whole)
