@@ -150,7 +150,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
             "mesh a second row of held vertices there, or hold a region of triangles of the fine shell"
         )
     if isinstance(given, Sheet):
-        return Shell(mesh, given, clamped, energies=shell.energies)
+        return Shell(mesh, given, clamped, energies=shell.energies, loose_parts=shell.loose_parts)
     if material is None:
         ratio = float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         given = replace(given, shear=given.shear * ratio)
@@ -248,7 +248,8 @@ class _Calibration:
         changed = replace(
             given, stretch=given.stretch * membrane, shear=given.shear * membrane, flexure=given.flexure * flexure
         )
-        return Shell(self._mesh, changed, self._clamped, energies=self._shell.energies)
+        fine = self._shell
+        return Shell(self._mesh, changed, self._clamped, energies=fine.energies, loose_parts=fine.loose_parts)
 
     def _excess(self, logarithm: float) -> float:
         """Logarithm of the ratio of the lowest eigenvalues, with a membrane scaled by another logarithm."""
