@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalshell.mesh.topology import FloatArray, IntArray
@@ -10,7 +11,7 @@ from modalshell.mesh.triangle_mesh import TriangleMesh
 
 _NEAR = 12
 """Triangles, by their centres, among which the one nearest a point is looked for."""
-_TOGETHER = 1e-9
+TOGETHER = 1e-9
 """Difference of distances, in sizes of the mesh, below which a point lies on several triangles."""
 _ALONG = 0.1
 """Distance from a curve, as a share of its length, within which an edge lies along it."""
@@ -32,11 +33,17 @@ def all_closest(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, Float
     shares = _barycentric(corners[near], points[:, None])
     offsets = np.einsum("pkc,pkcx->pkx", shares, corners[near]) - points[:, None]
     distance = np.linalg.norm(offsets, axis=2)
-    best = distance.argmin(axis=1)
+    least = distance.min(axis=1)
+    together = distance <= least[:, None] + TOGETHER * mesh.size
+    best = lowest(near, together)  # of triangles as near, whichever way the mesh is turned
     rows = np.arange(len(points))
-    least = distance[rows, best]
-    on = [found[apart] for found, apart in zip(near, distance <= least[:, None] + _TOGETHER * mesh.size, strict=True)]
+    on = [found[part] for found, part in zip(near, together, strict=True)]
     return near[rows, best], shares[rows, best], least, on
+
+
+def lowest(numbers: IntArray, chosen: NDArray[np.bool_]) -> IntArray:
+    """Place (p,) of the lowest of the chosen numbers (p, k)."""
+    return np.where(chosen, numbers, np.iinfo(np.int64).max).argmin(axis=1)
 
 
 def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:

@@ -347,3 +347,30 @@ def test_through_the_snap_of_the_stiff_beam_and_back_it_is_as_near_as_its_mesh_i
         assert np.abs(exact[-1] - fine.rest_positions).max() < 0.15
         for cells, limit in limits.items():
             assert motion_error(fine, frames_through(models[cells], load, damping), exact) < limit
+
+
+@pytest.mark.parametrize(
+    "material",
+    [ms.Isotropic(5e7, 0.35, 1.5e-3, 800.0), ms.Material(5e3, 5e3, 0.005, 1.0)],
+    ids=["split folds", "hinges"],
+)
+@pytest.mark.parametrize("shape", [ms.cylinder_panel, ms.leaf])
+def test_moving_and_turning_the_scene_changes_nothing(shape, material):
+    fine, few, gravity = shape(cells=(12, 6)), shape(cells=(8, 4)), np.array([0.3, 0.2, -2.0])
+    held = np.flatnonzero(fine.vertices[:, 0] < fine.vertices[:, 0].min() + 1e-9)
+    turn, way = Rotation.from_rotvec((0.9, -1.7, 0.6)).as_matrix(), np.array([2.0, -3.0, 1.5])
+    found = []
+    for move in (lambda x: x, lambda x: x @ turn.T + way):
+        meshes = [ms.TriangleMesh(move(mesh.vertices), mesh.faces) for mesh in (fine, few)]
+        shell = ms.Shell(meshes[0], material, clamped=held)
+        model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, meshes[1]))
+        pull = tuple(move(gravity) - move(np.zeros(3)))
+        run = ms.simulate(model, duration=0.2, dt=1.0 / 40.0, gravity=pull, damping=(1.0, 1e-3))
+        answer = model.equilibrium(gravity=pull)
+        assert answer.converged
+        found.append((model.weights.toarray(), run.positions[-1], answer.positions))
+    weights, *shapes = zip(*found, strict=True)
+    np.testing.assert_allclose(weights[1], weights[0], rtol=0, atol=1e-11)
+    for first, second in shapes:
+        assert np.abs(first - fine.vertices).max() > 1e-2 * fine.size
+        np.testing.assert_allclose(second, first @ turn.T + way, rtol=0, atol=1e-9 * fine.size)

@@ -195,11 +195,16 @@ def test_a_turning_sheet_under_a_couple_meets_ds(name):
     assert shell.mesh.size > 0.9
 
 
-@pytest.mark.parametrize("name", ["MWTS", "consistent MWTS", "RSW", "DS", "DS, BDF2", "springs"])
+def coarse_of_loose(shell):
+    """Coarse DS on hinges whose stiffness is calibrated."""
+    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, two_sheets(cells=(4, 2)).mesh))
+
+
+@pytest.mark.parametrize("name", ["MWTS", "consistent MWTS", "RSW", "DS", "DS, BDF2", "springs", "coarse DS, hinges"])
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_loose_parts_fly_by_themselves(name):
     shell = two_sheets()
-    model = MAKERS[name](shell)
+    model = (MAKERS | {"coarse DS, hinges": coarse_of_loose})[name](shell)
     force = np.zeros_like(shell.rest_positions)
     half = len(force) // 2
     force[:half] = couple(sheet(cells=(6, 3)))

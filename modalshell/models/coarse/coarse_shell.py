@@ -149,7 +149,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     _refuse_supports(shell, mesh, given, clamped)
     _refuse_turned(shell, given, below)
     options = restricted_options(shell, mesh, below)
-    made = Shell(mesh, given, clamped, energies=shell.energies, **options)
+    made = Shell(mesh, given, clamped, energies=shell.energies, loose_parts=shell.loose_parts, **options)
     if isinstance(given, Material):
         ratio = 1.0 if material is not None else float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         made = made.with_material(_calibrated(shell, mesh, replace(given, shear=given.shear * ratio)))
@@ -160,7 +160,8 @@ def _refuse_supports(shell: Shell, mesh: TriangleMesh, given: Material | Sheet, 
     """SupportError where ``clamped`` (k,) vertices of the coarse mesh do not hold it as the fine shell is held."""
     if shell.clamped.any() and not clamped.any():
         raise SupportError("no vertex of the coarse mesh lies where the fine shell is held: refine it there")
-    if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
+    below = Shell(mesh, given, clamped, loose_parts=shell.loose_parts)
+    if clamped.any() and rigid_motions(below).shape[1] > rigid_motions(shell).shape[1]:
         raise SupportError(
             "a row of held vertices leaves the coarse shell free to turn where the fine one is clamped: give its "
             "mesh a second row of held vertices there, or hold a region of triangles of the fine shell"
@@ -170,7 +171,10 @@ def _refuse_supports(shell: Shell, mesh: TriangleMesh, given: Material | Sheet, 
 def _calibrated(shell: Shell, mesh: TriangleMesh, given: Material) -> Material:
     """The material on ``mesh``, as of shells without another shape at rest and without creases."""
     plain = not shell.stressed and shell.creases is None
-    own = shell if plain else Shell(shell.mesh, shell.material, None, shell.supports, energies=shell.energies)
+    own = shell
+    if not plain:
+        further, loose = shell.energies, shell.loose_parts
+        own = Shell(shell.mesh, shell.material, None, shell.supports, energies=further, loose_parts=loose)
     found = _Calibration(own, mesh, given).best().material
     assert isinstance(found, Material)
     return found
@@ -282,7 +286,8 @@ class _Calibration:
         changed = replace(
             given, stretch=given.stretch * membrane, shear=given.shear * membrane, flexure=given.flexure * flexure
         )
-        return Shell(self._mesh, changed, self._clamped, energies=self._shell.energies)
+        fine = self._shell
+        return Shell(self._mesh, changed, self._clamped, energies=fine.energies, loose_parts=fine.loose_parts)
 
     def _excess(self, logarithm: float) -> float:
         """Logarithm of the ratio of the lowest eigenvalues, with a membrane scaled by another logarithm."""

@@ -20,7 +20,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.closest import all_closest
+from modalshell.mesh.closest import TOGETHER, all_closest, lowest
 from modalshell.mesh.topology import connected_parts
 
 _NEIGHBOURS = 14
@@ -165,7 +165,8 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[I
     count = min(_NEIGHBOURS, len(members))
     distances, near = cKDTree(vertices).query(points, k=count)
     near, distances = (np.reshape(found, (len(points), -1)) for found in (near, distances))
-    normal = normals[near[:, 0]]
+    nearest = lowest(near, distances <= distances[:, :1] + TOGETHER * coarse.size)
+    normal = normals[near[np.arange(len(points)), nearest]]
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
     other = np.eye(3)[np.abs(normal).argmin(axis=1)]
     first = np.cross(normal, other)
@@ -184,21 +185,24 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[I
 
 def _least_squares(importance: Array, affine: Array, quadratic: Array) -> Array:
     """Least weights (p, k) that reproduce the affine fields (p, k, 3) at the origin, and the quadratic if they can."""
-    weighted = importance[:, :, None] * affine
-    moments = np.einsum("pki,pkj->pij", weighted, affine)
-    mixed = np.einsum("pki,pkj->pij", weighted, quadratic)
-    square = np.einsum("pk,pki,pkj->pij", importance, quadratic, quadratic)
-    inverse = np.linalg.pinv(moments, rcond=1e-10, hermitian=True)
-    unit = inverse[:, :, 0]  # reproduces the affine fields alone
-    complement = square - np.einsum("pji,pjk,pkl->pil", mixed, inverse, mixed)
-    largest = np.einsum("pii->pi", square).max(axis=1)
-    values, vectors = np.linalg.eigh(complement)
-    kept = values > _INDEPENDENT * largest[:, None]
-    scale = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-    wanted = -np.einsum("pji,pj->pi", mixed, unit)  # quadratic fields are zero at the origin
-    free = np.einsum("pij,pj,pkj,pk->pi", vectors, scale, vectors, wanted)
-    fixed = unit - np.einsum("pij,pjk,pk->pi", inverse, mixed, free)
-    return np.asarray(importance * (np.einsum("pki,pi->pk", affine, fixed) + np.einsum("pki,pi->pk", quadratic, free)))
+    # By singular values of the weighted fields: products of them would lose half the digits next to a coarse vertex.
+    root = np.sqrt(importance)[:, :, None]
+    affine, quadratic = root * affine, root * quadratic
+    own, sizes, turns = np.linalg.svd(affine, full_matrices=False)
+    unit = np.einsum(
+        "pki,pi->pk", own, _inverse(sizes, 1e-5 * sizes[:, :1]) * turns[:, :, 0]
+    )  # the affine fields alone
+    rest = quadratic - own @ (np.swapaxes(own, 1, 2) @ quadratic)
+    own, sizes, turns = np.linalg.svd(rest, full_matrices=False)
+    least = np.sqrt(_INDEPENDENT * np.square(quadratic).sum(axis=1).max(axis=1, keepdims=True))
+    wanted = -np.einsum("pij,pkj,pk->pi", turns, quadratic, unit)  # quadratic fields are zero at the origin
+    return np.asarray(root[:, :, 0] * (unit + np.einsum("pki,pi->pk", own, _inverse(sizes, least) * wanted)))
+
+
+def _inverse(values: Array, least: Array) -> Array:
+    """Inverse of values that are above the least (p, 1), zero of the others."""
+    kept = values > least
+    return np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
 
 
 def _stand_off(coarse: TriangleMesh, under: Index, offsets: Array) -> tuple[sps.csr_array, Array]:
