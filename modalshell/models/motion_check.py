@@ -123,6 +123,10 @@ class MotionCheck:
         sampled, restricted = self._coarse.sampled(now.positions), self._coarse.restrict(load)
         return self._estimator.bar(sampled, restricted, on="coarse"), load
 
+    def static(self, positions: Array, load: Array) -> ErrorBar:
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N]."""
+        return self._estimator.bar(positions, load)
+
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
         return self._norm(positions - self._shell.rest_positions)

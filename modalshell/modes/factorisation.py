@@ -20,12 +20,18 @@ from modalshell.core.checks import checked_choice
 from modalshell.core.cost import count_factorisation, count_solves
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
-from modalshell.linalg import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError
+from modalshell.linalg import (
+    BlockCholesky,
+    CholeskyAnalysis,
+    NotPositiveDefiniteError,
+    ProfileAnalysis,
+    ProfileFactor,
+)
 from modalshell.linalg.cholesky import block_graph
 from modalshell.linalg.ordering import minimum_degree
 
-Use = Literal["solve", "refactor"]
-"""Whether one factor serves many solves, or one pattern many factors."""
+Use = Literal["solve", "refactor", "repeat"]
+"""Whether one factor serves many solves, or one pattern many factors, so many that compilation pays for small ones."""
 
 
 class Factor(ABC):
@@ -191,9 +197,31 @@ class _Cholesky(Factor):
         return self._factor.solve(right_side)
 
 
+class _Profile(Factor):
+    """``L D L^T`` in profile storage, with pivots in their order, whatever their sign."""
+
+    backend = "profile"
+
+    def __init__(self, factor: ProfileFactor) -> None:
+        self._factor = factor
+
+    def _solve(self, right_side: Array) -> Array:
+        return self._factor.solve(right_side)
+
+    def is_definite(self) -> bool:
+        """Whether all pivots are positive."""
+        return self._factor.is_definite()
+
+    def negative_eigenvalues(self) -> int:
+        """Number of negative pivots."""
+        return self._factor.negative
+
+
 BACKENDS = ("cholesky", "superlu")
 """Names of the factorisations: multifrontal Cholesky of positive definite matrices, and SciPy's SuperLU."""
 
+_SLENDER = 1e7
+"""Multiplications of a profile factorisation up to which its solves, too, are no dearer than SuperLU's."""
 _SMALL = 2000
 """Unknowns below which SuperLU is taken: it needs no compilation, and its factors take less than 15 ms."""
 
@@ -213,8 +241,9 @@ class Factoriser:
     ----------
     backend : {"cholesky", "superlu"}, optional
         Without it, Cholesky from 2,000 unknowns on and SuperLU below.
-    use : {"solve", "refactor"}
-        Whether one factor serves many solves, or one pattern many factors.
+    use : {"solve", "refactor", "repeat"}
+        Whether one factor serves many solves, or one pattern many factors; or so many that small and slender matrices
+        are worth the compilation of a profile factorisation, which takes a tenth of SuperLU's time.
 
     Raises
     ------
@@ -229,6 +258,7 @@ class Factoriser:
         self._use = use
         self._analysis: CholeskyAnalysis | None = None
         self._ordering: _Ordering | None = None
+        self._profile: ProfileAnalysis | None = None
 
     def definite(self, matrix: sps.csc_array) -> Factor:
         """Factor of a positive definite matrix (both triangles stored); SolverError if it proves not to be.
@@ -261,7 +291,11 @@ class Factoriser:
 
     def _superlu(self, matrix: sps.csc_array) -> Factor:
         count_factorisation(matrix.shape[0])
-        if self._use == "refactor" and self._ordering is None:
+        if self._use == "repeat" and matrix.shape[0] < _SMALL:
+            self._profile = self._profile or ProfileAnalysis(matrix)
+            if self._profile.products <= _SLENDER:
+                return _Profile(self._profile.factorise(matrix))
+        if self._use != "solve" and self._ordering is None:
             self._ordering = _Ordering.of(matrix)
         return _SuperLU(matrix, self._ordering)
 

@@ -27,7 +27,6 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness
-from modalshell.modes.profile_factoriser import ProfileFactoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import Margin, lowest_ratio
@@ -148,7 +147,7 @@ class ErrorEstimator:
         self.shell, self.origin = shell.centred()
         self.costs = Timings()
         self.last: LastStep | None = None
-        self._factoriser = ProfileFactoriser() if repeated else Factoriser()
+        self._factoriser = Factoriser(use="repeat" if repeated else "refactor")
 
     def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""

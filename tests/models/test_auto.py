@@ -148,6 +148,30 @@ def test_a_load_is_compared_as_it_changes(beam):
     assert worst(beam, *runs) < 0.05
 
 
+@pytest.mark.parametrize("kind", ["buckles", "stiffens"])
+def test_a_sudden_load_whose_static_answer_is_lost_starts_on_ds(kind):
+    """Within few steps modal rungs would be wrong, sooner than a check of the motion comes."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
+    sheet = ms.Isotropic(1e8, 0.3, 0.005, 200.0)
+    if kind == "buckles":
+        strip, load = ms.Shell(mesh, sheet, "x < 0.001"), {"loads": [ms.LineForce("x > 0.999", (-20.0, 0.0, 2.0))]}
+    else:
+        strip = ms.Shell(mesh, sheet, supports=[ms.Clamp("x < 0.001"), ms.Clamp("x > 0.999")])
+        load = {"gravity": (0.0, 0.0, -40.0)}
+    setting = load | {"duration": 0.4, "dt": DT, "damping": (2.0, 0.0)}
+    cheap, run, exact = (
+        ms.simulate(model, **setting)
+        for model in (
+            ms.ModalWarping(ms.solve_modes(strip, 8), consistent_force=True),
+            ms.Auto(strip),
+            ms.DiscreteShell(strip),
+        )
+    )
+    assert worst(strip, cheap, exact) > 0.2
+    assert worst(strip, run, exact) < 0.01
+    assert "to DS at 0 s" in run.message
+
+
 def test_linear_answers_lack_what_no_mode_moves(beam):
     basis = ms.solve_modes(beam, 6)
     answers = LinearAnswers(basis)
@@ -159,7 +183,7 @@ def test_linear_answers_lack_what_no_mode_moves(beam):
     further = ms.solve_modes(beam, 7)
     other = 3.0 * mass * further.modes[:, 6] * further.eigenvalues[6]
     assert answers.of((own + other).reshape(-1, 3)) == pytest.approx((np.sqrt(2.5**2 + 9.0), 3.0), rel=1e-8)
-    memory = {"pushed": np.zeros_like(beam.rest_positions), "answer": np.zeros(2)}
+    memory = {"pushed": np.zeros_like(beam.rest_positions), "answer": np.zeros(2), "ahead": np.ones(1)}
     assert answers.following(np.zeros_like(beam.rest_positions), memory) == (0.0, 0.0)
     assert answers.following(other.reshape(-1, 3), memory) == pytest.approx((3.0, 3.0), rel=1e-8)
     assert answers.following(-2.0 * other.reshape(-1, 3), memory) == pytest.approx((6.0, 6.0), rel=1e-8)

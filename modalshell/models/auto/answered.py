@@ -60,13 +60,15 @@ class LinearAnswers:
     def following(self, force: Array, memory: dict[str, Array]) -> Answer:
         """As :meth:`of`, from the last load that was solved for where the force is nearly a multiple of it.
 
-        That load stands in ``memory["pushed"]`` (n, 3) [N], its answer in ``memory["answer"]`` (2,).
+        That load stands in ``memory["pushed"]`` (n, 3) [N], its answer in ``memory["answer"]`` (2,). A new one sets
+        ``memory["ahead"]`` (1,) to zero.
         """
         last = memory["pushed"]
         size = float(np.vdot(last, last))
         share = float(np.vdot(force, last)) / size if size > 0.0 else 0.0
         if float(np.linalg.norm(force - share * last)) > _ALIKE * float(np.linalg.norm(force)):
             memory["pushed"], memory["answer"] = force.copy(), np.array(self.of(force))
+            memory["ahead"][0] = 0.0
             share = 1.0
         whole, missing = abs(share) * memory["answer"]
         return Answer(float(whole), float(missing))

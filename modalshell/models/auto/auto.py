@@ -39,7 +39,8 @@ class Auto(Model):
 
     Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
     the first, unless its modes lack more than half of ``error`` of the linear answer to the load
-    (:class:`modalshell.models.auto.answered.LinearAnswers`), which is looked at before each of their steps. Every
+    (:class:`modalshell.models.auto.answered.LinearAnswers`), or the bar of its statics under the load is void or beyond
+    30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every
     ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the last check, its
     error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
     where it exceeds half of ``error`` the next level takes over at the modal positions and velocities; where the
@@ -165,6 +166,11 @@ class Auto(Model):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; OptionError for constraints, or supports that move."""
         return AutoStepper(self, self.levels, setup)
+
+    @property
+    def highest(self) -> float:
+        """Largest angular frequency [rad/s] of the modes."""
+        return float(np.sqrt(self._basis.eigenvalues[-1]))
 
     @cached_property
     def answers(self) -> LinearAnswers:

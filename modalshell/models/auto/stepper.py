@@ -17,6 +17,8 @@ from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
 _SWITCH = 0.5
 """Bar over the error allowed from which a rung is left."""
+_FRAMES, _EARLY = 3, 1.0
+"""Frames of a check, and the same for the first three of a rung that has come back: a full one takes over again."""
 _BACK = 0.4
 """Misses over the error allowed within which it may come back."""
 _BACK_MARGIN = 0.39
@@ -24,6 +26,8 @@ _BACK_MARGIN = 0.39
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
+_AHEAD = 2.0
+"""Factor of the linear answer on that of the last look ahead, from which the next one comes."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
@@ -58,8 +62,8 @@ class AutoStepper(Stepper):
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before")
     and how many are known, the largest displacement so far and that of the last check of a modal
     rung ("checked"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a row
-    it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), steps by
-    level, and what was switched when and why ("log").
+    it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the
+    linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -92,6 +96,7 @@ class AutoStepper(Stepper):
             "steps": np.zeros(len(sizes)),
             "pushed": np.zeros_like(x),
             "answer": np.zeros(2),
+            "ahead": np.zeros(1),
             "log": np.zeros((_MOST_TOLD, 5)),
             "switches": np.zeros(1),
             "time": np.zeros(1),
@@ -109,12 +114,13 @@ class AutoStepper(Stepper):
         level, inner = self.model.inner(state)
         memory = {name: part.copy() for name, part in state.memory.items()}
         time = begin + dt
-        if self._levels[level].quadratic:
-            missed = self._missed(state.coordinates, state.rates, memory, (time, load))
-            if missed > _SWITCH * self.model.error:
-                level = self._above(level, memory, deaf=True)
-                self._note(memory, (begin, level, missed, 0.0, 1.0))
-                inner = self._levels[level].entered(self._steppers[level], state.coordinates, state.rates, begin)
+        while self._levels[level].quadratic:
+            switch = self._foreseen(level, state.coordinates, state.rates, memory, (begin, time, load))
+            if switch is None:
+                break
+            self._note(memory, switch)
+            level = switch[1]
+            inner = self._levels[level].entered(self._steppers[level], state.coordinates, state.rates, begin)
         stepper = self._steppers[level]
         after, solved = stepper.advance(begin, dt, inner, load)
         x, v = self._levels[level].left(stepper, after, time, dt)
@@ -146,11 +152,14 @@ class AutoStepper(Stepper):
         wanted = level
         if self._levels[level].quadratic:
             moved = self._length(frames[2] - self.shell.rest_positions)
-            if since % self.model.check_every == 0 or moved > _GROWN * max(memory["checked"][0], self._calm):
+            # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
+            back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES
+            grown = moved > _GROWN * max(memory["checked"][0], self._calm)
+            if back or grown or since % self.model.check_every == 0:
                 memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
-                if seen.alarm or seen.bar > _SWITCH * self.model.error:
-                    wanted = self._above(level, memory, snapping=seen.alarm)
+                if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
+                    wanted = self._above(level, memory, snapping=seen.alarm or back)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._seen(frames, memory, now)
@@ -179,18 +188,36 @@ class AutoStepper(Stepper):
             memory["log"][place] = np.clip(switch, -_LARGE, _LARGE)
         memory["switches"] += 1.0
         memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
+        memory["ahead"][0] = 0.0
 
-    def _missed(self, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, Array]) -> float:
-        """What the modes lack of the linear answer to the loads, over the largest displacement, that answer's too."""
-        time, dead = now
+    def _foreseen(
+        self, level: int, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, float, Array]
+    ) -> tuple[float, int, float, float, float] | None:
+        """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
+
+        It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
+        displacement, that answer's too. And where the rung's own statics under the load, looked at once and again when
+        the linear answer has doubled, has a bar that is void or too large to be measured: a load that comes at once
+        leads there within a few steps.
+        """
+        begin, time, dead = now
         loading = self.setup.loading
         with np.errstate(over="ignore", invalid="ignore"):
             force = dead + loading.live_force(x, v, time) if loading.live else dead
-        if not np.isfinite(force).all():
-            return 0.0  # the motion itself says so
+        if not np.isfinite(force).all() or not force.any():
+            return None  # the motion itself says so
         answer = self.model.answers.following(force, memory)
-        largest = max(answer.whole, float(memory["largest"][0]))
-        return answer.missing / largest if largest > 0.0 else 0.0
+        missed = answer.missing / max(answer.whole, float(memory["largest"][0]))
+        if missed > _SWITCH * self.model.error:
+            return begin, self._above(level, memory, deaf=True), missed, 0.0, 1.0
+        if answer.whole <= _AHEAD * memory["ahead"][0]:
+            return None
+        memory["ahead"][0] = answer.whole
+        found = self._levels[level].model.equilibrium(force=force)
+        bar = self._check.static(found.positions, force)
+        if found.converged and bar.valid and not bar.beyond:
+            return None
+        return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
 
     def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
         """The level that takes over.
@@ -222,21 +249,23 @@ class AutoStepper(Stepper):
     ) -> _Seen | None:
         """The check by which the lowest level can take over, or None.
 
-        Its modes answer the load, it comes near, the margin holds, and the level would rest near under d'Alembert's
-        load: the cheapest first.
+        It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
+        not be left at once: the cheapest first.
         """
-        if self._missed(frames[2], v, memory, (now[0], now[2])) > _SWITCH * self.model.error:
-            return None
         lowest, allowed = self._levels[0], _BACK * self.model.error * memory["largest"][0]
-        fitted = self._steppers[0].positions(lowest.entered(self._steppers[0], frames[2], v, now[0]), now[0])
-        if not self._length(fitted - frames[2]) <= allowed:
+        state = lowest.entered(self._steppers[0], frames[2], v, now[0])
+        fitted, rates = lowest.left(self._steppers[0], state, now[0], now[1])
+        lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
+        if not max(self._length(fitted - frames[2]), lost) <= allowed:
             return None
         seen = seen or self._seen(frames, memory, now)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
         answer = lowest.model.equilibrium(force=seen.load, start=frames[1])
         near = answer.converged and self._length(answer.positions - frames[1]) <= allowed
-        return seen if near else None
+        trial = {name: part.copy() for name, part in memory.items()}
+        stays = near and self._foreseen(0, frames[2], v, trial, (now[0], now[0], now[2])) is None
+        return seen if stays else None
 
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))

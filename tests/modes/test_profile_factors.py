@@ -6,7 +6,6 @@ import pytest
 import modalshell as ms
 from modalshell.core.errors import SolverError
 from modalshell.modes import Factoriser
-from modalshell.modes.profile_factoriser import ProfileFactoriser
 from modalshell.shell import GAUSS_NEWTON
 
 
@@ -19,7 +18,7 @@ def stiffness(cells, sheet):
 @pytest.mark.parametrize("sheet", [ms.Material(200.0, 200.0, 0.05, 0.2), ms.Isotropic(1e8, 0.3, 0.006, 200.0)])
 def test_solutions_and_signs_are_those_of_the_other_factor(sheet):
     matrix = stiffness((8, 6), sheet)
-    own, other = ProfileFactoriser(), Factoriser()
+    own, other = Factoriser(use="repeat"), Factoriser()
     right = np.random.default_rng(3).standard_normal((matrix.shape[0], 2))
     shifted = matrix.copy()
     shifted.setdiag(matrix.diagonal() - 0.01 * matrix.diagonal().mean())
@@ -33,12 +32,12 @@ def test_solutions_and_signs_are_those_of_the_other_factor(sheet):
 
 def test_wide_matrices_are_left_to_the_base():
     matrix = stiffness((30, 30), ms.Material(200.0, 200.0, 0.05, 0.2))
-    assert ProfileFactoriser().definite(matrix).backend != "profile"
-    assert ProfileFactoriser().symmetric(matrix).backend != "profile"
+    assert Factoriser(use="repeat").definite(matrix).backend != "profile"
+    assert Factoriser(use="repeat").symmetric(matrix).backend != "profile"
 
 
 def test_what_has_no_factor_is_refused():
     matrix = stiffness((4, 4), ms.Material(200.0, 200.0, 0.05, 0.2))
     matrix.data[:] = np.nan
-    with pytest.raises(SolverError, match="has no factor"):
-        ProfileFactoriser().symmetric(matrix)
+    with pytest.raises(SolverError, match="finite"):
+        Factoriser(use="repeat").symmetric(matrix)
