@@ -1,6 +1,6 @@
 // ---- a sheet of masses and springs: Verlet steps in textures that change places ----
 const columns = data.columns, rows = data.rows;
-const state = {time: 0, paused: false, gravity: data.gravity.slice(), drag: data.drag, grab: [-1, -1], target: [0, 0, 0], count: 0};
+const state = {time: 0, paused: false, gravity: data.gravity.slice(), drag: data.drag, grab: [-1, -1], target: [0, 0, 0], count: 0, free: false};
 const STEP = `
 uniform sampler2D now, before; uniform vec3 weight, target; uniform float keep, tiny, factor; uniform ivec2 grab;
 uniform vec3 stiffness;
@@ -43,6 +43,7 @@ function numbersOf(dt) {  // what a force over the mass moves in a step, and the
 function restart() {
   const here = new Float32Array(4 * rows * columns), past = new Float32Array(4 * rows * columns);
   const held = new Set(data.pinned);
+  state.free = !held.size;
   for (let i = 0; i < rows * columns; i++) {
     const free = held.has(i) ? 0 : 1;
     const x = [data.spacing * (i % columns) - data.middle[0], data.spacing * Math.floor(i / columns) - data.middle[1], 0];
@@ -61,6 +62,7 @@ function letGo() {
   for (let i = 3; i < here.length; i += 4) here[i] = 0;
   gl.deleteTexture(now);
   now = floats(columns, rows, here);
+  state.free = true;
 }
 function steps(count) {
   const [factor, keep] = numbersOf(data.dt), use = stepped.places;
@@ -109,8 +111,9 @@ function connect() {
   framing.on = true;
   framing.points = () => {  // the sheet, and where it hangs to
     const [x, y] = data.middle, low = state.gravity[2] < 0 ? -data.size : 0;
-    return [0, low].flatMap(z => [-x, -y, z, x, -y, z, -x, y, z, x, y, z]);
+    return [0, low].flatMap(z => [-x, -y, z, 1, x, -y, z, 1, -x, y, z, 1, x, y, z, 1]);
   };
+  framing.stride = 4;
   connectPage({keys: {r: restart}, parts: () => ({gravity: digits(state.gravity), drag: digits([state.drag]), paused: +state.paused})});
   const {words, numbers} = linked();
   if (numbers("gravity", 3)) state.gravity = numbers("gravity", 3);
@@ -134,6 +137,8 @@ function tick(time) {
   last = time;
   const due = state.paused ? 0 : Math.floor(owed / data.dt);
   if (due) { steps(due); owed -= due * data.dt; }
+  // It swings beyond; what is let go falls out of the picture. Many masses are slow to read.
+  if (due && !state.free && (rows * columns <= 16384 || frame % 8 === 0)) keepFramed(positions());
   draw();
   if (frame++ % 6 === 0) { show("time", state.time.toFixed(2) + " s"); show("rate", due); }
   requestAnimationFrame(tick);

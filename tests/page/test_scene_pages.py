@@ -10,8 +10,10 @@ import pytest
 from matplotlib.image import imread
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.commands.pages import scene_page
 from modalshell.files.provenance import repository_file
+from modalshell.springs import SheetGrid
 
 FOLDER = repository_file("studies/scenes/v_beam.toml").parent
 PAGES = sorted(FOLDER.glob("*.html"))
@@ -125,10 +127,8 @@ def drawn(page):
     return imread(BytesIO(page.locator("canvas").screenshot()))[..., :3]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
-@pytest.mark.parametrize("file", PAGES, ids=lambda file: file.stem)
-def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, file, size):
+def check_page(browser, file, size, moving, framed=True):
+    """A page moves where it should, holds the whole shell, and has no error and no cut text."""
     context = browser.new_context(offline=True, viewport={"width": size[0], "height": size[1]})
     context.set_default_timeout(120_000)
     page, errors = context.new_page(), []
@@ -137,13 +137,12 @@ def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, fil
     page.goto(file.as_uri())
     page.wait_for_selector("canvas")
     page.wait_for_timeout(300)
-    moving = file.stem == "flock" or "\n[motion]" in file.with_suffix(".toml").read_text()
     before, changed = drawn(page), 0.0
     for _ in range(8 if moving else 3):
         page.wait_for_timeout(300)
         now = drawn(page)
         changed = max(changed, (np.abs(now - before).max(axis=2) > 0.1).mean())
-        if file.stem != "flock":  # birds fly in and out
+        if framed:
             inner = now[3:-3, 3:-3]  # without the line of the panel, where the picture ends within a pixel
             for side in (inner[:2], inner[-2:], inner[:, :2], inner[:, -2:]):
                 assert side.min() > 0.98, "the shell leaves the picture"
@@ -156,6 +155,45 @@ def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, fil
     assert page.evaluate(cut) == []
     assert errors == []
     context.close()
+
+
+SIZES = pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["wide", "phone"])
+
+
+@pytest.mark.slow
+@SIZES
+@pytest.mark.parametrize("file", PAGES, ids=lambda file: file.stem)
+def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, file, size):
+    moving = file.stem == "flock" or "\n[motion]" in file.with_suffix(".toml").read_text()
+    check_page(browser, file, size, moving, framed=file.stem != "flock")  # birds fly in and out
+
+
+def page_of(kind, basis, folder):
+    """The file of a page that a command or a method makes: a basis's, a run's, a still run's, a spring sheet's."""
+    model = ms.ModalWarping(basis)
+    gravity = (0.0, 0.0, -4.0)
+    if kind == "basis":
+        return basis.page(gravity=gravity).save(folder / "basis.html")
+    if kind == "springs":
+        pinned = np.zeros((24, 24), dtype=bool)
+        pinned[0, [0, -1]] = True
+        springs = {"structural": 200.0, "shear": 100.0, "flexion": 5.0, "drag": 0.5}
+        size = {"shape": (24, 24), "spacing": 1.0 / 23, "particle_mass": 0.2 / 24**2}
+        grid = SheetGrid(**size, **springs, pinned=pinned, gravity=np.array([0.0, 0.0, -9.81]))
+        return grid.page().save(folder / "springs.html")
+    run = ms.simulate(model, duration=2.0, dt=1 / 30, gravity=gravity)
+    ms.save_trajectory(run, folder / "run.npz")
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(folder / "run.npz"), "--to", "page"])
+    assert not ended.value.code
+    return folder / "run.html"
+
+
+@pytest.mark.slow
+@SIZES
+@pytest.mark.parametrize("kind", ["basis", "run", "springs"])
+def test_pages_of_other_kinds_move_and_hold_the_whole_shell(browser, v_basis, tmp_path, kind, size):
+    check_page(browser, page_of(kind, v_basis, tmp_path), size, moving=True)
 
 
 @pytest.mark.slow

@@ -77,3 +77,16 @@ def test_a_sweep_without_a_value_has_no_picture_and_says_so(report, write, tmp_p
     assert "<img" not in page
     assert "No picture: no case has a value of" in page
     assert json.loads((tmp_path / "results" / "beams_sweep_report.json").read_text())["extremes"] is None
+
+
+@pytest.mark.slow
+def test_a_report_on_a_sweep_prints_and_fits_a_phone(report, write, tmp_path, browser):
+    assert report(write(SWEEP_AXES, more='[truth]\nname = "ds"\n').name) == 0
+    page = browser.new_page(viewport={"width": 390, "height": 800})
+    page.goto((tmp_path / "results" / "beams_sweep_report.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.pdf(path=tmp_path / "beams.pdf", prefer_css_page_size=True)
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "beams.pdf").read_bytes())) <= 2
+    page.set_viewport_size({"width": 700, "height": 900})  # about a printed page: no table is cut there
+    assert page.evaluate("[...document.querySelectorAll('.data')].every(one => one.scrollWidth <= one.clientWidth)")
+    page.close()
