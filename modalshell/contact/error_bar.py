@@ -16,7 +16,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.modes import Factor
 from modalshell.shell import Shell
-from modalshell.statics.error_bar import ErrorEstimator
+from modalshell.statics.error_bar import Estimator
 from modalshell.statics.margin import Margin
 from modalshell.statics.potential import Potential
 
@@ -25,7 +25,7 @@ _LEAST, _MOST = 2, 8
 
 
 @final
-class ContactEstimator(ErrorEstimator):
+class ContactEstimator(Estimator):
     """Finds error bars of answers under contacts.
 
     What touches at the answer is prescribed in each of Newton's steps, as statics do, and what pulls or enters changes

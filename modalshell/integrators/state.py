@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, final
 
@@ -138,6 +138,12 @@ class MotionState:
     def with_arrays(self, arrays: dict[str, Array]) -> MotionState:
         """A state of the same kind from the arrays of :meth:`arrays`."""
         return MotionState(arrays["coordinates"], arrays["rates"], {name: arrays[name] for name in self.memory})
+
+    def mapped(self, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:
+        """It in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
+        kept = {name for name, vector in self.memory.items() if vector.shape == self.rates.shape and name != PUSHES}
+        memory = {name: turn(vector) if name in kept else vector for name, vector in self.memory.items()}
+        return MotionState(place(self.coordinates), turn(self.rates), memory)
 
 
 @final

@@ -17,14 +17,15 @@ from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.mesh.closest import closest_points
 from modalshell.models.base.crease_motion import CreaseMotion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
+from modalshell.models.base.implicit import LoadAt, implicit_rule
 from modalshell.models.coarse.free_parts import ProlongedParts
+from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse.taken_over import CreasesBelow
@@ -36,7 +37,7 @@ _APART = 0.2
 
 
 @final
-class CoarseDiscreteShell(ImplicitModel):
+class CoarseDiscreteShell(OnCoarse):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 
     Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
@@ -149,14 +150,6 @@ class CoarseDiscreteShell(ImplicitModel):
         np.add.at(above, self.nearest, forces)
         touched[self.nearest[touches]] = True
         return above, touched
-
-    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
-        """What takes the steps of a motion with contacts."""
-        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
-
-        if self._creases is not None:
-            raise OptionError("coarse DS in motion takes contacts or creases, not both: take ms.DiscreteShell")
-        return CoarseContactMotion(self, setup, origin)
 
     def centred(self) -> tuple[Self, Array]:
         """The same model about the origin, and where its origin was."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
@@ -20,12 +21,13 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import PUSHES, Damping, MotionSetup, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
+from modalshell.models.base.implicit import LoadAt, implicit_rule
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
+from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
@@ -59,7 +61,7 @@ class _LastLoad:
 
 
 @final
-class HybridStress(ImplicitModel):
+class HybridStress(OnCoarse):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
@@ -330,22 +332,14 @@ class HybridStress(ImplicitModel):
         """A state in positions (k, 3) [m] of the coarse vertices."""
         if state.coordinates.ndim == 2:
             return state
-        return _mapped(state, self._coarse_positions, lambda vector: (self._basis @ vector).reshape(-1, 3))
-
-    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
-        """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""
-        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
-
-        return CoarseContactMotion(self, setup, origin)
+        return state.mapped(self._coarse_positions, lambda vector: (self._basis @ vector).reshape(-1, 3))
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
         from modalshell.models.coarse.contact_statics import equilibrium_or_coarse_contacts  # not without contacts
 
-        def free() -> Equilibrium:
-            return self._solve_live(loading, start) if loading.live else self._solve(loading.dead, start)
-
+        free = partial(self._solve_untouched, loading, start)
         return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
@@ -378,7 +372,7 @@ class HybridStress(ImplicitModel):
         mass = shell.mass[:, None]
         if np.sum(mass * outside**2) > _LEFT**2 * np.sum(mass * displacement**2) or not self._sees_state(z):
             return None
-        return _mapped(state, lambda _: z, lambda vectors: self._weighted @ vectors.ravel())
+        return state.mapped(lambda _: z, lambda vectors: self._weighted @ vectors.ravel())
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""
@@ -404,22 +398,3 @@ class HybridStress(ImplicitModel):
     def largest_move(self, change: Array) -> float:
         """Largest displacement [m] of a coarse vertex by a small ``change``."""
         return super().largest_move(change if change.ndim == 2 else (self._basis @ change).reshape(-1, 3))
-
-
-def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:
-    """A state in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
-    shape = state.rates.shape
-    memory = {
-        name: turn(kept) if kept.shape == shape and name != PUSHES else kept for name, kept in state.memory.items()
-    }
-    return MotionState(place(state.coordinates), turn(state.rates), memory)
-
-
-def trained_on_load(
-    shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
-    error: float | None = None, integrator: str = "bdf2",
-) -> HybridStress:  # fmt: skip
-    """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
-    return HybridStress.trained(
-        shell, force=load, coarse=coarse, modes=modes, motions=motions, seed=seed, error=error, integrator=integrator
-    )

@@ -11,17 +11,19 @@ from typing import Literal, final, get_args
 from modalshell.core.errors import OptionError
 from modalshell.core.plugins import load_plugins
 from modalshell.core.registry import Registry
+from modalshell.core.typing import Array
 from modalshell.models.auto.auto import Auto
 from modalshell.models.base.model import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
-from modalshell.models.hybrid_stress import trained_on_load
+from modalshell.models.hybrid_stress import HybridStress
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives
 from modalshell.models.reduced_rotation_strain import trained_on_loads
 from modalshell.models.rigid import RigidShell
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import ModalWarping, consistent_warping
+from modalshell.shell import Shell
 
 Needs = Literal["shell", "basis", "training", "coarse mesh", "coarse training"]
 Response = Literal["rigid", "linear", "nonlinear"]
@@ -129,6 +131,16 @@ def models() -> Mapping[str, ModelSpec]:
     """Every model by its key, cheapest first, those of installed packages included; see :class:`ModelSpec`."""
     load_plugins()
     return MappingProxyType({spec.key: spec for spec in sorted(MODELS.values(), key=lambda spec: spec.cost)})
+
+
+def trained_on_load(
+    shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
+    error: float | None = None, integrator: str = "bdf2",
+) -> HybridStress:  # fmt: skip
+    """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
+    return HybridStress.trained(
+        shell, force=load, coarse=coarse, modes=modes, motions=motions, seed=seed, error=error, integrator=integrator
+    )
 
 
 for _spec in (

@@ -17,6 +17,7 @@ margin alone is blind to modes that an answer lacks.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -123,10 +124,10 @@ def share_as_text(error: float) -> str:
     return "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
 
 
-class ErrorEstimator:
+class Estimator(ABC):
     """Finds error bars of answers of one shell, one after the other; the order of elimination is found once.
 
-    Where more is held than the supports hold, a subclass says what the motions are that are left.
+    A subclass takes Newton's steps, and where more is held than the supports hold says what motions are left.
 
     Parameters
     ----------
@@ -172,17 +173,9 @@ class ErrorEstimator:
         valid = margin.value > LEAST_MARGIN
         return ErrorBar(displacement, margin.value, critical, valid, corrected + self.origin, watch(), on=on)
 
+    @abstractmethod
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
-        """Positions (n, 3) [m] and predicted stresses after two steps; SolverError where they leave all numbers."""
-        stresses: list[Array] | None = None
-        for _ in range(_STEPS):
-            geometric = GAUSS_NEWTON if stresses is None else MIXED
-            gradient, hessian = problem.linearise(x, geometric, stresses)
-            x, stresses, _ = problem.moved(x, problem.step(problem.factor(hessian), gradient))
-            if not np.isfinite(x).all():
-                raise SolverError("two Newton steps from this answer leave the finite numbers")
-        assert stresses is not None
-        return x, stresses
+        """Positions (n, 3) [m] and predicted stresses after Newton's steps; SolverError where they lead nowhere."""
 
     def _margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses."""
@@ -247,6 +240,23 @@ class ErrorEstimator:
     def length(self, displacement: Array) -> float:
         """Of displacements (n, 3) [m], in the norm of the mass [kg^(1/2) m]."""
         return float(np.sqrt(np.sum(self.shell.mass[:, None] * displacement**2)))
+
+
+@final
+class ErrorEstimator(Estimator):
+    """That of answers whose supports alone hold the shell: two mixed steps."""
+
+    def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
+        """Positions (n, 3) [m] and predicted stresses after two steps; SolverError where they leave all numbers."""
+        stresses: list[Array] | None = None
+        for _ in range(_STEPS):
+            geometric = GAUSS_NEWTON if stresses is None else MIXED
+            gradient, hessian = problem.linearise(x, geometric, stresses)
+            x, stresses, _ = problem.moved(x, problem.step(problem.factor(hessian), gradient))
+            if not np.isfinite(x).all():
+                raise SolverError("two Newton steps from this answer leave the finite numbers")
+        assert stresses is not None
+        return x, stresses
 
 
 @final

@@ -110,7 +110,7 @@ class Model(ABC):
         elif wanted:
             found = self._solve_constrained(loading, begin, wanted)
         else:
-            found = self._solve_live(loading, begin) if loading.live else self._solve(loading.dead, begin)
+            found = self._solve_untouched(loading, begin)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
@@ -131,6 +131,10 @@ class Model(ABC):
     @abstractmethod
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def _solve_untouched(self, loading: Loading, start: Array | None) -> Equilibrium:
+        """Static answer to any load, without constraints or contacts."""
+        return self._solve_live(loading, start) if loading.live else self._solve(loading.dead, start)
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""

@@ -1,0 +1,32 @@
+"""Base of models whose contacts a coarse shell bears."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.models.base.implicit import ImplicitModel
+
+
+class OnCoarse(ImplicitModel):
+    """An implicit model that moves with a coarse shell, or may be handed over to one."""
+
+    @property
+    @abstractmethod
+    def on_coarse(self) -> Any:
+        """The :class:`CoarseDiscreteShell` that bears contacts."""
+
+    @abstractmethod
+    def as_coarse(self, state: MotionState) -> MotionState:
+        """A state in positions (k, 3) [m] of the coarse vertices."""
+
+    def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
+        """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""
+        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
+
+        if self.shell.creases is not None:
+            raise OptionError("coarse DS in motion takes contacts or creases, not both: take ms.DiscreteShell")
+        return CoarseContactMotion(self, setup, origin)
