@@ -6,7 +6,7 @@ import base64
 import html
 import json
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -60,21 +60,20 @@ def filled_page(
     *,
     notes: Sequence[str] = (),
     words: Mapping[str, str] | None = None,
-    without: Collection[str] = (),
 ) -> Page:
     """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2.
 
     ``KIND.html``, ``KIND_*.js`` and ``KIND.js`` are in the ``folder`` of that package; what all pages share is here.
-    The ``notes`` stand below the title; ``words`` fill the places of the controls that depend on the page. Scripts of
-    the kind that this page does not run are left out: those ``without`` names.
+    The ``notes`` stand below the title; ``words`` fill the places of the controls that depend on the page. Further
+    scripts of the folder are those that the data names as its ``scripts``.
     """
     checked_kind("title", title, str)
     picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
     own, common = files(folder), files(__package__)
     controls = Template((own / f"{kind}.html").read_text(encoding="utf-8")).substitute(words or {})
-    scripts = (one for one in own.iterdir() if one.name.startswith(f"{kind}_") and one.name.endswith(".js"))
-    parts_of_kind = [one for one in scripts if one.name not in without]
-    ordered = [common / "common.js", common / "view.js", *sorted(parts_of_kind, key=str), own / f"{kind}.js"]
+    parts_of_kind = [one for one in own.iterdir() if one.name.startswith(f"{kind}_") and one.name.endswith(".js")]
+    further = [own / name for name in data.get("scripts", ())]
+    ordered = [common / "common.js", common / "view.js", *sorted(parts_of_kind, key=str), *further, own / f"{kind}.js"]
     script = "\n".join(path.read_text(encoding="utf-8") for path in ordered)
     said = "\n".join(f'  <p class="notes">{html.escape(note)}</p>' for note in notes)
     parts = {"controls": controls, "script": script, "picture": picture, "notes": said}

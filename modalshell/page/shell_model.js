@@ -18,7 +18,7 @@ const shapes = reduced && floatsOf(reduced.shapes), amounts = reduced && floatsO
 const mass = live && new Float32Array(bytes(live.mass));
 const force = live && live.force ? new Float32Array(bytes(live.force)) : null;
 const lambda = live ? live.eigenvalues : [];
-const free = live && live.frames || null, rigid = free ? free.count : 0;  // parts that no support holds: shell_parts.js
+const free = live && live.frames || null, rigid = free ? free.count : 0;  // parts that no support holds: free_parts.js
 const state = {  // model: "scene" is the stored motion or answer
   q: new Float64Array(m), v: new Float64Array(m), time: 0, count: m, model: data.record ? "scene" : "mwts",
   xi: live ? live.damping[0] : 0, zeta: live ? live.damping[1] : 0,

@@ -85,8 +85,9 @@ def shell_page(
     words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
     if bodies:  # a page without any is as it was
         data["bodies"] = [_placed(*body, centre) for body in bodies]
-    without = () if live is not None and "frames" in live else ("shell_parts.js",)
-    return filled_page("shell", title, data, rest, faces, notes=notes, words=words, without=without)
+    if live is not None and "frames" in live:
+        data["scripts"] = ["free_parts.js"]
+    return filled_page("shell", title, data, rest, faces, notes=notes, words=words)
 
 
 def _placed(
