@@ -31,7 +31,7 @@ from modalshell.linalg.cholesky import block_graph
 from modalshell.linalg.ordering import minimum_degree
 
 Use = Literal["solve", "refactor", "repeat"]
-"""Whether one factor serves many solves, or one pattern many factors, so many that compilation pays for small ones."""
+"""Whether one factor serves many solves, or one pattern many factors, or enough to compile for small ones."""
 
 
 class Factor(ABC):
@@ -242,8 +242,8 @@ class Factoriser:
     backend : {"cholesky", "superlu"}, optional
         Without it, Cholesky from 2,000 unknowns on and SuperLU below.
     use : {"solve", "refactor", "repeat"}
-        Whether one factor serves many solves, or one pattern many factors; or so many that small and slender matrices
-        are worth the compilation of a profile factorisation, which takes a tenth of SuperLU's time.
+        Whether one factor serves many solves, or one pattern many factors; or enough of them that small and slender
+        matrices are worth the compilation of a profile factorisation, which takes a tenth of SuperLU's time.
 
     Raises
     ------
