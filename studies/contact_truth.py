@@ -308,8 +308,8 @@ def table(result: StudyResult) -> str:
             "{unsolved rough}",
             found["falls"],
         ),
-        "A strip falls on a body, 200 steps of 1/60 s by implicit Euler. Where a vertex slides by s over a surface of "
-        "radius r, its force along the normal at the end does the work of s^2 / (2 r):",
+        "A strip falls on a body, 200 steps of 1/60 s by implicit Euler. Forces on curved bodies are those of a "
+        "discrete gradient of the gap, which do no work on what slides:",
         markdown(
             "body | thickness [m] | frames that touch | energy gained in a step, over the fall's | steps not solved",
             "{body} | {thickness:g} | {touching} | {gained:.1e} | {unsolved}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable
 from typing import Any, final
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy.sparse as sps
 from modalshell.contact.layers import Layers
 from modalshell.core.typing import Array
 from modalshell.modes import Factoriser
-from modalshell.shell import EXACT
+from modalshell.statics.further import Moved
 from modalshell.statics.potential import Potential
 from modalshell.supports import Unknowns, VertexUnknowns
 
@@ -22,67 +22,48 @@ _TRIES = 3
 
 
 @final
-@dataclass(frozen=True)
-class LayeredPotential(Potential):
-    """A potential with the barrier energy of ``layers`` in it, and its friction.
+class LayeredEnergy:
+    """The barrier energy of layers, and its friction, as a further energy of a potential.
 
     The barrier's Hessian changes its pattern with the pairs that are near. Blocks that were needed once stay, so that
     one analysis serves many factors.
     """
 
-    layers: Layers = field(kw_only=True)
-    patterns: Patterns = field(kw_only=True)
-    last_step: Array = field(default_factory=lambda: np.full(1, np.inf), kw_only=True)
-    """Largest move (1,) [m] of a vertex in the last step."""
+    def __init__(self, layers: Layers, patterns: Patterns) -> None:
+        self.layers, self._patterns = layers, patterns
+        self._last = np.inf  # largest move [m] of a vertex in the last step
 
-    @classmethod
-    def of(cls, problem: Potential, layers: Layers, patterns: Patterns) -> LayeredPotential:
-        """A potential with the barrier of ``layers`` in it."""
-        own: dict[str, Any] = {part.name: getattr(problem, part.name) for part in fields(problem)}
-        return cls(**own, layers=layers, patterns=patterns)
+    def value(self, x: Array) -> float:
+        """Energy [J] at x (n, 3)."""
+        return self.layers.value(x)
 
-    @property
-    def refinable(self) -> bool:
-        """False: the barrier has no extended precision."""
-        return False
+    def gradient(self, x: Array) -> Array:
+        """Its derivatives (n, 3) [N]."""
+        return self.layers.gradient(x)
 
-    def potential(self, x: Array) -> tuple[float, Array]:
-        """See :meth:`Potential.potential`."""
-        value, gradient = super().potential(x)
-        return value + self.layers.value(x), gradient + self._restricted(x)
-
-    def linearise(
-        self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
-    ) -> tuple[Array, sps.csc_array]:
-        """See :meth:`Potential.linearise`; each pair's Hessian is projected, but in exact ones and after short steps.
+    def added(self, matrix: sps.csc_array, x: Array, unknowns: Unknowns, *, exactly: bool) -> sps.csc_array:
+        """A Hessian with its second derivatives, each pair's projected unless ``exactly`` or after a short step.
 
         Projection leaves negative curvature out, so that Newton's method would end by factors of two.
         """
-        gradient, matrix = super().linearise(x, geometric, stresses, led)
-        with self.costs.part("assembly"):
-            exactly = geometric == EXACT or self.last_step[0] < _SHORT * self.layers.gap
-            further = self.layers.hessian(x, definite=not exactly)
-            return gradient + self._restricted(x), self.patterns.total(matrix, further, self.shell.unknowns)
+        exactly = exactly or self._last < _SHORT * self.layers.gap
+        return self._patterns.total(matrix, self.layers.hessian(x, definite=not exactly), unknowns)
 
-    def _restricted(self, x: Array) -> Array:
-        return np.asarray(self.shell.unknowns.restrict(self.layers.gradient(x).ravel()))
-
-    def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
-        """See :meth:`Potential.moved`; no pair meets on the straight way."""
+    def bounded(self, move: Callable[[float], Moved], x: Array) -> Moved:
+        """What ``move`` gives for a part of a direction on whose straight way from x (n, 3) no pair meets."""
         part = 1.0
         for _ in range(_TRIES):
-            moved, stresses, share = super().moved(x, part * direction, reach)
-            part *= share
+            moved, stresses, part = move(part)
             if (free := self.layers.free_part(x, moved)) >= 1.0:
-                self.last_step[0] = np.abs(moved - x).max()
+                self._last = float(np.abs(moved - x).max())
                 return moved, stresses, part
             part *= free
-        self.last_step[0], step = np.inf, free * (moved - x)
-        return x + step, self.shell.predicted_stresses(x, step), part
+        self._last = np.inf
+        return x + free * (moved - x), self.layers.shell.predicted_stresses(x, free * (moved - x)), part
 
-    def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:
+    def factoriser_of(self, hessian: sps.csc_array, plain: Factoriser) -> Factoriser:
         """One for the pattern of this Hessian."""
-        return self.patterns.factoriser_of(hessian, self.factoriser)
+        return self._patterns.factoriser_of(hessian, plain)
 
 
 def pressure_of(force: Array, problem: Potential) -> float:

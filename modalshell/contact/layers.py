@@ -39,6 +39,8 @@ class Layers:
         Distance [m] at which forces begin.
     stiffness : float
         kappa [Pa].
+    shell : Shell
+        The shell.
 
     Raises
     ------
@@ -47,7 +49,7 @@ class Layers:
     """
 
     def __init__(self, contact: SelfContact, shell: Shell) -> None:
-        self._ipc = _library()
+        self._ipc, self.shell = _library(), shell
         mesh, rest = shell.mesh, shell.rest_positions
         chosen = contact.vertices(mesh)
         numbers = np.cumsum(chosen) - 1

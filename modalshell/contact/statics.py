@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
-from modalshell.contact.layered import LayeredPotential, Patterns, pressure_of
+from modalshell.contact.layered import LayeredEnergy, Patterns, pressure_of
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import Touching
 from modalshell.core.typing import Array
@@ -58,10 +58,8 @@ def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Re
     return replace(rest, iterations=iterations)
 
 
-def rest_on_layers(
-    problem: Potential, touching: Touching, layers: Layers, start: Array
-) -> tuple[Rest, LayeredPotential]:
-    """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the problem.
+def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start: Array) -> tuple[Rest, Layers]:
+    """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the layers.
 
     The shell moves in a thick fluid. The barrier is stiffened, from the load over the area on, until no two layers are
     nearer than a small part of the gap.
@@ -77,13 +75,14 @@ def rest_on_layers(
     pressure = pressure_of(problem.force(start), problem) or problem.scale_at(start) / problem.shell.mesh.area
     iterations = 0
     for _ in range(_STIFFENED):
-        layered = LayeredPotential.of(problem, layers.stiff(pressure), patterns)
+        layers = layers.stiff(pressure)
+        layered = replace(problem, further=LayeredEnergy(layers, patterns))
         rest = _slowly(layered, touching, start, iterations)
         iterations = rest.iterations
-        if not rest.converged or layered.layers.least(rest.point) >= _CLOSE * layers.gap:
+        if not rest.converged or layers.least(rest.point) >= _CLOSE * layers.gap:
             break
         start, pressure = rest.point, _STIFFER * pressure
-    return rest, layered
+    return rest, layers
 
 
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:

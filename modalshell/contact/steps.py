@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import SLIP, Friction
-from modalshell.contact.layered import LayeredPotential, Patterns
+from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
@@ -140,7 +140,7 @@ class TouchingSteps:
             if not free:
                 return problem.origin, False
             layers = self.layers.rubbed(problem.origin)
-            problem = LayeredPotential.of(problem, layers, self._patterns)
+            problem = replace(problem, further=LayeredEnergy(layers, self._patterns))
             rules = rules._replace(most=_AMONG_LAYERS)
         start = before, lagged, time - before.time
         rest, turned = self._minimum(problem, start, first, scale, rules, stresses), np.zeros_like(first)

@@ -21,7 +21,8 @@ from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_fac
 from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.further import Further, Moved
+from modalshell.statics.live_loads import LiveLoads, symmetric_half
 from modalshell.statics.newton import Factored, Iterate, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 
 _LOWEST = 6
@@ -35,6 +36,7 @@ _STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
 
 
+@final
 @dataclass(frozen=True)
 class Potential(Problem[sps.csc_array]):
     """A shell's potential, on the free vertices: x are positions (n, 3) [m].
@@ -60,6 +62,8 @@ class Potential(Problem[sps.csc_array]):
     kept_within : float
         Move, as a share of the shell's size, within which a definite factor serves other Hessians, too: for conjugate
         gradients on them, and to find a state on the way to be a minimum.
+    further : Further, optional
+        A further energy, such as that between layers in self-contact.
     """
 
     shell: Shell
@@ -67,6 +71,7 @@ class Potential(Problem[sps.csc_array]):
     costs: Timings
     live: LiveLoads | None = None
     kept_within: float = field(default=0.0, kw_only=True)
+    further: Further | None = field(default=None, kw_only=True)
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3
@@ -80,7 +85,7 @@ class Potential(Problem[sps.csc_array]):
     @property
     def refinable(self) -> bool:
         """Whether its states can be refined in extended precision: the energies of the shell alone have that."""
-        return self.quadratic is None
+        return self.quadratic is None and self.further is None
 
     @property
     def is_dead(self) -> bool:
@@ -124,6 +129,9 @@ class Potential(Problem[sps.csc_array]):
         if self.live is not None:
             value += self.live.energy(x)
             total -= self.live.force(x)
+        if self.further is not None:
+            value += self.further.value(x)
+            total += self.further.gradient(x)
         return value, np.asarray(self.shell.unknowns.restrict(total.ravel()))
 
     def residual(self, x: Array) -> Array:
@@ -148,6 +156,9 @@ class Potential(Problem[sps.csc_array]):
             if led is not None and led.any():
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
             matrix = self.shell.pattern.free_matrix(data)
+            if self.further is not None:
+                total += self.further.gradient(x)
+                matrix = self.further.added(matrix, x, self.shell.unknowns, exactly=geometric == EXACT)
             if self.unsymmetric:
                 matrix = sps.csc_array(matrix.T)  # its arrays are those of CSR
             return self.shell.unknowns.restrict(total.ravel()), matrix
@@ -170,9 +181,9 @@ class Potential(Problem[sps.csc_array]):
                 return self._condensed(self.factoriser.general(hessian))
             return self._condensed(self.factoriser_of(hessian).symmetric(hessian))
 
-    def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:  # noqa: ARG002 (all are of one pattern)
+    def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:
         """What factorises a Hessian."""
-        return self.factoriser
+        return self.factoriser if self.further is None else self.further.factoriser_of(hessian, self.factoriser)
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
         """Factor of a positive definite Hessian, None for any other.
@@ -181,7 +192,7 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("factorisation"):
             try:
-                symmetric = _symmetric_half(hessian) if self.unsymmetric else hessian
+                symmetric = symmetric_half(hessian) if self.unsymmetric else hessian
                 factor = self.factoriser_of(hessian).definite(symmetric)
                 if factor.is_definite():
                     return self._condensed(factor)
@@ -234,8 +245,13 @@ class Potential(Problem[sps.csc_array]):
 
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
         """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
-        moved, step, share = warped_step(self.shell, x, direction, method.LARGEST_TURN if reach is None else reach)
-        return moved, self.shell.predicted_stresses(x, step), share
+        turn = method.LARGEST_TURN if reach is None else reach
+
+        def move(part: float) -> Moved:
+            moved, step, share = warped_step(self.shell, x, direction if part == 1.0 else part * direction, turn)
+            return moved, self.shell.predicted_stresses(x, step), part * share
+
+        return move(1.0) if self.further is None else self.further.bounded(move, x)
 
     def rounding(self, x: Array, hessian: sps.csc_array, length: float) -> float:
         """Residual that the rounding of positions alone leaves: each force by eps times its stiffness times ``|x|``.
@@ -268,14 +284,6 @@ class Potential(Problem[sps.csc_array]):
 
     def _product(self, quadratic: Array, u: Array) -> Array:
         return self.shell.pattern.product(quadratic, u.ravel()).reshape(-1, 3)
-
-
-def _symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
-    """Half the sum of a matrix and its transpose, on its own pattern, which is symmetric."""
-    matrix.sort_indices()
-    other = sps.csc_array(matrix.T)
-    other.sort_indices()
-    return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:

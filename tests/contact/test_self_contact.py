@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.contact.layered import LayeredPotential, Patterns
+from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.self_contact import SelfContact
 from modalshell.motion.stepping import Motion
@@ -59,7 +60,7 @@ def test_derivatives_by_taylor_slopes(rest, friction):
     # Meshes of both flanges that lie on each other are where pairs change what is nearest in them.
     x = answer.positions - origin + 5e-4 * random.standard_normal(answer.positions.shape)
     layers = layers.rubbed(x - 1e-5)
-    layered = LayeredPotential.of(problem, layers, Patterns(None))
+    layered = replace(problem, further=LayeredEnergy(layers, Patterns(None)))
     way = random.standard_normal(problem.push.size)
     full = problem.shell.unknowns.prolong(way).reshape(-1, 3)
     value, gradient = layered.potential(x)

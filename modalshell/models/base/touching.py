@@ -55,8 +55,8 @@ def equilibrium_on_contacts(
         if own is None:
             rest = rest_on_contacts(problem, touching, first)
         else:
-            rest, layered = rest_on_layers(problem, touching, Layers(own, shell), first)
-            further, closest = -layered.layers.gradient(rest.point), layered.layers.least(rest.point)
+            rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
+            further, closest = -layers.gradient(rest.point), layers.least(rest.point)
     gaps = touching.distances(rest.point)
     notes = [] if rest.converged else ["the contact set did not settle"]
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
