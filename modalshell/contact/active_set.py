@@ -215,7 +215,7 @@ class ActiveSet:
             return rest
         equations, gradient = self._equations(rest, EXACT)
         factor = equations.definite_factor()
-        if factor is not None and rest.residual > method.ACCEPTED and self.problem.quadratic is None:
+        if factor is not None and rest.residual > method.ACCEPTED and not self.problem.is_step:
             rest, gradient = self._refined(rest, equations, factor)
         pushes = np.zeros(rest.pushes.size)
         pushes[equations.frames.rows] = np.maximum(equations.frames.pushes(gradient), 0.0)
