@@ -1,6 +1,7 @@
 """Direct solvers for sparse symmetric systems: multifrontal Cholesky for large ones, profile factors for small ones."""
 
 from modalshell.linalg.cholesky import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError, block_graph
+from modalshell.linalg.conjugate_gradients import Stop
 from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor
 
 __all__ = [
@@ -9,5 +10,6 @@ __all__ = [
     "NotPositiveDefiniteError",
     "ProfileAnalysis",
     "ProfileFactor",
+    "Stop",
     "block_graph",
 ]

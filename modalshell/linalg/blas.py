@@ -31,13 +31,21 @@ class Blas(NamedTuple):
     zero: int
 
 
-_LETTERS, _FACTORS = np.frombuffer(b"LNTR", np.uint8), np.array([1.0, -1.0, 0.0])
-BLAS = Blas(
-    get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf"),
-    *(get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsm", "dsyrk", "dgemm")),
-    *(_LETTERS.ctypes.data + k for k in range(_LETTERS.size)),
-    *(_FACTORS.ctypes.data + 8 * k for k in range(_FACTORS.size)),
-)
+_LETTERS = np.frombuffer(b"LNTR", np.uint8)
+_FACTORS = {kind: np.array([1.0, -1.0, 0.0], kind) for kind in ("f8", "f4")}
+
+
+def _functions(letter: str, factors: Any) -> Blas:
+    """Those of one precision."""
+    return Blas(
+        get_cython_function_address("scipy.linalg.cython_lapack", f"{letter}potrf"),
+        *(get_cython_function_address("scipy.linalg.cython_blas", letter + name) for name in ("trsm", "syrk", "gemm")),
+        *(_LETTERS.ctypes.data + k for k in range(_LETTERS.size)),
+        *(factors.ctypes.data + factors.itemsize * k for k in range(factors.size)),
+    )
+
+
+BLAS, SINGLE_BLAS = _functions("d", _FACTORS["f8"]), _functions("s", _FACTORS["f4"])
 
 
 @njit(inline="always")

@@ -15,7 +15,8 @@ from threadpoolctl import ThreadpoolController
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.linalg import analysis, multifrontal
-from modalshell.linalg.blas import BLAS
+from modalshell.linalg.blas import BLAS, SINGLE_BLAS
+from modalshell.linalg.conjugate_gradients import Preconditioner, Rows, Stop, solve_near
 from modalshell.linalg.ordering import best_elimination, row_lists
 from modalshell.linalg.triangular_solves import LANES, solve
 
@@ -23,6 +24,7 @@ _PRODUCTS_A_READ = 0.045
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""
 
 
+_NONE = np.empty((3, 0, 3))
 _ONE_BY_ONE = 2
 """Right sides up to which one after the other is faster than a register of them."""
 
@@ -59,6 +61,10 @@ class CholeskyAnalysis:
         3 where the pattern consists of 3 x 3 blocks, else 1.
     entries : int
         Stored numbers of a factor.
+    panels : Panels
+        Where they are.
+    height : int
+        Rows of the highest panel.
     solves_a_factorisation : float
         Solves that take the time of a factorisation, about: 8 at 2,500 vertices of a sheet, 13 at 10,000.
     """
@@ -79,42 +85,52 @@ class CholeskyAnalysis:
         row_begins, row_ends = row_starts[of] + above, row_starts[of + 1]
         heights = (row_ends - row_begins) * self.block
         panels = np.concatenate([[0], np.cumsum(np.diff(columns) * self.block * heights)])
-        self._height = int(heights.max(initial=0))
+        self.height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
         self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
         self._buffer, size = multifrontal.storage(self._supernodes)
-        self._storage = max(self._buffer + size, self.entries + LANES)
+        self._storage = max(self._buffer + size, self.entries + 2 * LANES)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
-        self._panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
-        begins = analysis.entry_places(*pattern, order, self._panels, sources, places)[first_panel]
+        self.panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
+        begins = analysis.entry_places(*pattern, order, self.panels, sources, places)[first_panel]
         self._entries = multifrontal.Entries(sources, places, begins)
 
-    def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
-        """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
-        values, sizes = np.empty(self._storage), np.empty(6, np.int32)
+    def factorise(self, matrix: sps.csc_array, *, single: bool = False) -> BlockCholesky:
+        """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive.
+
+        A factor in ``single`` precision takes half the memory and about half the time.
+        """
+        values, sizes = np.empty(self._storage, np.float32 if single else np.float64), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
             wrong = multifrontal.factorise(
-                matrix.data, self._entries, self._supernodes, values, self._buffer, sizes, BLAS
+                matrix.data,
+                self._entries,
+                self._supernodes,
+                values,
+                self._buffer,
+                sizes,
+                SINGLE_BLAS if single else BLAS,
             )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
-        values[self.entries : self.entries + LANES] = 0.0  # solves read them
+        values[self.entries : self.entries + 2 * LANES] = 0.0  # solves read them
         return BlockCholesky(self, values)
 
     def solve(self, values: Array, right_sides: Array) -> Array:
         """Solution (N,) or (N, r) with the factor ``values``."""
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         solution = np.empty(columns.shape)
-        sides = LANES if columns.shape[1] > _ONE_BY_ONE else 1
-        permuted, work = np.zeros((self.size, sides)), np.zeros(self._height * sides + LANES)
+        lanes = LANES * 8 // values.itemsize
+        sides = lanes if columns.shape[1] > _ONE_BY_ONE else 1
+        permuted, work = np.zeros((self.size, sides), values.dtype), np.zeros(self.height * sides + lanes, values.dtype)
         for start in range(0, columns.shape[1], sides):
             some = columns[self.order, start : start + sides]
             permuted[:, : some.shape[1]] = some
-            solve(values, self._panels, permuted.reshape(-1), sides, work)
+            solve(values, self.panels, permuted.reshape(-1), sides, work)
             solution[self.order, start : start + sides] = permuted[:, : some.shape[1]]
         return solution.reshape(right_sides.shape)
 
@@ -136,6 +152,18 @@ class BlockCholesky:
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
         return self.analysis.solve(self._values, np.asarray(right_side))
+
+    def solve_near(
+        self, matrix: sps.csc_array, right_side: Array, stop: Stop, axes: Array | None = None
+    ) -> tuple[Array, int, bool]:
+        """Solution (N,) for another symmetric matrix, the solves it took, and whether it meets the accuracy.
+
+        See :func:`modalshell.linalg.conjugate_gradients.solve_near`.
+        """
+        of, rows = self.analysis, Rows(matrix.indptr, matrix.indices, matrix.data)
+        factor = Preconditioner(self._values, of.panels, of.order, of.height, _NONE if axes is None else axes)
+        found, iterations, served = solve_near(factor, rows, right_side, stop)
+        return found, int(iterations), bool(served)
 
 
 @functools.cache

@@ -146,7 +146,7 @@ def _eliminate(
     block, first, row_starts, _, _, first_panel, panels = supernodes
     width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
     below = height - width
-    base, sizes = address(values), address(numbers)
+    base, sizes, wide = address(values), address(numbers), np.int64(values.itemsize)
     p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
     p_info, p_rest, p_columns = sizes + 12, sizes + 16, sizes + 20
     lower, no, transposed, one, minus = blas.lower, blas.no, blas.transposed, blas.one, blas.minus
@@ -155,8 +155,8 @@ def _eliminate(
         above = (p - first_panel[s]) * PANEL
         columns, rows = min(PANEL, width - above), height - above
         numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
-        at = base + 8 * panels[p]
-        under = at + 8 * columns
+        at = base + wide * panels[p]
+        under = at + wide * columns
         call(blas.potrf, (lower, p_width, at, p_height, p_info))
         if numbers[3] != 0:
             return int(first[s] * block + above + numbers[3] - 1)
@@ -165,12 +165,12 @@ def _eliminate(
         call(blas.trsm, (blas.right, lower, transposed, no, p_rest, p_width, one, at, p_height, under, p_height))
         for q in range(p + 1, first_panel[s + 1]):
             numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
-            factors = (under, p_height, under, p_height, one, base + 8 * panels[q], p_rest)
+            factors = (under, p_height, under, p_height, one, base + wide * panels[q], p_rest)
             call(blas.gemm, (no, transposed, p_rest, p_columns, p_width, minus, *factors))
-            under += 8 * PANEL
+            under += wide * PANEL
         if below > 0:
-            under = at + 8 * (rows - below)
-            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, base + 8 * update, p_below))
+            under = at + wide * (rows - below)
+            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, base + wide * update, p_below))
             beta = one
     return -1
 
@@ -219,7 +219,7 @@ def _add_column(values: Array, source: int, j: int, run: int, found: int, runs: 
 def _eliminate_one(values: Array, panel: int, below: int, update: int, has_children: bool, top: int) -> None:
     """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children at ``update``."""
     values[panel] = np.sqrt(values[panel])
-    inverse = 1.0 / values[panel]
+    zero, inverse = values.dtype.type(0.0), values.dtype.type(1.0 / values[panel])
     column = np.uintp(panel + 1)
     for i in range(np.uintp(below)):
         values[column + i] *= inverse
@@ -232,7 +232,7 @@ def _eliminate_one(values: Array, panel: int, below: int, update: int, has_child
                 values[target + i] = values[own + i] + entry * values[under + i]
         else:
             for i in range(size):
-                values[target + i] = 0.0 + entry * values[under + i]
+                values[target + i] = zero + entry * values[under + i]
         target += size
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import BYTES, load, spread, spread_from, store, total
+from modalshell.kernels.packed import BYTES, lane_count, load, spread, spread_from, store, total
 from modalshell.linalg.analysis import Panels
 
 LANES = BYTES // 8
@@ -21,7 +21,7 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 
 @njit(**_options)
 def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides, 1 or :data:`LANES` of them.
+    """Solve ``L L^T x = b`` in place for permuted right sides, 1 or as many as a register holds.
 
     ``x`` (N sides,) has those of one unknown side by side; ``work`` has room for the rows of a panel, and a register.
     """
@@ -65,7 +65,7 @@ def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any) -> None:
 @njit(**_options)
 def _eliminate_one(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """Solve for the columns of a panel, and subtract their products from the rows below."""
-    k = 0
+    k, lanes = 0, lane_count(values)
     while k + 4 <= width:
         c0 = begin + k * height
         c1, c2, c3 = c0 + height, c0 + 2 * height, c0 + 3 * height
@@ -76,7 +76,7 @@ def _eliminate_one(values: Any, begin: int, width: int, height: int, work: Any) 
         x3 /= values[c3 + k + 3]
         work[k], work[k + 1], work[k + 2], work[k + 3] = x0, x1, x2, x3
         f0, f1, f2, f3 = spread(x0), spread(x1), spread(x2), spread(x3)
-        for i in range(k + 4, height, LANES):
+        for i in range(k + 4, height, lanes):
             two = load(values, c0 + i) * f0 + load(values, c1 + i) * f1
             more = load(values, c2 + i) * f2 + load(values, c3 + i) * f3
             store(work, i, load(work, i) - (two + more))
@@ -86,21 +86,21 @@ def _eliminate_one(values: Any, begin: int, width: int, height: int, work: Any) 
         x0 = work[last] / values[c0 + last]
         work[last] = x0
         f0 = spread(x0)
-        for i in range(last + 1, height, LANES):
+        for i in range(last + 1, height, lanes):
             store(work, i, load(work, i) - load(values, c0 + i) * f0)
 
 
 @njit(**_options)
 def _substitute_one(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """Solve for the columns of a panel by the transpose, with what is known of the rows below."""
-    zero = spread(0.0)
+    zero, lanes = spread(values.dtype.type(0.0)), lane_count(values)
     store(work, height, zero)
     k = width
     while k % 4 > 0:
         k -= 1
         c0 = begin + k * height
         s0 = zero
-        for i in range(k + 1, height, LANES):
+        for i in range(k + 1, height, lanes):
             s0 = s0 + load(values, c0 + i) * load(work, i)
         work[k] = (work[k] - total(s0)) / values[c0 + k]
     while k > 0:
@@ -108,7 +108,7 @@ def _substitute_one(values: Any, begin: int, width: int, height: int, work: Any)
         c0 = begin + k * height
         c1, c2, c3 = c0 + height, c0 + 2 * height, c0 + 3 * height
         s0, s1, s2, s3 = zero, zero, zero, zero
-        for i in range(k + 4, height, LANES):
+        for i in range(k + 4, height, lanes):
             known = load(work, i)
             s0, s1 = s0 + load(values, c0 + i) * known, s1 + load(values, c1 + i) * known
             s2, s3 = s2 + load(values, c2 + i) * known, s3 + load(values, c3 + i) * known
@@ -123,64 +123,64 @@ def _substitute_one(values: Any, begin: int, width: int, height: int, work: Any)
 @njit(**_options)
 def _eliminate_many(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """As :func:`_eliminate_one`, a register of right sides in every row."""
-    k = 0
+    k, one, lanes = 0, values.dtype.type(1.0), lane_count(values)
     while k + 4 <= width:
         c0 = begin + k * height
         c1, c2, c3 = c0 + height, c0 + 2 * height, c0 + 3 * height
-        at = k * LANES
-        x0 = load(work, at) * spread(1.0 / values[c0 + k])
-        x1 = load(work, at + LANES) - spread_from(values, c0 + k + 1) * x0
-        x1 = x1 * spread(1.0 / values[c1 + k + 1])
-        x2 = load(work, at + 2 * LANES) - spread_from(values, c0 + k + 2) * x0 - spread_from(values, c1 + k + 2) * x1
-        x2 = x2 * spread(1.0 / values[c2 + k + 2])
-        x3 = load(work, at + 3 * LANES) - spread_from(values, c0 + k + 3) * x0 - spread_from(values, c1 + k + 3) * x1
-        x3 = (x3 - spread_from(values, c2 + k + 3) * x2) * spread(1.0 / values[c3 + k + 3])
+        at = k * lanes
+        x0 = load(work, at) * spread(one / values[c0 + k])
+        x1 = load(work, at + lanes) - spread_from(values, c0 + k + 1) * x0
+        x1 = x1 * spread(one / values[c1 + k + 1])
+        x2 = load(work, at + 2 * lanes) - spread_from(values, c0 + k + 2) * x0 - spread_from(values, c1 + k + 2) * x1
+        x2 = x2 * spread(one / values[c2 + k + 2])
+        x3 = load(work, at + 3 * lanes) - spread_from(values, c0 + k + 3) * x0 - spread_from(values, c1 + k + 3) * x1
+        x3 = (x3 - spread_from(values, c2 + k + 3) * x2) * spread(one / values[c3 + k + 3])
         store(work, at, x0)
-        store(work, at + LANES, x1)
-        store(work, at + 2 * LANES, x2)
-        store(work, at + 3 * LANES, x3)
+        store(work, at + lanes, x1)
+        store(work, at + 2 * lanes, x2)
+        store(work, at + 3 * lanes, x3)
         for i in range(k + 4, height):
             two = spread_from(values, c0 + i) * x0 + spread_from(values, c1 + i) * x1
             more = spread_from(values, c2 + i) * x2 + spread_from(values, c3 + i) * x3
-            store(work, i * LANES, load(work, i * LANES) - (two + more))
+            store(work, i * lanes, load(work, i * lanes) - (two + more))
         k += 4
     for last in range(k, width):
         c0 = begin + last * height
-        x0 = load(work, last * LANES) * spread(1.0 / values[c0 + last])
-        store(work, last * LANES, x0)
+        x0 = load(work, last * lanes) * spread(one / values[c0 + last])
+        store(work, last * lanes, x0)
         for i in range(last + 1, height):
-            store(work, i * LANES, load(work, i * LANES) - spread_from(values, c0 + i) * x0)
+            store(work, i * lanes, load(work, i * lanes) - spread_from(values, c0 + i) * x0)
 
 
 @njit(**_options)
 def _substitute_many(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """As :func:`_substitute_one`, a register of right sides in every row."""
-    k = width
+    k, one, lanes = width, values.dtype.type(1.0), lane_count(values)
     while k % 4 > 0:
         k -= 1
         c0 = begin + k * height
-        x0 = load(work, k * LANES)
+        x0 = load(work, k * lanes)
         for i in range(k + 1, height):
-            x0 = x0 - spread_from(values, c0 + i) * load(work, i * LANES)
-        store(work, k * LANES, x0 * spread(1.0 / values[c0 + k]))
+            x0 = x0 - spread_from(values, c0 + i) * load(work, i * lanes)
+        store(work, k * lanes, x0 * spread(one / values[c0 + k]))
     while k > 0:
         k -= 4
         c0 = begin + k * height
         c1, c2, c3 = c0 + height, c0 + 2 * height, c0 + 3 * height
-        at = k * LANES
-        x0, x1 = load(work, at), load(work, at + LANES)
-        x2, x3 = load(work, at + 2 * LANES), load(work, at + 3 * LANES)
+        at = k * lanes
+        x0, x1 = load(work, at), load(work, at + lanes)
+        x2, x3 = load(work, at + 2 * lanes), load(work, at + 3 * lanes)
         for i in range(k + 4, height):
-            known = load(work, i * LANES)
+            known = load(work, i * lanes)
             x0, x1 = x0 - spread_from(values, c0 + i) * known, x1 - spread_from(values, c1 + i) * known
             x2, x3 = x2 - spread_from(values, c2 + i) * known, x3 - spread_from(values, c3 + i) * known
-        x3 = x3 * spread(1.0 / values[c3 + k + 3])
-        x2 = (x2 - spread_from(values, c2 + k + 3) * x3) * spread(1.0 / values[c2 + k + 2])
+        x3 = x3 * spread(one / values[c3 + k + 3])
+        x2 = (x2 - spread_from(values, c2 + k + 3) * x3) * spread(one / values[c2 + k + 2])
         x1 = x1 - spread_from(values, c1 + k + 2) * x2 - spread_from(values, c1 + k + 3) * x3
-        x1 = x1 * spread(1.0 / values[c1 + k + 1])
+        x1 = x1 * spread(one / values[c1 + k + 1])
         x0 = x0 - spread_from(values, c0 + k + 1) * x1 - spread_from(values, c0 + k + 2) * x2
-        x0 = (x0 - spread_from(values, c0 + k + 3) * x3) * spread(1.0 / values[c0 + k])
+        x0 = (x0 - spread_from(values, c0 + k + 3) * x3) * spread(one / values[c0 + k])
         store(work, at, x0)
-        store(work, at + LANES, x1)
-        store(work, at + 2 * LANES, x2)
-        store(work, at + 3 * LANES, x3)
+        store(work, at + lanes, x1)
+        store(work, at + 2 * lanes, x2)
+        store(work, at + 3 * lanes, x3)

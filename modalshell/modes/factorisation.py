@@ -26,6 +26,7 @@ from modalshell.linalg import (
     NotPositiveDefiniteError,
     ProfileAnalysis,
     ProfileFactor,
+    Stop,
 )
 from modalshell.linalg.cholesky import block_graph
 from modalshell.linalg.ordering import minimum_degree
@@ -55,6 +56,19 @@ class Factor(ABC):
 
     @abstractmethod
     def _solve(self, right_side: Array) -> Array: ...
+
+    def solve_near(
+        self,
+        matrix: sps.csc_array,  # noqa: ARG002
+        right_side: Array,  # noqa: ARG002
+        stop: Stop,  # noqa: ARG002
+        axes: Array | None = None,  # noqa: ARG002
+    ) -> Array | None:
+        """Solution (N,) for a symmetric matrix near A by conjugate gradients; None where they fail, or cannot pay.
+
+        See :func:`modalshell.linalg.conjugate_gradients.solve_near`.
+        """
+        return None
 
     def is_definite(self) -> bool:
         """Whether A is positive definite, by the signs of its pivots; Cholesky factors exist for no other."""
@@ -196,6 +210,14 @@ class _Cholesky(Factor):
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
 
+    def solve_near(
+        self, matrix: sps.csc_array, right_side: Array, stop: Stop, axes: Array | None = None
+    ) -> Array | None:
+        """Solution (N,) for a symmetric matrix near A by conjugate gradients; None where they fail."""
+        found, iterations, served = self._factor.solve_near(matrix, right_side, stop, axes)
+        count_solves(right_side.size, iterations)
+        return found if served else None
+
 
 class _Profile(Factor):
     """``L D L^T`` in profile storage, with pivots in their order, whatever their sign."""
@@ -269,9 +291,27 @@ class Factoriser:
         if self._takes_superlu(matrix):
             return self._superlu(matrix)
         count_factorisation(matrix.shape[0])
+        return _Cholesky(self._analysed(matrix).factorise(matrix))
+
+    def rough(self, matrix: sps.csc_array) -> Factor | None:
+        """Factor of a positive definite matrix in single precision, for conjugate gradients; None if there is none.
+
+        It takes half the memory of another one, and half its time. Small matrices have none, nor do those whose lowest
+        eigenvalues are lost in the rounding of the largest.
+        """
+        _check_finite(matrix)
+        if self._takes_superlu(matrix):
+            return None
+        count_factorisation(matrix.shape[0])
+        try:
+            return _Cholesky(self._analysed(matrix).factorise(matrix, single=True))
+        except NotPositiveDefiniteError:
+            return None
+
+    def _analysed(self, matrix: sps.csc_array) -> CholeskyAnalysis:
         if self._analysis is None:
             self._analysis = CholeskyAnalysis(matrix, once=self._use == "solve")
-        return _Cholesky(self._analysis.factorise(matrix))
+        return self._analysis
 
     def symmetric(self, matrix: sps.csc_array) -> Factor:
         """Factor of a symmetric matrix that may be indefinite; SolverError if it is singular."""

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sps
 
 from modalshell.core.typing import Array
+from modalshell.linalg import Stop
 from modalshell.modes.factorisation import CondensedFactor, Factor
 
 _SHARE = 0.75
@@ -16,7 +17,9 @@ _SERVES = 0.1
 """Share of the residual that serves at the last of them."""
 
 
-def solution_by_kept_factor(kept: Factor, matrix: sps.csc_array, right_side: Array, accuracy: float) -> Array | None:
+def solution_by_kept_factor(
+    kept: Factor, matrix: sps.csc_array, right_side: Array, accuracy: float, axes: Array | None = None
+) -> Array | None:
     """Solution (N,) of ``matrix x = right_side`` by conjugate gradients with the factor of a nearby matrix.
 
     Parameters
@@ -30,6 +33,9 @@ def solution_by_kept_factor(kept: Factor, matrix: sps.csc_array, right_side: Arr
     accuracy : float
         Norm of the residual over that of the right side at which to stop; a tenth serves after the most iterations,
         which take three quarters of the time of another factorisation.
+    axes : ndarray, shape (3, f, 3), optional
+        Where each axis has turned to, since the factor's matrix, with the vertices whose positions are the first
+        unknowns: the factor is taken as turned with them.
 
     Returns
     -------
@@ -37,24 +43,8 @@ def solution_by_kept_factor(kept: Factor, matrix: sps.csc_array, right_side: Arr
         None where a direction has no or negative curvature, or iterations do not do.
     """
     whole = kept.whole if isinstance(kept, CondensedFactor) else kept
-    residual = np.zeros(matrix.shape[0])
-    residual[: right_side.size] = right_side
-    most = round(_SHARE * kept.solves_a_factorisation)
-    first = float(np.linalg.norm(residual))
-    found, direction, slope = np.zeros_like(residual), np.zeros_like(residual), np.inf
-    for iteration in range(1, most + 1):
-        preconditioned = whole.solve(residual)
-        last, slope = slope, float(residual @ preconditioned)
-        direction = preconditioned + (slope / last) * direction
-        image = matrix @ direction
-        curvature = float(direction @ image)
-        if not (curvature > 0.0 and slope > 0.0):
-            return None
-        found += (slope / curvature) * direction
-        residual -= (slope / curvature) * image
-        relative = float(np.linalg.norm(residual)) / first
-        if relative <= accuracy or (iteration == most and relative <= _SERVES):
-            return found[: right_side.size]
-        if iteration == _JUDGED and relative ** (most / iteration) > accuracy**0.5:
-            break
-    return None
+    whole_side = np.zeros(matrix.shape[0])
+    whole_side[: right_side.size] = right_side
+    stop = Stop(accuracy, round(_SHARE * kept.solves_a_factorisation), _SERVES, _JUDGED)
+    found = whole.solve_near(matrix, whole_side, stop, axes)
+    return None if found is None else found[: right_side.size]

@@ -17,8 +17,9 @@ from modalshell.statics.continuation import Steps
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.mixed_newton import CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
-from modalshell.statics.potential import Potential, warped_step
+from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
+from modalshell.statics.warped import warped_step
 
 _FIRST_STEP = 0.25
 """First fraction of a motion of the boundary taken in one step."""

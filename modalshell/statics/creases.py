@@ -22,8 +22,9 @@ from modalshell.shell.creases import CreaseSet, is_definite
 from modalshell.statics.continuation import Steps, equilibrium
 from modalshell.statics.mixed_newton import GOAL, LARGEST_TURN
 from modalshell.statics.newton import NewtonResult
-from modalshell.statics.potential import Potential, solve, warped_step
+from modalshell.statics.potential import Potential, solve
 from modalshell.statics.refine import refine
+from modalshell.statics.warped import warped_step
 
 MET = 1e-9
 """Couple by which the conditions of yielding may be missed, as a share of the largest limit."""

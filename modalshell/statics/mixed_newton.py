@@ -31,6 +31,8 @@ STALLED = 7
 """Iterations without halving the residual after which mixed Newton gives up."""
 LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
+FIRST = 1e-3
+"""The same where no iteration before tells how fast Newton's method converges; its first step gains less."""
 LARGEST_TURN = 1.0
 """Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""
 MOST: int = np.int64(40)  # type: ignore[assignment]  # compiled code takes a plain integer for a constant
@@ -189,7 +191,8 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if found_at == iteration:
                 slots[BEST] = x
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
-            accuracy = max(LINEAR * rules.goal / size, min(LINEAR, min(1.0, size / last) ** 2))
+            wanted = min(LINEAR, min(1.0, size / last) ** 2) if last < np.inf else FIRST
+            accuracy = max(LINEAR * rules.goal / size, wanted)
             last = size
         if not solve(problem, accuracy):
             break

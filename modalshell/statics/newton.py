@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Generic, Protocol, Self, TypeVar, final
+from typing import ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar, final
 
 import numpy as np
 
@@ -27,6 +28,13 @@ class Factored(Protocol):
 
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues; SolverError where the factors do not show it."""
+
+
+class Kept(NamedTuple):
+    """A factor, and where its Hessian is."""
+
+    factor: Factored
+    at: Array
 
 
 @dataclass
@@ -79,6 +87,13 @@ class Equations(ABC, Generic[Matrix]):
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, Matrix]:
         """Gradient (N,) and Hessian on the free unknowns."""
 
+    def prepared(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None
+    ) -> tuple[Array, Callable[[], Matrix]]:
+        """Gradient (N,), and what makes the Hessian where that is asked for."""
+        gradient, hessian = self.linearise(x, geometric, stresses)
+        return gradient, lambda: hessian
+
     @abstractmethod
     def factor(self, hessian: Matrix) -> Factored:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
@@ -105,12 +120,13 @@ class Equations(ABC, Generic[Matrix]):
 
     def direction(
         self,
+        x: Array,  # noqa: ARG002 (for sparse problems)
         hessian: Matrix,
         gradient: Array,
-        kept: Factored | None,  # noqa: ARG002 (for sparse problems)
+        kept: Kept | None,  # noqa: ARG002
         accuracy: float,  # noqa: ARG002
     ) -> tuple[Factored, Array]:
-        """Newton direction (N,) and the factor that it took: a new one, or ``kept`` where that gives it as well.
+        """Newton direction (N,) at x and the factor that it took: a new one, or ``kept`` where that gives it as well.
 
         ``accuracy`` is the residual of the linear equations, over the gradient, that serves; SolverError if there is
         no direction.
@@ -208,11 +224,11 @@ class Problem(Equations[Matrix]):
 
     def _outer(self, x: Array) -> tuple[float, Array]:
         u = x - self.origin
-        pull = -self.load if self.quadratic is None else self._product(self.quadratic, u) - self.load
+        pull = self._product(u) - self.load if self.is_step else -self.load
         return 0.5 * float(np.vdot(u, pull - self.load)), pull
 
-    def _product(self, quadratic: Array, u: Array) -> Array:
-        return np.asarray(quadratic @ u)
+    def _product(self, u: Array) -> Array:
+        return np.asarray(self.quadratic @ u)  # type: ignore[operator]  # of a step
 
 
 class Iterate(ABC, Generic[Matrix]):
@@ -250,19 +266,22 @@ class Iterate(ABC, Generic[Matrix]):
     def residual(self) -> float:
         """Out-of-balance force."""
         geometric = GAUSS_NEWTON if self.stresses is None else MIXED
-        self._gradient, self._hessian = self.problem.linearise(self.x, geometric, self.stresses)
+        self._gradient, self._make = self.problem.prepared(self.x, geometric, self.stresses)
         return self.problem.measure(self._gradient) / self.scale
 
     def solve(self, accuracy: float) -> bool:
         """Find Newton's direction."""
-        kept = self.factor if self._keeping and _serves(self.problem, self.factored_at, self.x) else None
+        self._hessian = self._make()
+        last = self.factor
+        serves = self._keeping and last is not None and _serves(self.problem, self.factored_at, self.x)
+        kept = Kept(last, self.factored_at) if serves else None  # type: ignore[arg-type]
         try:
-            self.factor, self._direction = self.problem.direction(self._hessian, self._gradient, kept, accuracy)
+            self.factor, self._direction = self.problem.direction(self.x, self._hessian, self._gradient, kept, accuracy)
         except SolverError:
             return False
         # No second try once one of its own was in vain.
-        self._keeping = self._keeping and (kept is None or kept is self._lent or self.factor is kept)
-        if self.factor is not kept:
+        self._keeping = self._keeping and (kept is None or last is self._lent or self.factor is last)
+        if kept is None or self.factor is not last:
             self.factored_at = self.x.copy()
         return bool(np.isfinite(self._direction).all())
 

@@ -1,11 +1,11 @@
 """Potential of discrete shells with all vertices free: warped Newton steps, and descent where Newton fails.
 
-Steps are warped: every vertex is carried along the turn of its own triangles, as in modal warping, so that a long step
-bends the sheet instead of stretching it.
+Steps are warped; see :mod:`modalshell.statics.warped`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self, final
 
@@ -16,14 +16,14 @@ import scipy.sparse.linalg as spla
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
-from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
 from modalshell.statics.live_loads import LiveLoads, symmetric_half
-from modalshell.statics.newton import Factored, Iterate, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
+from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
+from modalshell.statics.warped import turned_axes, warped_step
 
 _LOWEST = 6
 """Eigenvalues of an unsymmetric Hessian that are looked at."""
@@ -54,7 +54,9 @@ class Potential(Problem[sps.csc_array]):
     costs : Timings
         Where the seconds of assembly, factorisation and solution are added up.
     quadratic : ndarray, optional
-        Entries of Q on the shell's pattern.
+        Entries of Q on the shell's pattern, those of ``inertia`` left out.
+    inertia : ndarray, shape (n,), optional
+        Part of Q on its diagonal, the same along each axis [N/m].
     live : LiveLoads, optional
         Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
         unsymmetric: Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable
@@ -70,12 +72,18 @@ class Potential(Problem[sps.csc_array]):
     factoriser: Factoriser
     costs: Timings
     live: LiveLoads | None = None
+    inertia: Array | None = field(default=None, kw_only=True)
     kept_within: float = field(default=0.0, kw_only=True)
     further: Further | None = field(default=None, kw_only=True)
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3
     snaps: ClassVar = 3
+
+    @property
+    def is_step(self) -> bool:
+        """Whether there is inertia or damping."""
+        return self.inertia is not None or self.quadratic is not None
 
     @property
     def push(self) -> Array:
@@ -85,7 +93,7 @@ class Potential(Problem[sps.csc_array]):
     @property
     def refinable(self) -> bool:
         """Whether its states can be refined in extended precision: the energies of the shell alone have that."""
-        return self.quadratic is None and self.further is None
+        return not self.is_step and self.further is None
 
     @property
     def is_dead(self) -> bool:
@@ -147,21 +155,42 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("assembly"):
             _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
-            if self.quadratic is not None:
-                data += self.quadratic
-            total = gradient + self._outer(x)[1]
+            total, matrix = gradient + self._outer(x)[1], self._matrix(x, data, geometric)
             if self.live is not None:
                 total -= self.live.force(x)
-                self.live.add_stiffness(self.shell.pattern, x, data)
             if led is not None and led.any():
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
-            matrix = self.shell.pattern.free_matrix(data)
             if self.further is not None:
                 total += self.further.gradient(x)
-                matrix = self.further.added(matrix, x, self.shell.unknowns, exactly=geometric == EXACT)
-            if self.unsymmetric:
-                matrix = sps.csc_array(matrix.T)  # its arrays are those of CSR
             return self.shell.unknowns.restrict(total.ravel()), matrix
+
+    def prepared(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None
+    ) -> tuple[Array, Callable[[], sps.csc_array]]:
+        """Gradient (N,), and what makes the Hessian: the last iterate of a step needs none."""
+        if not self.is_step:
+            return super().prepared(x, geometric, stresses)
+        with self.costs.part("assembly"):
+            gradient = self.residual(x)
+
+        def hessian() -> sps.csc_array:
+            with self.costs.part("assembly"):
+                return self._matrix(x, self.shell.energy_gradient_hessian(x, geometric, stresses)[2], geometric)
+
+        return gradient, hessian
+
+    def _matrix(self, x: Array, data: Array, geometric: int) -> sps.csc_array:
+        """Hessian by the entries ``data`` of the energy's, to which those of all else are added."""
+        if self.quadratic is not None:
+            data += self.quadratic
+        if self.inertia is not None:
+            data[self.shell.pattern.diagonal] += np.repeat(self.inertia, 3)
+        if self.live is not None:
+            self.live.add_stiffness(self.shell.pattern, x, data)
+        matrix = self.shell.pattern.free_matrix(data)
+        if self.further is not None:
+            matrix = self.further.added(matrix, x, self.shell.unknowns, exactly=geometric == EXACT)
+        return sps.csc_array(matrix.T) if self.unsymmetric else matrix  # the transposed arrays are those of CSR
 
     @property
     def unsymmetric(self) -> bool:
@@ -170,9 +199,8 @@ class Potential(Problem[sps.csc_array]):
 
     def dragged(self, x: Array, drag: float) -> Potential:
         """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
-        outer = np.zeros(self.shell.pattern.size) if self.quadratic is None else self.quadratic.copy()
-        outer[self.shell.pattern.diagonal] += drag * np.repeat(self.shell.mass, 3)
-        return replace(self, load=-self._outer(x)[1], origin=x, quadratic=outer)
+        inertia = drag * self.shell.mass if self.inertia is None else self.inertia + drag * self.shell.mass
+        return replace(self, load=-self._outer(x)[1], origin=x, inertia=inertia)
 
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
@@ -233,15 +261,26 @@ class Potential(Problem[sps.csc_array]):
             return factor.solve(-gradient)
 
     def direction(
-        self, hessian: sps.csc_array, gradient: Array, kept: Factored | None, accuracy: float
+        self, x: Array, hessian: sps.csc_array, gradient: Array, kept: Kept | None, accuracy: float
     ) -> tuple[Factored, Array]:
         """Newton direction (N,), by the kept factor as long as that costs less than a new one; and the factor."""
-        if isinstance(kept, Factor) and not self.unsymmetric:
-            with self.costs.part("solution"):
-                found = solution_by_kept_factor(kept, hessian, -gradient, accuracy)
+        if kept is not None and isinstance(kept.factor, Factor) and not self.unsymmetric:
+            found = self._solution(kept.factor, hessian, gradient, accuracy, turned_axes(self.shell, kept.at, x))
             if found is not None:
-                return kept, found
-        return super().direction(hessian, gradient, kept, accuracy)
+                return kept.factor, found
+        if self.is_step and not self.unsymmetric:
+            with self.costs.part("factorisation"):
+                rough = self.factoriser_of(hessian).rough(hessian)
+            found = None if rough is None else self._solution(rough, hessian, gradient, accuracy)
+            if rough is not None and found is not None:
+                return self._condensed(rough), found
+        return super().direction(x, hessian, gradient, kept, accuracy)
+
+    def _solution(
+        self, factor: Factor, hessian: sps.csc_array, gradient: Array, accuracy: float, axes: Array | None = None
+    ) -> Array | None:
+        with self.costs.part("solution"):
+            return solution_by_kept_factor(factor, hessian, -gradient, accuracy, axes)
 
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
         """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
@@ -282,34 +321,11 @@ class Potential(Problem[sps.csc_array]):
             result = replace(result, point=calm.point, converged=False)
         return replace(result, iterations=iterations)
 
-    def _product(self, quadratic: Array, u: Array) -> Array:
-        return self.shell.pattern.product(quadratic, u.ravel()).reshape(-1, 3)
-
-
-def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
-    """Move along ``direction`` (N,), warped (theory 8, eq. 3), until a vertex rotates by ``largest_turn`` [rad].
-
-    Returns
-    -------
-    positions : ndarray, shape (n, 3)
-        The new positions.
-    step : ndarray, shape (n, 3)
-        The straight step that was warped.
-    fraction : float
-        How much of ``direction`` that is.
-    """
-    step = shell.unknowns.prolong(direction).reshape(-1, 3)
-    turns = np.empty_like(x)
-    rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
-    angle = rotations.largest_angle(turns)
-    fraction = 1.0
-    if angle > largest_turn:
-        fraction = largest_turn / angle
-        step *= fraction
-        turns *= fraction
-    displacement = np.empty_like(x)
-    rotations.warp(turns, step, 1.0, displacement)
-    return x + shell.unknowns.project(displacement), step, fraction
+    def _product(self, u: Array) -> Array:
+        product = np.zeros_like(u) if self.inertia is None else self.inertia[:, None] * u
+        if self.quadratic is not None:
+            product += self.shell.pattern.product(self.quadratic, u.ravel()).reshape(-1, 3)
+        return product
 
 
 @final
@@ -328,7 +344,7 @@ class _Descent(Iterate[sps.csc_array]):
         A kept factor is that of an earlier iterate, since which conjugate gradients have met no direction of negative
         curvature. A first Hessian without its geometric part says nothing of a minimum.
         """
-        if self.problem.quadratic is None or self.factor is None or self.moves < 1 + self._bare:
+        if not self.problem.is_step or self.factor is None or self.moves < 1 + self._bare:
             self.factor = self.problem.definite_factor(self.problem.linearise(self.x, EXACT)[1])
             self.factored_at = self.x.copy()
         self.stable = self.factor is not None and self.factor.is_definite()

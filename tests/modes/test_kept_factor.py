@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sps
+from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.core.cost import counted
@@ -60,6 +61,45 @@ def test_indefinite_and_far_matrices_are_left_to_a_new_factor(matrix):
     assert solution_by_kept_factor(kept, matrix, np.zeros_like(right_side), 1e-2) is None
 
 
+def test_a_factor_turns_with_the_vertices(matrix):
+    random = np.random.default_rng(2)
+    count = matrix.shape[0] // 3
+    turns = 0.3 * np.repeat(random.standard_normal((1, 3)), count, axis=0) + 1e-3 * random.standard_normal((count, 3))
+    axes = np.stack([Rotation.from_rotvec(turns).apply(unit) for unit in np.eye(3)])
+    blocks = sps.block_diag([Rotation.from_rotvec(turn).as_matrix() for turn in turns], format="csc")
+    near = sps.csc_array(blocks @ matrix @ blocks.T)
+    near.sort_indices()
+    kept, right_side = Factoriser("cholesky").definite(matrix), random.standard_normal(matrix.shape[0])
+    solves = []
+    for turned in (axes, axes.transpose(2, 1, 0).copy(), None):
+        with counted() as work:
+            found = solution_by_kept_factor(kept, near, right_side, 1e-8, turned)
+        solves.append(np.inf if found is None else work.solves)
+    assert solves[0] == 1
+    assert min(solves[1:]) > 2
+
+
+def test_single_precision_serves_where_it_can(matrix):
+    factoriser, right_side = Factoriser("cholesky"), np.random.default_rng(1).standard_normal(matrix.shape[0])
+    rough, exact = factoriser.rough(matrix), factoriser.definite(matrix)
+    assert rough._factor._values.nbytes == exact._factor._values.nbytes // 2
+    found = exact.solve(right_side)
+    assert 1e-9 < np.abs(rough.solve(right_side) - found).max() / np.abs(found).max() < 1e-3
+    sides = np.random.default_rng(3).standard_normal((matrix.shape[0], 20))  # more than a register holds
+    np.testing.assert_allclose(
+        rough.solve(sides)[:, 7], rough.solve(sides[:, 7]), rtol=0, atol=1e-4 * np.abs(found).max()
+    )
+    for size in (1e-30, 1.0, 1e30):  # beyond what single precision holds
+        near = solution_by_kept_factor(rough, matrix, size * right_side, 1e-8)
+        np.testing.assert_allclose(near / size, found, rtol=0, atol=1e-7 * np.abs(found).max())
+    for beyond in (1e40, 1e-60):
+        huge = sps.csc_array(beyond * matrix)
+        lost = factoriser.rough(huge)
+        assert lost is None or solution_by_kept_factor(lost, huge, right_side, 1e-2) is None
+    assert factoriser.rough(sps.csc_array(-matrix)) is None
+    assert Factoriser().rough(sps.csc_array(matrix[:300, :300])) is None
+
+
 def test_other_factors_are_not_kept(matrix):
     kept = Factoriser("superlu").definite(matrix)
     assert solution_by_kept_factor(kept, matrix, np.ones(matrix.shape[0]), 1e-2) is None
@@ -78,3 +118,16 @@ def test_implicit_steps_take_fewer_factors_to_the_same_answer():
     assert work[0].factorisations <= 0.6 * work[1].factorisations
     travel = np.abs(runs[1].positions[-1] - runs[1].positions[0]).max()
     np.testing.assert_allclose(runs[0].positions, runs[1].positions, rtol=0, atol=1e-6 * travel)
+
+
+@pytest.mark.parametrize("young", [1e6, 2e11])
+def test_stiff_steps_go_on_in_double_precision(young):
+    mesh = ms.sheet(cells=(30, 30))
+    shell = ms.Shell(mesh, ms.Isotropic(young, 0.3, 1e-3, 1000.0), clamped=mesh.vertices[:, 0] < 0.01)
+    runs = [
+        ms.simulate(ms.DiscreteShell(shell, backend=backend), duration=2 / 60, dt=1 / 60, gravity=(0, 0, -9.81))
+        for backend in ("cholesky", "superlu")
+    ]
+    assert all(run.status == "completed" for run in runs)
+    travel = np.abs(runs[1].positions[-1] - runs[1].positions[0]).max()
+    np.testing.assert_allclose(runs[0].positions, runs[1].positions, rtol=0, atol=1e-5 * travel)

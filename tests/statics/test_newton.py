@@ -9,7 +9,8 @@ from modalshell.core.timings import Timings
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
 from modalshell.statics.newton import is_minimum, mixed_newton
-from modalshell.statics.potential import Potential, solve, warped_step
+from modalshell.statics.potential import Potential, solve
+from modalshell.statics.warped import warped_step
 
 STEPS = np.logspace(-1.5, -3.0, 6)
 

@@ -151,8 +151,16 @@ def step_potential(
     ``viscosity`` is the viscous matrix, if there is one.
     """
     shell = body.shell
-    quadratic = np.zeros(shell.pattern.size) if viscosity is None else viscosity / dt
-    quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * rates / dt
-    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, kept_within=np.inf)
+    problem = Potential(
+        push,
+        x,
+        shell,
+        body.factoriser,
+        body.costs,
+        body.live,
+        quadratic=None if viscosity is None else viscosity / dt,
+        inertia=shell.mass * (1.0 / dt**2 + damping.mass_factor / dt),
+        kept_within=np.inf,
+    )
     return problem, problem.scale_at(x)

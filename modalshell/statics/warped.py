@@ -1,0 +1,55 @@
+"""Turns of vertices in Newton's steps.
+
+Every vertex is carried along the turn of its own triangles, as in modal warping, so that a long step bends the sheet
+instead of stretching it. A factor of the Hessian turns with the vertices, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.kernels import rotations
+from modalshell.shell import Shell
+
+
+def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
+    """Move along ``direction`` (N,), warped (theory 8, eq. 3), until a vertex rotates by ``largest_turn`` [rad].
+
+    Returns
+    -------
+    positions : ndarray, shape (n, 3)
+        The new positions.
+    step : ndarray, shape (n, 3)
+        The straight step that was warped.
+    fraction : float
+        How much of ``direction`` that is.
+    """
+    step = shell.unknowns.prolong(direction).reshape(-1, 3)
+    turns = np.empty_like(x)
+    rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
+    angle = rotations.largest_angle(turns)
+    fraction = 1.0
+    if angle > largest_turn:
+        fraction = largest_turn / angle
+        step *= fraction
+        turns *= fraction
+    displacement = np.empty_like(x)
+    rotations.warp(turns, step, 1.0, displacement)
+    return x + shell.unknowns.project(displacement), step, fraction
+
+
+def turned_axes(shell: Shell, since: Array, x: Array) -> Array | None:
+    """Where the axes turn to with the free vertices (3, f, 3), from ``since`` (n, 3) to x.
+
+    None where the unknowns are not displacements along the axes.
+    """
+    if shell.unknowns.matrix is not None:
+        return None
+    turns = np.empty_like(x)
+    rotations.vertex_rotations(since, x - since, shell.mesh.faces, turns)
+    turns = turns[shell.free]
+    axes = np.empty((3, *turns.shape))
+    for axis, unit in zip(axes, np.eye(3), strict=True):
+        rotations.rotate(turns, np.tile(unit, (len(turns), 1)), 1.0, axis)
+    return axes
