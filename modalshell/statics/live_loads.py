@@ -7,11 +7,18 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
+import scipy.sparse.linalg as spla
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad, Loading
+from modalshell.modes import Factor
 from modalshell.shell.pattern import SparsePattern
+
+_LOWEST = 6
+"""Eigenvalues of an unsymmetric Hessian that are looked at."""
+_REAL = 1e-6
+"""Imaginary part, as a share of an eigenvalue, that rounding explains."""
 
 
 @final
@@ -103,3 +110,19 @@ def symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
     other = sps.csc_array(matrix.T)
     other.sort_indices()
     return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def oscillates(factor: Factor, mass: Array) -> bool:
+    """Whether the lowest eigenvalues of a factorised matrix over the mass (N,) [kg] are real and positive."""
+    count = min(_LOWEST, mass.size - 2)
+    if count < 1:
+        return False
+    inverse = spla.LinearOperator(
+        (mass.size, mass.size), matvec=lambda y: factor.solve(mass * y.ravel()), dtype=np.float64
+    )
+    start = np.random.default_rng(0).standard_normal(mass.size)
+    try:
+        found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
+    except spla.ArpackError:
+        return False
+    return bool((found.real > 0.0).all() and (np.abs(found.imag) <= _REAL * np.abs(found)).all())

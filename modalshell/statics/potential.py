@@ -11,7 +11,6 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
@@ -21,14 +20,10 @@ from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
-from modalshell.statics.live_loads import LiveLoads, symmetric_half
+from modalshell.statics.live_loads import LiveLoads, oscillates, symmetric_half
 from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 from modalshell.statics.warped import turned_axes, warped_step
 
-_LOWEST = 6
-"""Eigenvalues of an unsymmetric Hessian that are looked at."""
-_REAL = 1e-6
-"""Imaginary part, as a share of an eigenvalue, that rounding explains."""
 _SETTLING = 20
 """Descents under dead loads at most in place of one under loads without a potential."""
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -224,27 +219,13 @@ class Potential(Problem[sps.csc_array]):
                 factor = self.factoriser_of(hessian).definite(symmetric)
                 if factor.is_definite():
                     return self._condensed(factor)
-                if self.unsymmetric and self._oscillates(whole := self._condensed(self.factoriser.general(hessian))):
-                    return whole
+                if self.unsymmetric:
+                    whole = self._condensed(self.factoriser.general(hessian))
+                    if oscillates(whole, self.shell.unknowns.masses(self.shell.mass)):
+                        return whole
             except SolverError:
                 pass
             return None
-
-    def _oscillates(self, factor: Factor) -> bool:
-        """Whether the lowest eigenvalues of a factorised Hessian over the mass are real and positive."""
-        mass = self.shell.unknowns.masses(self.shell.mass)
-        count = min(_LOWEST, mass.size - 2)
-        if count < 1:
-            return False
-        inverse = spla.LinearOperator(
-            (mass.size, mass.size), matvec=lambda y: factor.solve(mass * y.ravel()), dtype=np.float64
-        )
-        start = np.random.default_rng(0).standard_normal(mass.size)
-        try:
-            found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
-        except spla.ArpackError:
-            return False
-        return bool((found.real > 0.0).all() and (np.abs(found.imag) <= _REAL * np.abs(found)).all())
 
     def _condensed(self, factor: Factor) -> Factor:
         """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
