@@ -104,6 +104,7 @@ def methods():
         Target("Shell.total_load", part("shell", "total_load"), {"gravity": gravity, "force": vectors}),
         Target("Shell.loading", part("shell", "loading"), {"gravity": gravity, "force": vectors}),
         Target("Shell.creased", part("shell").then(creased), {"state": np.array([0.1])}),
+        Target("Shell.settled", part("shell", "settled"), {"positions": moved}),
         Target("Shell.checked_positions", part("shell", "checked_positions"), {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", model("ds", "lowest_eigenvalue"), {"positions": rest}),
         Target("EquilibriumPath.crossings", path.then(lambda found: found.crossings), {"factor": 0.5}),

@@ -19,19 +19,19 @@ from modalshell.core.typing import Array
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.statics.live_loads import LiveLoads
 
-_MOST = 4.0
+_FARTHEST = 4.0
 """Factor on the load up to which an end is looked for."""
-_FIRST = 0.25
+_BEGINNING = 0.25
 """Factor of the first load where the walk begins at rest."""
-_GROWTH, _REACH = 1.3, 0.6
+_LONGEST, _REACH = 1.3, 0.6
 """A load over the last one at most, and the share of the way to the expected end that is walked at once."""
-_NEAR = 1.06
+_AT_END = 1.06
 """Expected end over the last load at which the walk is over."""
 _HOME = 0.05
 """Third Newton step, over the displacement, above which two steps have not led back to the branch."""
 _JUMP, _STIFFEST = 2.0, 0.2
 """Growth of the displacement over that of the load divided by the margin, or by this if it is more, that is a jump."""
-_TRIES, _POINTS = 2, 24
+_BARS, _POINTS = 2, 24
 """Bars at one load at most, and loads."""
 _LIMIT_POINT, _BIFURCATION = 2.0, 1.0
 """Exponents of the margin that fall in proportion to the load."""
@@ -67,13 +67,13 @@ def with_branch_end(estimator: ErrorEstimator, bar: ErrorBar, load: Array, live:
     for _ in range(_POINTS):
         last = walk.points[-1].factor
         end = min(extrapolated([(one.factor, one.margin) for one in walk.points]), past)
-        if end <= _NEAR * last or last >= _MOST:
+        if end <= _AT_END * last or last >= _FARTHEST:
             break
-        if lost <= _NEAR * last:
+        if lost <= _AT_END * last:
             end = lost
             break
-        grown = _GROWTH * last if last > 0.0 else _FIRST
-        factor = min(grown, last + _REACH * (min(end, lost) - last), _MOST)
+        grown = _LONGEST * last if last > 0.0 else _BEGINNING
+        factor = min(grown, last + _REACH * (min(end, lost) - last), _FARTHEST)
         point = walk.on(factor)
         if point is None:
             lost = factor
@@ -84,7 +84,7 @@ def with_branch_end(estimator: ErrorEstimator, bar: ErrorBar, load: Array, live:
             walk.points.append(point)
     else:
         return bar
-    return replace(bar, critical_load=float(end) if end <= _MOST else np.inf, walked=True)
+    return replace(bar, critical_load=float(end) if end <= _FARTHEST else np.inf, walked=True)
 
 
 @final
@@ -100,7 +100,7 @@ class _Walk:
         """The point at a factor near a start (n, 3) [m]; None where bars from it do not come to a state."""
         live = None if self._live is None else self._live.scaled(factor)
         x = start
-        for _ in range(_TRIES):
+        for _ in range(_BARS):
             bar = self._estimator.bar(x, factor * self._load, live)
             if bar.message:
                 return None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple, final
 
 import numpy as np
 
+from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
-from modalshell.modes import Basis, Factoriser, condensed_factor
-from modalshell.shell import GAUSS_NEWTON
+from modalshell.modes import Basis, Factor, Factoriser, condensed_factor
+from modalshell.shell import GAUSS_NEWTON, Shell
 
 _ALIKE = 0.05
 """What a load may have that is no multiple of the last one, as a share of it, for the same answer to serve."""
@@ -44,16 +46,13 @@ class LinearAnswers:
 
     def __init__(self, basis: Basis) -> None:
         self._basis, shell = basis, basis.shell
-        internal = shell.pattern.internal
-        data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-        factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
-        self._factor = condensed_factor(factor, 0 if internal is None else internal.count)
+        self._factor = PerThread(partial(_factor_at_rest, shell))
         self._mass = np.repeat(shell.mass, 3)
 
     def of(self, force: Array) -> Answer:
         """The answer to forces (n, 3) [N]."""
         unknowns, modes = self._basis.shell.unknowns, self._basis.modes
-        moved = np.asarray(unknowns.prolong(self._factor.solve(np.asarray(unknowns.restrict(force.ravel())))))
+        moved = np.asarray(unknowns.prolong(self._factor().solve(np.asarray(unknowns.restrict(force.ravel())))))
         rest = moved - modes @ (modes.T @ (self._mass * moved))
         return Answer(self._length(moved), self._length(rest))
 
@@ -75,3 +74,11 @@ class LinearAnswers:
 
     def _length(self, moved: Array) -> float:
         return float(np.sqrt(np.vdot(self._mass * moved, moved)))
+
+
+def _factor_at_rest(shell: Shell) -> Factor:
+    """Factor of the stiffness at rest."""
+    internal = shell.pattern.internal
+    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
+    return condensed_factor(factor, 0 if internal is None else internal.count)
