@@ -278,17 +278,13 @@ def _with_contacts(
 ) -> EquilibriumPath:
     """The path between two load factors with contacts; ``counts`` are the steps at least, and the points at most."""
     from modalshell.contact.path import LoadSteps  # not without contacts
-    from modalshell.contact.touching import Touching, checked_contacts, touched_frame
+    from modalshell.contact.touching import Touching, checked_contacts, refuse_friction, touched_frame
 
     watch_time, (begin, until), model = Stopwatch(), ends, followed.model
     problem, given = model.problem, checked_contacts(contacts)
     if not isinstance(problem, Potential):
         raise OptionError("paths with contacts are followed by models of all vertices alone: take DS")
-    for index, contact in enumerate(given):
-        if contact.friction:
-            raise OptionError(
-                f"paths take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
-            )
+    refuse_friction(given, "paths")
     touching = Touching(given, problem.shell, model.positions(problem.origin)[0] - problem.origin[0])
     walker = LoadSteps(problem, touching, abs(until - begin) / counts[0])
     with np.errstate(over="ignore", invalid="ignore"):

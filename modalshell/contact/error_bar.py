@@ -11,8 +11,8 @@ import scipy.sparse as sps
 from modalshell.contact.active_set import ActiveSet, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.rotated import Frames, Rotated
-from modalshell.contact.touching import INSIDE, Touching
-from modalshell.core.errors import OptionError, SolverError
+from modalshell.contact.touching import INSIDE, Touching, refuse_friction
+from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.modes import Factor
 from modalshell.shell import Shell
@@ -47,11 +47,7 @@ class ContactEstimator(Estimator):
 
     def __init__(self, shell: Shell, contacts: Sequence[Contact]) -> None:
         super().__init__(shell)
-        for index, contact in enumerate(contacts):
-            if contact.friction:
-                raise OptionError(
-                    f"error bars take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
-                )
+        refuse_friction(contacts, "error bars")
         self._touching = Touching(contacts, self.shell, self.origin)
         self._rest: Rest | None = None
         self._frames: Frames | None = None

@@ -54,6 +54,15 @@ def checked_contacts(contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
     return tuple(checked_kind("each of contacts", contact, Contact) for contact in given)
 
 
+def refuse_friction(contacts: Sequence[Contact], name: str) -> None:
+    """OptionError for a contact with friction, which ``name`` does not take."""
+    for index, contact in enumerate(contacts):
+        if contact.friction:
+            raise OptionError(
+                f"{name} take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
+            )
+
+
 @final
 class Touching:
     """Contacts on a shell, as rows: one for each pair of a contact and a vertex that may touch its collider.
