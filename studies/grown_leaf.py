@@ -196,8 +196,8 @@ def table(result: StudyResult) -> str:
         ),
         "The leaf, step by step:",
         markdown(
-            "cells across a half | growth | waves of a margin | height in thicknesses | growth that the margin takes "
-            "up [%] | iterations",
+            "cells across a half | growth | waves of a margin | height in thicknesses | growth that the margin follows "
+            "[%] | iterations",
             "{cells} | {growth:.3f} | {waves:.1f} | {thick:.1f} | {followed:100*.1f} | {iterations}",
             grown,
         ),
