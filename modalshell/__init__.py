@@ -10,7 +10,6 @@ from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
-from modalshell.constraints import OrientationConstraint, PositionConstraint
 from modalshell.core.errors import (
     FileFormatError,
     LoadError,
@@ -99,6 +98,7 @@ from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
+from modalshell.supports.constraints import OrientationConstraint, PositionConstraint
 from modalshell.sweep import SweepResult, run_sweep
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from modalshell.constraints import Constraint
 from modalshell.core.checks import checked_number, checked_vectors, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
@@ -31,6 +30,7 @@ from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.shell import Shell
+from modalshell.supports.constraints import Constraint
 
 _APART = 0.2
 """Distance between the meshes, as a share of the surface's size, from which they are not the same surface."""

@@ -14,7 +14,6 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
 from modalshell.core.thread_safety import PerThread
@@ -41,6 +40,7 @@ from modalshell.shell import EXACT, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict
+from modalshell.supports.constraints import Constraint
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
@@ -37,6 +36,7 @@ from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
+from modalshell.supports.constraints import Constraint
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints import Constraint
-from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
@@ -21,6 +19,7 @@ from modalshell.models import Model
 from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -87,7 +86,7 @@ class Motion:
             checked_kind("supports", supports, SupportPath)
         if supports is not None and not shell.unknowns.supported.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
-        wanted = checked_constraints(constraints, shell)
+        wanted = checked_constraints(constraints, shell.unknowns)
         # Contacts are checked where they are known: what has none does not import them.
         self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or ())
         self.load = loading.dead

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.core.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Array
@@ -38,6 +37,7 @@ from modalshell.scene.tables import (
     Vector,
 )
 from modalshell.shell import Isotropic, Material, Sheet
+from modalshell.supports.constraints import Constraint, OrientationConstraint, PositionConstraint
 
 
 class Shape(Built, frozen=True, tag_field="shape"):

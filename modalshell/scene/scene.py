@@ -14,8 +14,6 @@ from typing import Any, cast, final
 
 import numpy as np
 
-from modalshell.constraints import Constraint
-from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
 from modalshell.core.short_repr import short_repr
@@ -54,6 +52,7 @@ from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
+from modalshell.supports.constraints import Constraint, checked_constraints
 from modalshell.supports.held import held_vertices
 
 BARS_EVERY = 15
@@ -294,7 +293,7 @@ class ShellScene(Scene):
         for index, table in enumerate(self.constraints):
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
-                constraints += checked_constraints([constraint], shell)
+                constraints += checked_constraints([constraint], shell.unknowns)
         return path, force, loads, constraints
 
     def build_forces(self, shell: Shell) -> tuple[Array | None, list[Load]]:

@@ -9,7 +9,6 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -31,6 +30,7 @@ from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar
+from modalshell.supports.constraints import Constraint
 
 
 @final

@@ -11,7 +11,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
@@ -41,6 +40,7 @@ from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.supports import Pose, SupportPath, Unknowns
+from modalshell.supports.constraints import Constraint, HeldPatch, held_patches
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
@@ -110,11 +110,14 @@ class FullModel(Model):
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         return self._solve_constrained(loading, start, ())
 
+    def _patches(self, constraints: Sequence[Constraint]) -> list[HeldPatch]:
+        return held_patches(constraints, self.shell.rest_positions, self.shell.mesh.faces, self.shell.unknowns)
+
     def _solve_constrained(
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
     ) -> Equilibrium:
         load, before = loading.dead, dict(self.costs)
-        patches = held_patches(constraints, self.shell) if constraints else []
+        patches = self._patches(constraints)
         first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)
         shell, live = problem.shell, problem.live
@@ -313,7 +316,7 @@ class FullModel(Model):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
-        patches = held_patches(setup.constraints, self.shell) if setup.constraints else []
+        patches = self._patches(setup.constraints)
         model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
         # Supports of single components turn with the frame that they belong to.
         return FullStepper(model, setup, patches, in_frame=self.shell.unknowns.matrix is not None)

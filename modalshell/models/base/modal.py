@@ -11,8 +11,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
-from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
@@ -23,6 +21,7 @@ from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.manipulation import PatchTargets, meet
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
@@ -34,6 +33,7 @@ from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
+from modalshell.supports.constraints import Constraint
 
 _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""

@@ -8,7 +8,6 @@ from typing import final
 import numpy as np
 import scipy.linalg
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
 from modalshell.contact.steps import refuse_fast
@@ -22,6 +21,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
 from modalshell.statics.continuation import Steps
+from modalshell.supports.constraints import Constraint
 
 _PROBLEMS = 40
 """Quadratic problems in a row at most."""

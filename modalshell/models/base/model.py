@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.core.checks import checked_kind, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -25,6 +24,7 @@ from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
@@ -102,7 +102,7 @@ class Model(ABC):
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        wanted = checked_constraints(constraints, self.shell)
+        wanted = checked_constraints(constraints, self.shell.unknowns)
         if checked_kind("bar", bar, bool):
             check_bar(self.true_shell, constrained=bool(wanted), contacts=contacts)
         if contacts:

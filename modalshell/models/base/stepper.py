@@ -8,13 +8,13 @@ from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 
-from modalshell.constraints.constraints import HeldPatch
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionSetup, MotionState
 from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
+from modalshell.supports.constraints import HeldPatch
 
 Drag = tuple[Index, Array]
 """Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
