@@ -1,22 +1,16 @@
-"""What a motion is made of: its damping, its state, and its setup of step, loads, supports and constraints."""
+"""Damping of a motion, and its state."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from modalshell.core.checks import checked_number, checked_vectors, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.loads import Loading
-from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint
-
-if TYPE_CHECKING:
-    from modalshell.contact import Contact  # motions without contacts do not import it
 
 
 @final
@@ -144,32 +138,3 @@ class MotionState:
         kept = {name for name, vector in self.memory.items() if vector.shape == self.rates.shape and name != PUSHES}
         memory = {name: turn(vector) if name in kept else vector for name, vector in self.memory.items()}
         return MotionState(place(self.coordinates), turn(self.rates), memory)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class MotionSetup:
-    """What decides a motion, but for its model and its start.
-
-    Attributes
-    ----------
-    dt : float
-        Step [s].
-    damping : Damping
-        Damping.
-    loading : Loading
-        The loads.
-    supports : SupportPath or None
-        Moves the supports.
-    constraints : sequence of Constraint
-        On patches of vertices.
-    contacts : sequence of Contact
-        Colliders.
-    """
-
-    dt: float
-    damping: Damping
-    loading: Loading
-    supports: SupportPath | None = None
-    constraints: Sequence[Constraint] = ()
-    contacts: Sequence[Contact] = ()

@@ -18,12 +18,13 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.state import CREASES, Damping, MotionSetup, MotionState
+from modalshell.integrators.state import CREASES, Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue

@@ -16,10 +16,11 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import PUSHES, MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
+from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
 

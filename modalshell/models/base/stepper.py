@@ -11,7 +11,8 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
 from modalshell.supports.constraints import HeldPatch
