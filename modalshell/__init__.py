@@ -6,7 +6,6 @@ from modalshell.core import interruption as _interruption  # noqa: F401 (first, 
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
@@ -91,6 +90,7 @@ from modalshell.shell import (
     Temperature,
     card,
     cards,
+    measure,
 )
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent

@@ -8,7 +8,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ROOT = "modalshell"
 PACKAGES = (ROOT, "studies", "paper_figures")
 LAYERS = (
-    "core", "files kernels", "linalg mesh", "loads supports", "shell", "measure modes",
+    "core", "files kernels", "linalg mesh", "loads supports", "shell", "modes",
     "statics", "contact", "integrators", "models", "analysis motion", "scene", "render", "page", "export plot springs",
     "compare run sweep", "crowd viewer", ROOT, "commands", "__main__ symbolic",
 )  # fmt: skip

@@ -22,12 +22,12 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
-from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, model_basis
+from modalshell.modes.resolution import sliver_remark
 from modalshell.motion import Motion, SupportPath, Trajectory
 from modalshell.motion.motion_check import with_bars
 from modalshell.motion.step_error import Tolerance

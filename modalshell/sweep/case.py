@@ -20,11 +20,11 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.files.provenance import run_record
-from modalshell.measure import area_change
 from modalshell.mesh import TriangleMesh
 from modalshell.motion import Trajectory
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.scene import BuiltScene, Scene, parse_scene
+from modalshell.shell.measure import area_change
 
 _ONE_AT_A_TIME = threading.Lock()
 """Threads of a cluster's worker take turns: results must not depend on concurrent cases."""

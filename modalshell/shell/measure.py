@@ -14,7 +14,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.area_vectors import area_vectors
-from modalshell.shell import Shell
+from modalshell.shell.shell import Shell
 
 
 def displacement_error(
