@@ -26,7 +26,6 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
 from modalshell.crowd import Crowd, FlightResult, Flock
 from modalshell.export import load_clip, load_trajectory, save_trajectory
-from modalshell.integrators.state import Damping
 from modalshell.loads import (
     EdgeMoment,
     FollowerForce,
@@ -92,6 +91,7 @@ from modalshell.shell import (
     cards,
     measure,
 )
+from modalshell.shell.damping import Damping
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors

@@ -13,7 +13,6 @@ from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import Exponential
-from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
@@ -22,6 +21,7 @@ from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.scene.parts import build_damping
 from modalshell.shell import Sheet, Shell
+from modalshell.shell.damping import Damping
 
 _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""

@@ -16,7 +16,7 @@ from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.mesh.closest import closest_points
@@ -30,6 +30,7 @@ from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.supports.constraints import Constraint
 
 _APART = 0.2

@@ -20,7 +20,7 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -37,6 +37,7 @@ from modalshell.models.hybrid.trained_file import read_trained, trainable, write
 from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict

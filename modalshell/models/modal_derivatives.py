@@ -18,7 +18,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
@@ -33,6 +33,7 @@ from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
 from modalshell.modes import model_basis
 from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable

@@ -7,11 +7,11 @@ from typing import NamedTuple, final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import SupportPath
 

@@ -8,7 +8,6 @@ from typing import TypedDict
 import numpy as np
 
 from modalshell.core.checks import checked_count
-from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.bars import check_bar
@@ -18,6 +17,7 @@ from modalshell.models.motion_check import MotionCheck
 from modalshell.motion.bars import Bars
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
 

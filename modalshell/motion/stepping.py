@@ -13,12 +13,13 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import COST, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
 from modalshell.supports.constraints import Constraint, checked_constraints
 

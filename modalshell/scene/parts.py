@@ -14,7 +14,6 @@ from modalshell.core.checks import checked_times, checked_vectors, shortened, sh
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Array
 from modalshell.files.provenance import repository_file
-from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
@@ -37,6 +36,7 @@ from modalshell.scene.tables import (
     Vector,
 )
 from modalshell.shell import Isotropic, Material, Sheet
+from modalshell.shell.damping import Damping
 from modalshell.supports.constraints import Constraint, OrientationConstraint, PositionConstraint
 
 

@@ -12,12 +12,13 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion import Trajectory
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import model_tables
+from modalshell.shell.damping import Damping
 from studies import stability_atlas as atlas
 
 models = atlas.models

@@ -13,7 +13,7 @@ from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
@@ -30,6 +30,7 @@ from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports.constraints import Constraint
 

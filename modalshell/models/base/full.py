@@ -18,7 +18,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.state import CREASES, Damping, MotionState
+from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full_stepper import FullStepper
@@ -30,6 +30,7 @@ from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, reactions_of
 from modalshell.statics.continuation import equilibrium

@@ -15,10 +15,11 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart, Floating, LoadedSteps, steps_of
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.model import FrameModel
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Drag, Stepper
+from modalshell.shell.damping import Damping
 
 LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
 """The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""

@@ -15,7 +15,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.manipulation import PatchTargets, meet
@@ -24,6 +24,7 @@ from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
+from modalshell.shell.damping import Damping
 from modalshell.statics.modal_balance import differences, position_rows
 from modalshell.supports import Pose
 from modalshell.supports.constraints import Constraint

@@ -15,7 +15,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
@@ -24,6 +24,7 @@ from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.path import Followable
 from modalshell.supports.constraints import Constraint, checked_constraints
 

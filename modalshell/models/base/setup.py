@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
-from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
+from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
 from modalshell.supports.constraints import Constraint
 
