@@ -13,6 +13,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.area_vectors import area_vectors
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.sheet import Sheet
@@ -151,6 +152,14 @@ def scalar_of(name: str, values: Array) -> Array:
         larger, smaller = np.moveaxis(principal_values(values), -1, 0)
         return np.where(np.abs(larger) >= np.abs(smaller), larger, smaller)
     return np.asarray(values.max(axis=-1)) if name == "von_mises_faces" else values
+
+
+def vertex_means(scalars: Array, rest: Array, faces: NDArray[np.integer]) -> Array:
+    """Means (F, n) at the vertices of numbers (F, T) of the triangles around, by their areas at rest (n, 3)."""
+    areas, corners = 0.5 * np.linalg.norm(area_vectors(rest, faces), axis=1), faces.ravel()
+    around = np.bincount(corners, np.repeat(areas, 3), len(rest))
+    around[around == 0.0] = 1.0
+    return np.stack([np.bincount(corners, np.repeat(areas * one, 3), len(rest)) / around for one in scalars])
 
 
 def flat_triangles(mesh: TriangleMesh, x: Array) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.selection import held_vertices
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.creases import Crease, CreaseSet, CreaseState
@@ -34,7 +35,6 @@ from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.vertex_masses import masses_of
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
 from modalshell.supports.base import checked_supports
-from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 
 
