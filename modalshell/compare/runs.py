@@ -16,7 +16,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.topology import area_vectors
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH

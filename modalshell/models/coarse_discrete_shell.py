@@ -255,10 +255,6 @@ class CoarseDiscreteShell(OnCoarse):
         """Elastic energy of the coarse shell [J]."""
         return self.coarse.elastic_energy(state)
 
-    def kinetic_energy(self, state: MotionState) -> float:
-        """Kinetic energy of the coarse shell [J]."""
-        return 0.5 * self.squared(state.rates)
-
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of a vector (k, 3) in the norm of the coarse mass."""
         return self.coarse.squared(vector)

@@ -388,10 +388,6 @@ class HybridStress(OnCoarse):
         x = state.coordinates
         return self.coarse.elastic_energy(state) if x.ndim == 2 else self._energy(x)[0]
 
-    def kinetic_energy(self, state: MotionState) -> float:
-        """Kinetic energy [J]."""
-        return 0.5 * self.squared(state.rates)
-
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of coordinates (m,), or of coarse vectors (k, 3) in the norm of their mass."""
         return self.coarse.squared(vector) if vector.ndim == 2 else float(vector @ vector)

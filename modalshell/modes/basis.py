@@ -16,7 +16,7 @@ from modalshell.core.checks import LARGEST, checked_count, checked_kind, finite_
 from modalshell.core.drawn import DRAWING, Drawn
 from modalshell.core.errors import ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import read_only, read_only_copy
 from modalshell.core.typing import Array

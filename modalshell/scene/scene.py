@@ -45,9 +45,8 @@ from modalshell.scene.parts import (
 )
 from modalshell.scene.read import located
 from modalshell.scene.rest import CreaseTable, RestTable, build_creases, rest_content, rest_options
-from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
+from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable, odd_values
 from modalshell.scene.signatures import energy_entries, load_entries
-from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns

@@ -10,7 +10,7 @@ import pytest
 import modalshell as ms
 from modalshell.contact import COLLIDERS
 from modalshell.contact.contact import Contact
-from modalshell.run.paths import scene_path
+from modalshell.run.path_files import scene_path
 from modalshell.run.results import Look, write_result
 
 FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
