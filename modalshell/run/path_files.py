@@ -13,8 +13,7 @@ from modalshell.core.typing import Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.files.atomic_io import write_npz
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.render.load_paths import MARKERS, path_curves
+from modalshell.render.curves import MARKERS, Curve, Panel, draw_curves, path_curves
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
 from modalshell.scene.tables import PathTable
