@@ -9,7 +9,7 @@ ROOT = "modalshell"
 PACKAGES = (ROOT, "studies", "paper_figures")
 LAYERS = (
     "core", "files kernels", "linalg mesh", "loads supports", "shell", "modes",
-    "statics", "contact", "integrators", "models", "analysis motion", "scene", "render", "page", "export plot springs",
+    "statics", "contact integrators", "models", "analysis motion", "scene", "render", "page", "export plot springs",
     "compare run sweep", "crowd viewer", ROOT, "commands", "__main__ symbolic",
 )  # fmt: skip
 """Folders and files of the package from the ground up; ROOT is its ``__init__.py``. None imports its own layer."""

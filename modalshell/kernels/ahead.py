@@ -55,11 +55,11 @@ kernels.rotations.rotate d2 d2 d d2
 kernels.rotations.rotated_load_jacobian d2 d2 d3
 kernels.rotations.largest_angle d2
 kernels.rotations.warp d2 d2 d d2
-models.base.distortion.surface_changes d2 rl2 rd1 l2 d d l d2
+models.base.distortion_kernels.surface_changes d2 rl2 rd1 l2 d d l d2
 shell.kernels.split_folds.add_edge_curvatures rl2 d1 b i3 l1 d1
 kernels.rotations.vertex_rotations d2 d2 rl2 d2
-integrators.modal.exponential.correct d2 d1 d1 d d1 d1 d1 d1 d1 d1 d1 d1 d1
-integrators.modal.exponential.predict d2 d1 d1 d1 d1 d1
+integrators.modal.exponential_kernels.correct d2 d1 d1 d d1 d1 d1 d1 d1 d1 d1 d1 d1
+integrators.modal.exponential_kernels.predict d2 d1 d1 d1 d1 d1
 shell.kernels.split_folds.add_fold_curvatures d2 l2 d1 i3 l1 d1
 kernels.frame.push_frame d3 d2 d1 d1 d1
 kernels.frame.warp_frame d3 d2 d1 d2 d2

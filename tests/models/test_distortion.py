@@ -7,7 +7,8 @@ import pytest
 
 import modalshell as ms
 from modalshell.mesh.topology import area_vectors
-from modalshell.models.base.distortion import Distortion, surface_changes
+from modalshell.models.base.distortion import Distortion
+from modalshell.models.base.distortion_kernels import surface_changes
 
 
 @pytest.fixture(scope="module")
