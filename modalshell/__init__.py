@@ -6,11 +6,9 @@ from modalshell.core import interruption as _interruption  # noqa: F401 (first, 
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
-from modalshell.constraints import OrientationConstraint, PositionConstraint
 from modalshell.core.errors import (
     FileFormatError,
     LoadError,
@@ -28,7 +26,6 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
 from modalshell.crowd import Crowd, FlightResult, Flock
 from modalshell.export import load_clip, load_trajectory, save_trajectory
-from modalshell.integrators.state import Damping
 from modalshell.loads import (
     EdgeMoment,
     FollowerForce,
@@ -92,13 +89,16 @@ from modalshell.shell import (
     Temperature,
     card,
     cards,
+    measure,
 )
+from modalshell.shell.damping import Damping
 from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
+from modalshell.supports.constraints import OrientationConstraint, PositionConstraint
 from modalshell.sweep import SweepResult, run_sweep
 
 if TYPE_CHECKING:

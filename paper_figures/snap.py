@@ -9,8 +9,7 @@ import numpy as np
 
 from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.render.load_paths import path_curves
+from modalshell.render.curves import Curve, Panel, draw_curves, path_curves
 from paper_figures.model_colors import model_color
 
 PANELS = {

@@ -21,7 +21,6 @@ import modalshell as ms
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Progress
 from modalshell.files.study_result import StudyResult
-from modalshell.loads import Load
 from modalshell.modes import Factoriser, model_basis
 from modalshell.shell import GAUSS_NEWTON
 from modalshell.statics.error_bar import LARGEST_BAR
@@ -58,7 +57,7 @@ class Drawn(NamedTuple):
     """A shell with its load."""
 
     shell: ms.Shell
-    loads: list[Load] | None
+    loads: list[ms.Pressure] | None
     force: Array
     text: str
 
@@ -136,7 +135,7 @@ def drawn_shell(rng: np.random.Generator, kind: str, *, hinges: bool) -> Drawn:
     direction /= np.linalg.norm(direction)
     choice = rng.choice(["weight", "weight", "force", "pressure"])
     force = np.zeros_like(shell.rest_positions)
-    loads: list[Load] | None = None
+    loads: list[ms.Pressure] | None = None
     if choice == "weight":
         force = np.array(shell.gravity_force(direction))
     elif choice == "pressure":

@@ -1,6 +1,6 @@
 """Make the creature: an open thin-shell dinosaur that stands on four open feet in the plane z = 0.
 
-Run ``python meshes/make_creature.py --vertices 13000 --out meshes/creature.ply``. The dinosaur is a smooth blend of
+Run ``python -m studies.creature --vertices 13000 --out meshes/creature.ply``. The dinosaur is a smooth blend of
 signed distances to tapered tubes and ellipsoids, contoured on a grid that begins at z = 0, so that each foot ends there
 in a ring of boundary vertices. Centroidal Voronoi cells on the contour give near-equilateral triangles.
 """

@@ -76,7 +76,7 @@ folder.
 """
 PAPER = {
     "3": "A creature of 13,000 vertices with four modes on moving ground, in real time. "
-    "`python meshes/make_creature.py --vertices 100000 --out FILE` makes a larger one.",
+    "`python -m studies.creature --vertices 100000 --out FILE` makes a larger one.",
     "4": "A fold stiffens a beam: flat and V-beams at flexure x1, x10, x100.",
     "5": "Three loads, three models side by side: LMA lengthens, MWTS and DS bend.",
     "6a": "Displacement error over the load.",

@@ -19,7 +19,7 @@ from scenes import beam_text, cantilever
 
 from modalshell import ModalShellWarning, solve_modes
 from modalshell.core.errors import OptionError
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.files.lock import acquire_lock
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE

@@ -9,10 +9,10 @@ from abc import ABC
 import msgspec
 
 import modalshell
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.drawn import Drawn
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.models.base.model import Model
+from modalshell.supports.constraints import Constraint
 
 BARE = (Exception, msgspec.Struct)
 """Roots whose branches may themselves be made: errors, which are caught by their root, and tables of scenes."""

@@ -11,7 +11,7 @@ from modalshell.commands import terminal
 from modalshell.commands.cli import main
 from modalshell.commands.terminal import progress
 from modalshell.core import memory
-from modalshell.render.open_painter import open_painter
+from modalshell.render.backend import open_painter
 from modalshell.sweep.grid import load_sweep
 from modalshell.sweep.plan import Plan
 

@@ -11,7 +11,7 @@ from guide import source
 
 import modalshell as ms
 from modalshell.commands.cli import main
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.shell.elements import ENERGIES
 
 sympy = pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")

@@ -140,7 +140,7 @@ def not_a_number(monkeypatch):
             raise error(f"{name} must have shape {shape} (got {array.shape})")
         return array
 
-    monkeypatch.setattr(sys.modules["modalshell.measure"], "checked_vectors", careless)
+    monkeypatch.setattr(sys.modules["modalshell.shell.measure"], "checked_vectors", careless)
 
 
 def short_message(monkeypatch):

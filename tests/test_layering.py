@@ -8,8 +8,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ROOT = "modalshell"
 PACKAGES = (ROOT, "studies", "paper_figures")
 LAYERS = (
-    "core", "files kernels", "linalg mesh", "loads supports", "shell", "constraints measure modes",
-    "statics", "contact", "integrators", "models", "analysis motion", "scene", "render", "page", "export plot springs",
+    "core", "files kernels", "linalg mesh", "loads supports", "shell", "modes",
+    "statics", "contact integrators", "models", "analysis motion", "scene", "render", "page", "export plot springs",
     "compare run sweep", "crowd viewer", ROOT, "commands", "__main__ symbolic",
 )  # fmt: skip
 """Folders and files of the package from the ground up; ROOT is its ``__init__.py``. None imports its own layer."""

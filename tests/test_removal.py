@@ -12,8 +12,8 @@ import pytest
 import modalshell
 
 PACKAGE = Path(modalshell.__file__).parent
-NAMED_BY = {"crowd": {"__init__.py", "commands/pages.py"}, "springs": {"__init__.py"}}
-"""Folder -> the files outside it that import it: those that hand its names on, and commands."""
+NAMED_BY = {"crowd": {"__init__.py"}, "springs": {"__init__.py"}}
+"""Folder -> the files outside it that import it: those that hand its names on."""
 USE = """
 import pkgutil, importlib
 import modalshell as ms

@@ -23,10 +23,10 @@ from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
 from modalshell.mesh.parts import chosen_part
 from modalshell.models.factory import MODE_COUNT
+from modalshell.models.motion_check import bar_at_largest
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.modes import model_basis
 from modalshell.modes.rigid import left_free
-from modalshell.motion.motion_check import bar_at_largest
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
 from modalshell.run.results import DISPLACEMENT, Look
 from modalshell.run.run_shell import ShellRun
@@ -267,7 +267,7 @@ def _error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> li
     else:
         assert scene.motion is not None
         loading = shell.loading(scene.loads.gravity if scene.loads else None)
-        found = bar_at_largest(run, shell, loading, build_damping(scene.motion))
+        found = bar_at_largest(run.times, run.positions, shell, loading, build_damping(scene.motion))
         if found is None:
             return []
         good = found[1].valid and found[1].displacement <= _GOOD

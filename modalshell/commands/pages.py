@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
-from modalshell.crowd.scene import FlockScene
 from modalshell.export import compress
 from modalshell.export.near_origin import centred
 from modalshell.files.provenance import repository_file
@@ -58,11 +57,8 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
     OptionError
         If there are more birds, modes or shapes of a motion than a browser takes.
     """
-    if isinstance(scene, FlockScene):
-        flight, eye = scene.build_flight(scene.build_shell()), scene.flock.camera
-        span = scene.motion
-        return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=scene.name)
-    return _ShellPage(scene.require_shell(), on_step).page()
+    own: Page | None = scene.own_page()
+    return own or _ShellPage(scene.require_shell(), on_step).page()
 
 
 class _ShellPage:

@@ -13,14 +13,13 @@ from modalshell.commands.results import result_of
 from modalshell.commands.terminal import end_with, progress, say
 from modalshell.files.atomic_io import make_folder, write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
-from modalshell.run.path_files import write_path
+from modalshell.run.path_files import scene_path, write_path
 from modalshell.run.path_report import path_numbers, path_page
 from modalshell.run.report_numbers import check_convergence, checked_run, report_numbers, texts_of
 from modalshell.run.report_numbers import convergence as mesh_convergence
 from modalshell.run.report_page import report_page
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
-from modalshell.scene.paths import scene_path
 from modalshell.scene.read import read_toml
 from modalshell.sweep import load_sweep
 from modalshell.sweep.report import sweep_numbers, sweep_page

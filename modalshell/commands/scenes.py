@@ -14,9 +14,8 @@ from modalshell.commands.terminal import end_with, progress, say
 from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page.drape import drape_page
-from modalshell.run.path_files import write_path
+from modalshell.run.path_files import scene_path, write_path
 from modalshell.scene.parts import input_files
-from modalshell.scene.paths import scene_path
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 

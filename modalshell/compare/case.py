@@ -12,8 +12,6 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
-from modalshell.integrators.modal import Exponential
-from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
@@ -22,6 +20,7 @@ from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.scene.parts import build_damping
 from modalshell.shell import Sheet, Shell
+from modalshell.shell.damping import Damping
 
 _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
@@ -113,7 +112,7 @@ def scene_case(scene: ShellScene) -> Case:
     motion = scene.motion
     if motion is not None and motion.modal_damping:
         raise OptionError(f"{scene.file}: motion.modal_damping: rungs without modes cannot take it; give damping")
-    rule = scene.model.options.get("integrator") if scene.model.spec.on_modes else None
+    rule = scene.model.given.get("integrator") if scene.model.spec.on_modes else None
     return Case(
         scene.name,
         shell,
@@ -122,5 +121,5 @@ def scene_case(scene: ShellScene) -> Case:
         build_damping(motion) if motion else Damping(),
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
-        None if rule == Exponential.key else rule,
+        rule,
     )

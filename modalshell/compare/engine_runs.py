@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from modalshell import measure
 from modalshell.compare.case import Case
 from modalshell.compare.engines import ENGINES, answered
 from modalshell.compare.report import percent
 from modalshell.core.typing import Array, Progress
 from modalshell.render.pareto import Mark
+from modalshell.shell import measure
 
 _FINDINGS = ("name", "outcome", "version", "drop", "frame_ms", "step", "seconds")
 _HEADS = (

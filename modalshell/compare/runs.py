@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from modalshell import measure
 from modalshell.compare.candidates import Candidate
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
@@ -17,13 +16,13 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.topology import area_vectors
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder, take_steps
-from modalshell.shell import Shell
+from modalshell.shell import Shell, measure
 
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 """Frames timed at most and at least, and frames before them that are not timed."""

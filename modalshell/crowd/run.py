@@ -24,7 +24,6 @@ from modalshell.crowd.flight import Flight
 from modalshell.crowd.scene import FlockScene
 from modalshell.crowd.stage import FlightStage
 from modalshell.files.atomic_io import write_npz
-from modalshell.motion.recorder import step_count
 from modalshell.render import ShadedSurface, draw_surfaces, look_at, write_film
 from modalshell.render.camera import Camera
 from modalshell.render.content import checked_size, rgb
@@ -91,10 +90,10 @@ class FlockRun(SceneRun[FlightResult]):
         self._camera: Camera
         self._flight: Flight
         self._records: NDArray[Any]
-        steps = step_count(scene.motion.duration, scene.motion.dt)
+        steps = scene.motion.steps()
         drawn = -(-steps // scene.motion.store_every) + 1 if "mp4" in self.formats else 0
         self._steps, self._drawn = steps, drawn + ("png" in self.formats)
-        self._warm_up = step_count(scene.flock.warm_up, scene.motion.dt) if scene.flock.warm_up else 0
+        self._warm_up = scene.motion.steps(scene.flock.warm_up)
         self._total = self._warm_up + self._steps + self._drawn
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:

@@ -19,6 +19,7 @@ from modalshell.crowd.flap import Flap
 from modalshell.crowd.flight import Flight
 from modalshell.crowd.flock import MOST, MOST_THREADS, Flock
 from modalshell.modes import Basis, model_basis
+from modalshell.page import Page
 from modalshell.scene import tables
 from modalshell.scene.kinds import KINDS, SceneKind
 from modalshell.scene.load import pickled_scene
@@ -176,6 +177,11 @@ class FlockScene(Scene):
     def require_shell(self) -> ShellScene:
         """Raise SceneError: this scene has many shells."""
         raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
+
+    def own_page(self) -> Page:
+        """The flight, computed live in the browser; OptionError for more birds or modes than it takes."""
+        flight, eye, span = self.build_flight(self.build_shell()), self.flock.camera, self.motion
+        return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=self.name)
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""

@@ -26,10 +26,10 @@ from modalshell.crowd.free_instances import FreeInstances
 from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal.exponential import VIOLENT
 from modalshell.integrators.modal.flow import Flow, turning_flow, twice
-from modalshell.integrators.state import Damping
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.modes import Basis
+from modalshell.shell.damping import Damping
 
 LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 """Levels of detail, by their numbers in ``levels`` of a crowd."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import LARGEST, as_array, shortened, shown
-from modalshell.core.errors import ModalShellError, OptionError
+from modalshell.core.errors import ModalShellError, OptionError, SupportError
 from modalshell.core.thread_safety import read_only_copy
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import parts_by_area
@@ -112,6 +112,26 @@ def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShe
         raise error(f"{name} names vertex {outside.flat[0]}, but the mesh has vertices 0 to {count - 1}")
     mask = np.zeros(count, dtype=bool)
     mask[entries if entries.size else []] = True
+    return mask
+
+
+def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMesh | None = None) -> NDArray[np.bool_]:
+    """Mask (count,) of held vertices from a mask, from indices, from an expression on ``mesh``, or from None.
+
+    Raises
+    ------
+    SupportError
+        For a mask of another length, indices that are no integers or out of range, or a mask that holds every vertex.
+    """
+    if clamped is None:
+        return np.zeros(count, dtype=bool)
+    try:
+        named = selected("clamped", clamped, mesh) if isinstance(clamped, str) and mesh is not None else clamped
+    except OptionError as error:
+        raise SupportError(str(error)) from error
+    mask = vertex_mask("clamped", named, count, SupportError)
+    if mask.all():
+        raise SupportError(f"clamped holds all {count} vertices, so nothing can move: leave some free")
     return mask
 
 

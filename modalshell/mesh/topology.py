@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from modalshell.core.typing import Array
+
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -89,3 +91,9 @@ def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> 
     opposite = np.zeros((len(links.edges), 2), dtype=np.int64)
     opposite[links.face_edges.ravel(), np.where(links.forward.ravel(), 0, 1)] = faces[:, [2, 0, 1]].ravel()
     return np.column_stack((links.edges[hinge_edges], opposite[hinge_edges])), hinge_edges
+
+
+def area_vectors(vertices: Array, faces: NDArray[np.integer]) -> Array:
+    """Vectors (T, 3) along the normals of triangles, twice their areas [m^2] long."""
+    corners = vertices[faces]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -12,9 +12,15 @@ from modalshell.core.drawn import Drawn
 from modalshell.core.errors import MeshError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.mesh import validation
-from modalshell.mesh.area_vectors import area_vectors
 from modalshell.mesh.joints import Joints, hinges_of_joints, joints_of
-from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, faces_of_edges, hinges_of_edges
+from modalshell.mesh.topology import (
+    FloatArray,
+    IntArray,
+    area_vectors,
+    connected_parts,
+    faces_of_edges,
+    hinges_of_edges,
+)
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 
 

@@ -11,13 +11,12 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.mesh.closest import closest_points
@@ -31,6 +30,8 @@ from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
+from modalshell.supports.constraints import Constraint
 
 _APART = 0.2
 """Distance between the meshes, as a share of the surface's size, from which they are not the same surface."""
@@ -253,10 +254,6 @@ class CoarseDiscreteShell(OnCoarse):
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy of the coarse shell [J]."""
         return self.coarse.elastic_energy(state)
-
-    def kinetic_energy(self, state: MotionState) -> float:
-        """Kinetic energy of the coarse shell [J]."""
-        return 0.5 * self.squared(state.rates)
 
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of a vector (k, 3) in the norm of the coarse mass."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, final
 
@@ -16,10 +17,33 @@ from modalshell.models.registry import ModelSpec
 from modalshell.modes import Basis, model_basis
 from modalshell.shell import Shell
 
+SolveModes = Callable[[Shell, int], Basis]
+"""Gives the basis of a shell with a number of modes."""
 MODE_COUNT = 8
 """Number of modes where none is named."""
 TRAINING_SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of the load that models are trained on."""
+
+
+@final
+class FirstModes:
+    """Solves the lowest modes of one shell: cuts them from the largest basis that is ``known`` so far."""
+
+    def __init__(self, known: Basis | None = None) -> None:
+        self.known = known
+
+    def __call__(self, shell: Shell, count: int) -> Basis:
+        """The basis of the lowest modes."""
+        if self.known is None or self.known.count < count:
+            self.known = model_basis(shell, count)
+        whole = self.known
+        return dataclasses.replace(
+            whole,
+            eigenvalues=whole.eigenvalues[:count],
+            modes=np.ascontiguousarray(whole.modes[:, :count]),
+            rotations=np.ascontiguousarray(whole.rotations[:, :count]),
+            rigid_modes=min(whole.rigid_modes, count),
+        )
 
 
 @final
@@ -35,8 +59,8 @@ class ModelFactory:
     coarse : callable, optional
         Returns a coarse mesh of the shell's surface with these cells along and across, or about this many triangles, or
         by default for None of both. Without it a number of triangles is remeshed (extra ``remesh``).
-    solve : callable
-        Returns the basis of a shell with a number of modes.
+    solve : callable, optional
+        Returns the basis of a shell with a number of modes; :func:`~modalshell.modes.model_basis` by default.
     """
 
     def __init__(
@@ -44,10 +68,10 @@ class ModelFactory:
         shell: Shell,
         load: Callable[[], Array] | None = None,
         coarse: Callable[[tuple[int, int] | None, int | None], CoarseMesh] | None = None,
-        solve: Callable[[Shell, int], Basis] = model_basis,
+        solve: SolveModes | None = None,
     ) -> None:
         self.shell = shell
-        self._load, self._coarse, self._solve = load, coarse, solve
+        self._load, self._coarse, self._solve = load, coarse, solve or model_basis
         self.bases: dict[int, Basis] = {}
         self._seconds: dict[int, float] = {}
         self._charged = 0.0

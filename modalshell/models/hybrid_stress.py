@@ -14,14 +14,13 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -38,9 +37,11 @@ from modalshell.models.hybrid.trained_file import read_trained, trainable, write
 from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict
+from modalshell.supports.constraints import Constraint
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
@@ -386,10 +387,6 @@ class HybridStress(OnCoarse):
         """Elastic energy [J], of the assumed stresses where the state is one of coordinates."""
         x = state.coordinates
         return self.coarse.elastic_energy(state) if x.ndim == 2 else self._energy(x)[0]
-
-    def kinetic_energy(self, state: MotionState) -> float:
-        """Kinetic energy [J]."""
-        return 0.5 * self.squared(state.rates)
 
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of coordinates (m,), or of coarse vectors (k, 3) in the norm of their mass."""

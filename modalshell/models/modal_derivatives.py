@@ -11,7 +11,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
@@ -19,7 +18,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
@@ -27,16 +26,19 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, implicit_rule
 from modalshell.models.base.model import probes
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
 from modalshell.modes import model_basis
 from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
+from modalshell.supports.constraints import Constraint
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""

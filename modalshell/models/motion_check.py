@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import SupportPath
 
@@ -140,3 +141,19 @@ class MotionCheck:
 
     def _norm(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._shell.mass[:, None] * displacement**2)))
+
+
+def bar_at_largest(
+    times: Array, frames: NDArray[np.floating], shell: Shell, loading: Loading, damping: Damping
+) -> tuple[float, ErrorBar] | None:
+    """Time [s] and bar of the frame of largest displacement, supports at rest; None of motions of under three frames.
+
+    OptionError for a shell that its supports do not hold.
+    """
+    if len(times) < 3:
+        return None
+    check = MotionCheck(shell, loading, damping)
+    moved = [check.moved(check.own(0.0, frame)) for frame in frames[1:-1]]
+    k = 1 + int(np.argmax(moved))
+    around = slice(k - 1, k + 2)
+    return float(times[k]), check.bar(times[around], np.asarray(frames[around], dtype=np.float64))

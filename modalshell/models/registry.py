@@ -9,8 +9,7 @@ from types import MappingProxyType
 from typing import Literal, final, get_args
 
 from modalshell.core.errors import OptionError
-from modalshell.core.plugins import load_plugins
-from modalshell.core.registry import Registry
+from modalshell.core.registry import Registry, load_plugins
 from modalshell.core.typing import Array
 from modalshell.models.auto.auto import Auto
 from modalshell.models.base.model import Model

@@ -14,13 +14,15 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_keeping
 from modalshell.integrators.modal.flow import free_flow
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import FrameModel
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Drag, Stepper
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import left_free, rigid_motions, rigid_share
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 
 LoadAt = Callable[[MotionState, float], tuple[Array, Drag | None]]
 """The load (n, 3) [N] on a state at a share of the step, and how it falls with velocities."""

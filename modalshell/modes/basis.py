@@ -16,7 +16,7 @@ from modalshell.core.checks import LARGEST, checked_count, checked_kind, finite_
 from modalshell.core.drawn import DRAWING, Drawn
 from modalshell.core.errors import ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import read_only, read_only_copy
 from modalshell.core.typing import Array
@@ -25,13 +25,13 @@ from modalshell.files.atomic_io import write_npz
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
-from modalshell.mesh.resolution import unresolved_remark
 from modalshell.modes.attachments import attached_forces, with_attachments
 from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.modes.resolution import unresolved_remark
 from modalshell.modes.settled import settled_modes
 from modalshell.shell import Isotropic, Material, Sheet, Shell
 from modalshell.shell.elements import ENERGIES

@@ -8,7 +8,6 @@ from typing import TypedDict
 import numpy as np
 
 from modalshell.core.checks import checked_count
-from modalshell.integrators.state import Damping
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.bars import check_bar
@@ -18,7 +17,7 @@ from modalshell.models.motion_check import MotionCheck
 from modalshell.motion.bars import Bars
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
-from modalshell.statics.error_bar import ErrorBar
+from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
 
 
@@ -89,17 +88,3 @@ def with_bars(
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
     return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"))
-
-
-def bar_at_largest(run: Trajectory, shell: Shell, loading: Loading, damping: Damping) -> tuple[float, ErrorBar] | None:
-    """Time [s] and bar of the frame of largest displacement, supports at rest; None of motions of under three frames.
-
-    OptionError for a shell that its supports do not hold.
-    """
-    if len(run.times) < 3:
-        return None
-    check = MotionCheck(shell, loading, damping)
-    moved = [check.moved(check.own(0.0, frame)) for frame in run.positions[1:-1]]
-    k = 1 + int(np.argmax(moved))
-    around = slice(k - 1, k + 2)
-    return float(run.times[k]), check.bar(run.times[around], np.asarray(run.positions[around], dtype=np.float64))

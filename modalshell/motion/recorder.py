@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, final
 
 import numpy as np
@@ -133,6 +133,15 @@ class Recorder:
         self.times, self.energies, self.residuals = times.tolist(), list(energies), list(residuals)
         self.fault, self.fault_time = fault, fault_time
         self._watch, self._seconds_before = Stopwatch(), seconds
+
+    def recall(self, states: Mapping[str, NDArray[Any]]) -> None:
+        """Take levels and creases of stored frames from the arrays (F, ...) of their states, by name."""
+        model = self.motion.model
+        if model.level_names:
+            self.levels = states["level"][:, 0].astype(int).tolist()
+        if CREASES in states:
+            self.creases = [model.crease_angles(np.array(angles)) for angles in states[CREASES]]
+            self.heat = states[HEAT][:, 0].tolist()
 
     def frames(self, on_step: Progress | None = None) -> Iterator[None]:
         """Take the steps, pausing at each frame to be stored: the start (unless resumed) and every ``store_every``.

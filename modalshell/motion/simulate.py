@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.core.memory import demand_memory
 from modalshell.core.typing import Progress
-from modalshell.integrators.state import Damping
 from modalshell.loads import Load
 from modalshell.models import Model
 from modalshell.motion.fields import checked_fields, with_fields
@@ -22,7 +20,9 @@ from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact

@@ -13,9 +13,10 @@ import numpy as np
 
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
-from modalshell.integrators.state import COST, Damping, MotionState
+from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
+from modalshell.shell.damping import Damping
 
 _SEEN = 8
 """Steps from one look at the motion's size to the next."""

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints import Constraint
-from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
+from modalshell.integrators.state import COST, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
+from modalshell.models.base.setup import MotionSetup
 from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -87,7 +88,7 @@ class Motion:
             checked_kind("supports", supports, SupportPath)
         if supports is not None and not shell.unknowns.supported.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
-        wanted = checked_constraints(constraints, shell)
+        wanted = checked_constraints(constraints, shell.unknowns)
         # Contacts are checked where they are known: what has none does not import them.
         self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or ())
         self.load = loading.dead

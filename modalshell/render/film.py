@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import replacing
+from modalshell.render.backend import open_painter
 from modalshell.render.camera import Camera, frame_points
 from modalshell.render.compose import Page, paste
 from modalshell.render.content import (
@@ -24,7 +25,6 @@ from modalshell.render.content import (
     checked_positions,
     checked_size,
 )
-from modalshell.render.open_painter import open_painter
 from modalshell.render.painter import Painter
 from modalshell.render.stage import with_texts
 from modalshell.render.surfaces import scalar_colors

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import replacing
+from modalshell.render.backend import open_painter
 from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
 from modalshell.render.content import ShadedSurface, View, checked_path, checked_size, rgb
-from modalshell.render.open_painter import open_painter
 from modalshell.render.surfaces import scalar_colors
 
 

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Progress
 from modalshell.export import save_trajectory
-from modalshell.mesh.area_vectors import area_vectors
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.render.stage import LOWEST_VIEW, Stage
-from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
+from modalshell.shell.fields import FIELDS, TENSORS, scalar_of, vertex_means
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -38,12 +37,7 @@ class Colouring:
         if name == DISPLACEMENT:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
             return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
-        scalars = scalar_of(name, run.fields[name])
-        areas = 0.5 * np.linalg.norm(area_vectors(run.rest_positions, run.faces), axis=1)
-        count, corners = run.positions.shape[1], run.faces.ravel()
-        around = np.bincount(corners, np.repeat(areas, 3), count)
-        around[around == 0.0] = 1.0
-        values = np.stack([np.bincount(corners, np.repeat(areas * one, 3), count) / around for one in scalars])
+        values = vertex_means(scalar_of(name, run.fields[name]), run.rest_positions, run.faces)
         unit = run.units.of(FIELDS[name])
         label = name.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
@@ -19,12 +18,11 @@ from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
-from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Equilibrium
-from modalshell.modes import Basis, model_basis
+from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
-from modalshell.motion.recorder import Recorder, step_count, take_steps
+from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT, Look, write_result
@@ -37,7 +35,7 @@ from modalshell.statics.buckling import ADVICE, buckles
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
-_SNAPSHOT = "snapshot_"
+_SNAPSHOT, _STATE = "snapshot_", "snapshot_state_"
 
 
 @final
@@ -88,7 +86,7 @@ class ShellRun(SceneRun[SceneResult]):
         folder: Path,
         look: Look | None = None,
         on_frame: Progress | None = None,
-        solve: Callable[[Shell, int], Basis] = model_basis,
+        solve: SolveModes | None = None,
     ) -> None:
         super().__init__(scene, shell, folder)
         shown = scene.output
@@ -174,7 +172,7 @@ def _move(
 ) -> tuple[Trajectory, int]:
     """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()
-    precision, steps = built.scene.output.positions, step_count(table.duration, table.dt)
+    precision, steps = built.scene.output.positions, table.steps()
     recorder = Recorder(motion, steps, store_every=table.store_every, precision=precision)
     fields = _record_fields(motion, precision)
     frames = recorder.total // table.store_every + 2
@@ -239,12 +237,7 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
             "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start again"
         )
-    if motion.model.level_names:
-        recorder.levels = records[f"{_SNAPSHOT}state_level"][:, 0].astype(int).tolist()
-    if f"{_SNAPSHOT}state_{CREASES}" in (records.dtype.names or ()):
-        kept = records[f"{_SNAPSHOT}state_{CREASES}"]
-        recorder.creases = [motion.model.crease_angles(np.array(angles)) for angles in kept]
-        recorder.heat = records[f"{_SNAPSHOT}state_{HEAT}"][:, 0].tolist()
+    recorder.recall({name.removeprefix(_STATE): records[name] for name in last.dtype.names if name.startswith(_STATE)})
     if motion.setup.contacts:
         each = zip(*(np.array(records[name]) for name in TOUCHED), strict=True)
         recorder.touched = [

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import msgspec
 
 from modalshell.core.errors import OptionError
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.kinds import KINDS
 from modalshell.scene.models import model_tables

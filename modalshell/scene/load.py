@@ -12,7 +12,7 @@ import msgspec
 
 from modalshell.core.checks import checked_folder
 from modalshell.core.errors import SceneError
-from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.index_files import with_index_files
 from modalshell.scene.kinds import KINDS

@@ -27,6 +27,12 @@ class ModelTable(Table, frozen=True, tag_field="name"):
         """The options, defaults filled in."""
         return {name: getattr(self, name) for name in self.__struct_fields__}
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that are not their defaults."""
+        defaults = {field.name: field.default for field in msgspec.structs.fields(self)}
+        return {name: value for name, value in self.options.items() if value != defaults[name]}
+
     def build(self, factory: ModelFactory) -> Model:
         """The model with all that it precomputes."""
         return factory.build(self.spec, self.options)

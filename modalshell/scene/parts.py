@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.core.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Array
 from modalshell.files.provenance import repository_file
-from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
@@ -38,6 +36,8 @@ from modalshell.scene.tables import (
     Vector,
 )
 from modalshell.shell import Isotropic, Material, Sheet
+from modalshell.shell.damping import Damping
+from modalshell.supports.constraints import Constraint, OrientationConstraint, PositionConstraint
 
 
 class Shape(Built, frozen=True, tag_field="shape"):

@@ -6,7 +6,7 @@ import hashlib
 import json
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,6 @@ from typing import Any, cast, final
 
 import numpy as np
 
-from modalshell.constraints import Constraint
-from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
 from modalshell.core.short_repr import short_repr
@@ -24,12 +22,11 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
-from modalshell.mesh.resolution import sliver_remark
-from modalshell.mesh.selection import selected
+from modalshell.mesh.selection import held_vertices, selected
+from modalshell.mesh.slivers import sliver_remark
 from modalshell.models import Equilibrium, Model
 from modalshell.models.base.bars import check_bar
-from modalshell.models.factory import ModelFactory
-from modalshell.modes import Basis, model_basis
+from modalshell.models.factory import ModelFactory, SolveModes
 from modalshell.motion import Motion, SupportPath, Trajectory
 from modalshell.motion.motion_check import with_bars
 from modalshell.motion.step_error import Tolerance
@@ -48,13 +45,12 @@ from modalshell.scene.parts import (
 )
 from modalshell.scene.read import located
 from modalshell.scene.rest import CreaseTable, RestTable, build_creases, rest_content, rest_options
-from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable
+from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable, odd_values
 from modalshell.scene.signatures import energy_entries, load_entries
-from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
-from modalshell.supports.held import held_vertices
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 BARS_EVERY = 15
 """Frames from one error bar of a scene in motion to the next."""
@@ -91,6 +87,10 @@ class Scene(ABC):
     @abstractmethod
     def require_shell(self) -> ShellScene:
         """The scene itself if it is about one shell; SceneError if it is about a flock."""
+
+    def own_page(self) -> Any:
+        """The web page of a kind of scene that makes its own; None of one shell's."""
+        return None
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
@@ -218,7 +218,7 @@ class ShellScene(Scene):
         content |= {"contacts": [table.plain() for table in self.contacts]} if self.contacts else {}
         return content | ({"bar": True} if self.bar else {})
 
-    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
+    def build(self, shell: Shell | None = None, solve: SolveModes | None = None) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
 
         Raises
@@ -253,7 +253,7 @@ class ShellScene(Scene):
                 contacts.append(table.contact())
         return contacts
 
-    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
+    def model_factory(self, shell: Shell, solve: SolveModes | None = None) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
         coarse = partial(scene_coarse_mesh, self.mesh, self.material, shell)
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
@@ -294,7 +294,7 @@ class ShellScene(Scene):
         for index, table in enumerate(self.constraints):
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
-                constraints += checked_constraints([constraint], shell)
+                constraints += checked_constraints([constraint], shell.unknowns)
         return path, force, loads, constraints
 
     def build_forces(self, shell: Shell) -> tuple[Array | None, list[Load]]:

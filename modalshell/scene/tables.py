@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from modalshell.motion.recorder import step_count
+
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
 Count = Annotated[int, Meta(ge=1)]
@@ -184,6 +186,10 @@ class MotionTable(Table, frozen=True):
     tolerance: Annotated[float, Meta(ge=1e-9, le=1.0)] | None = None
     damping_ratios: tuple[tuple[Positive, NotNegative], tuple[Positive, NotNegative]] | None = None
     modal_damping: Annotated[list[NotNegative], Meta(min_length=1)] | None = None
+
+    def steps(self, seconds: float | None = None) -> int:
+        """Whole steps that cover some seconds, the duration by default; OptionError if no run would ever end."""
+        return step_count(self.duration if seconds is None else seconds, self.dt)
 
 
 class PathTable(Table, frozen=True):

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import Any, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import checked_choice
-from modalshell.core.errors import OptionError
+from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import area_vectors
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.sheet import Sheet
@@ -153,6 +154,14 @@ def scalar_of(name: str, values: Array) -> Array:
     return np.asarray(values.max(axis=-1)) if name == "von_mises_faces" else values
 
 
+def vertex_means(scalars: Array, rest: Array, faces: NDArray[np.integer]) -> Array:
+    """Means (F, n) at the vertices of numbers (F, T) of the triangles around, by their areas at rest (n, 3)."""
+    areas, corners = 0.5 * np.linalg.norm(area_vectors(rest, faces), axis=1), faces.ravel()
+    around = np.bincount(corners, np.repeat(areas, 3), len(rest))
+    around[around == 0.0] = 1.0
+    return np.stack([np.bincount(corners, np.repeat(areas * one, 3), len(rest)) / around for one in scalars])
+
+
 def flat_triangles(mesh: TriangleMesh, x: Array) -> NDArray[np.bool_]:
     """Triangles (T,) that have collapsed to a line or a point at positions x (n, 3)."""
     sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
@@ -214,3 +223,19 @@ def von_mises(mesh: TriangleMesh, material: Sheet, force: Array, moment: Array) 
     for first, second, shear in (stress.T for stress in stresses):
         faces.append(np.sqrt(first**2 - first * second + second**2 + 3.0 * shear**2))
     return np.stack(faces, axis=1)
+
+
+def refuse_collapse(mesh: TriangleMesh, name: str, values: ArrayLike, x: Array) -> None:
+    """LoadError that names the flattest triangle at ``x`` (n, 3), where ``values`` are not all finite."""
+    if np.isfinite(values).all():
+        return
+    corners = x[mesh.faces]
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.max(np.sum(sides**2, axis=2), axis=1)
+    flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
+    worst = int(np.argmin(flatness))
+    raise LoadError(
+        f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
+        f"{mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest side "
+        "squared: move its corners apart"
+    )

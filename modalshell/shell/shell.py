@@ -16,15 +16,15 @@ from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.selection import held_vertices
 from modalshell.shell.calibration_range import warn_of_two_way_bending
-from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.creases import Crease, CreaseSet, CreaseState
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
 from modalshell.shell.energies_of import energy_of
 from modalshell.shell.energy_access import EnergyAccess
-from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
+from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles, refuse_collapse
 from modalshell.shell.material import Material
 from modalshell.shell.rest_folds import RestFolds
 from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, rest_shape
@@ -33,9 +33,7 @@ from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.vertex_masses import masses_of
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
-from modalshell.supports.base import checked_supports
-from modalshell.supports.held import held_vertices
-from modalshell.supports.reactions import shared_reactions
+from modalshell.supports.base import checked_supports, shared_reactions
 
 
 class Shell(EnergyAccess):

@@ -12,8 +12,9 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator
 from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.springs import Springs
 

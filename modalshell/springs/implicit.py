@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_vectors
 from modalshell.core.typing import Array
+from modalshell.mesh.selection import held_vertices
 from modalshell.springs.kernels import blocks as kernels
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
-from modalshell.supports.held import held_vertices
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")
 """The timed parts of a step; the acceleration is the solution of the linear equations."""

@@ -30,13 +30,13 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_count, checked_number, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.mesh.selection import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
 from modalshell.springs.kernels import blocks as spring_blocks
 from modalshell.springs.kernels import rank_blocks
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
-from modalshell.supports.held import held_vertices
 
 
 def petsc() -> ModuleType:

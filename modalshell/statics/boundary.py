@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.constraints.constraints import Constraint, HeldPatch
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
@@ -20,6 +19,7 @@ from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.warped import warped_step
+from modalshell.supports.constraints import Constraint, HeldPatch
 
 _FIRST_STEP = 0.25
 """First fraction of a motion of the boundary taken in one step."""

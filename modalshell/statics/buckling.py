@@ -18,8 +18,8 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array
 from modalshell.loads import Load
-from modalshell.mesh.resolution import unresolved_remark
 from modalshell.modes import Factor, Factoriser, condensed_factor
+from modalshell.modes.resolution import unresolved_remark
 from modalshell.modes.rigid import left_free
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads

@@ -1,4 +1,4 @@
-"""Supports of a shell: what each kind holds, and the affine map from free unknowns to vertex positions."""
+"""What holds a shell: supports, constraints on patches, and the affine map from free unknowns to vertex positions."""
 
 from modalshell.supports.base import SUPPORTS, Support
 from modalshell.supports.kinds import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie

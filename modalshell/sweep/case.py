@@ -20,11 +20,11 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.files.provenance import run_record
-from modalshell.measure import area_change
 from modalshell.mesh import TriangleMesh
 from modalshell.motion import Trajectory
-from modalshell.motion.recorder import Recorder, step_count
+from modalshell.motion.recorder import Recorder
 from modalshell.scene import BuiltScene, Scene, parse_scene
+from modalshell.shell.measure import area_change
 
 _ONE_AT_A_TIME = threading.Lock()
 """Threads of a cluster's worker take turns: results must not depend on concurrent cases."""
@@ -186,7 +186,7 @@ def _solved(built: BuiltScene) -> tuple[Outcome, str, Measures, Array]:
         message = "; ".join(filter(None, (still.message, "" if answer.bar is None else str(answer.bar))))
         return still.outcome, message, measures, last
     table, motion = built.scene.motion, built.start_motion()
-    recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
+    recorder = Recorder(motion, table.steps(), store_every=table.store_every)
     peak = 0.0
     for _ in recorder.frames():
         last = motion.positions()

@@ -15,7 +15,7 @@ import msgspec
 from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.core.units import UnitSystem
 from modalshell.files.atomic_io import replacing, write_text
-from modalshell.measure import displacement_error
+from modalshell.shell.measure import displacement_error
 from modalshell.sweep.case import CaseResult, Measures
 from modalshell.sweep.plan import Plan
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import msgspec
@@ -17,14 +16,13 @@ from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
-from modalshell.modes import Basis, model_basis
+from modalshell.models.factory import FirstModes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_damping
 from modalshell.scene.tables import MotionTable
-from modalshell.shell import Shell
 from modalshell.viewer.live_bar import LiveBar
 
 FRAME_SECONDS = 1.0 / 30.0
@@ -113,7 +111,7 @@ class ViewSession:
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
         modal = as_modal(model)
-        self._basis: Basis | None = None if modal is None else modal.basis
+        self._first_modes = FirstModes(None if modal is None else modal.basis)
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
         self.playing, self.frame_milliseconds, self._owed, self.refusal = False, 0.0, 0.0, ""
         self._begin(self._new_motion(model, None))
@@ -294,19 +292,6 @@ class ViewSession:
         model = table.build(self.scene.model_factory(self.shell, self._first_modes))
         self._models[name] = (modes, model)
         return model
-
-    def _first_modes(self, shell: Shell, count: int) -> Basis:
-        """The lowest modes, cut from the largest basis computed so far."""
-        if self._basis is None or self._basis.count < count:
-            self._basis = model_basis(shell, count)
-        whole = self._basis
-        return dataclasses.replace(
-            whole,
-            eigenvalues=whole.eigenvalues[:count],
-            modes=np.ascontiguousarray(whole.modes[:, :count]),
-            rotations=np.ascontiguousarray(whole.rotations[:, :count]),
-            rigid_modes=min(whole.rigid_modes, count),
-        )
 
     def _new_motion(self, model: Model, before: Motion | None) -> Motion:
         """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""

@@ -10,8 +10,8 @@ import pytest
 import modalshell as ms
 from modalshell.contact import COLLIDERS
 from modalshell.contact.contact import Contact
+from modalshell.run.path_files import scene_path
 from modalshell.run.results import Look, write_result
-from modalshell.scene.paths import scene_path
 
 FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
 BALL = '[[contacts]]\nkind = "sphere"\ncenter = [0.8, 0, -0.3]\nradius = 0.2\nsel = "x > 0.5"\n'

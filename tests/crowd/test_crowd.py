@@ -17,8 +17,8 @@ import modalshell as ms
 from modalshell.crowd import Flap
 from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal import Exponential
-from modalshell.integrators.state import Damping
 from modalshell.kernels.packed import BYTES
+from modalshell.shell.damping import Damping
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

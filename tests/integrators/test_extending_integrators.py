@@ -11,7 +11,7 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping
+from modalshell.shell.damping import Damping
 from studies import stability_limits
 
 MODULE = source("toy_rule.py")

@@ -6,7 +6,8 @@ import pytest
 import modalshell as ms
 from modalshell.core.errors import OptionError
 from modalshell.integrators.full import FullIntegrator, Verlet
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.shell.damping import Damping
 from modalshell.springs.conjugate_gradients import ConjugateGradientEuler
 
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -17,11 +17,11 @@ from mpmath import mpf
 from numba.core.dispatcher import Dispatcher
 
 import modalshell
-from modalshell.constraints.constraints import nearest_branch
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import TILE
 from modalshell.models.reduction import rotation_strain_kernels as rotation_strain
 from modalshell.models.reduction.warp_frame import WarpFrame
+from modalshell.supports.constraints import nearest_branch
 
 ANGLES = (0.0, 5e-324, 1e-310, 1e-300, 1e-160, 1e-20, 1e-8, 1e-4, 0.1, 0.5, 1.0 - 1e-9, 1.0 + 1e-9, 1.2, 2.0)
 ANGLES += (math.pi - 1e-9, math.pi, 5.0, 2 * math.pi - 1e-9, 2 * math.pi, 2 * math.pi + 1e-9, 20.0, 1e3, 1e6)

@@ -12,7 +12,8 @@ from modalshell import (
     simulate,
 )
 from modalshell.core.errors import OptionError
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.shell.damping import Damping
 
 
 def v_scene():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.topology import area_vectors
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.distortion_kernels import surface_changes
 

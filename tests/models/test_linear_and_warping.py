@@ -22,7 +22,8 @@ from modalshell import (
     measure,
     solve_modes,
 )
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.shell.damping import Damping
 
 V_BEAM = json.loads((Path(__file__).resolve().parents[1] / "data" / "v_beam_static.json").read_text(encoding="utf-8"))
 MODELS = [LinearModal, ModalWarping]

@@ -19,7 +19,7 @@ from modalshell import (
     solve_modes,
 )
 from modalshell.core.errors import LoadError, SolverError
-from modalshell.integrators.state import Damping
+from modalshell.shell.damping import Damping
 
 MODELS = [LinearModal, ModalWarping, RotationStrain]
 

@@ -9,7 +9,8 @@ from scenes import held
 import modalshell as ms
 from modalshell import ReducedRotationStrain, RotationStrain, leaf, measure, solve_modes
 from modalshell.core.errors import OptionError
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.shell.damping import Damping
 from studies.benchmarks.modes import large_shell
 
 

@@ -23,8 +23,9 @@ from modalshell import (
     measure,
     solve_modes,
 )
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.modes import BACKENDS
+from modalshell.shell.damping import Damping
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import modalshell as ms
 from modalshell.core.outcome import Outcome
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.modal.flow import flow, turning_flow
-from modalshell.integrators.state import Damping
+from modalshell.shell.damping import Damping
 from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0

@@ -14,8 +14,8 @@ import modalshell as ms
 from modalshell.commands.pages import write_pages
 from modalshell.export import compress
 from modalshell.files.provenance import repository_file
-from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
+from modalshell.shell.damping import Damping
 
 GRAVITY = (0.0, 0.0, -3.0)
 

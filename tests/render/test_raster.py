@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.topology import area_vectors
 from modalshell.render import backend
 from modalshell.render.raster import shrink
 from modalshell.render.rasteriser_painter import Canvas, Triangles

@@ -15,7 +15,6 @@ from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.render import ShadedSurface, View, backend, choose_backend, draw_views, look_at, write_film
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
 from modalshell.render.camera import frame_points
-from modalshell.render.shares import draw_shares
 
 CRASH = (sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
 OK = "print('modalshell-probe ok')"
@@ -392,17 +391,3 @@ def test_colours_refused(detected, monkeypatch, tmp_path):
         draw_views([View([ShadedSurface(vertices, faces, "no colour")])], tmp_path / "p.png")
     with pytest.raises(OptionError, match="camera"):
         View([ShadedSurface(vertices, faces)], camera=(0.0, 0.0, 0.0))
-
-
-def test_shares_are_drawn_as_long_as_they_are(tmp_path):
-    from matplotlib.image import imread
-
-    shares = {"one": [{"good": 0.25, "bad": 0.75}], "two": [{"good": 1.0}]}
-    colors = {"good": "#00ff00", "bad": "#ff0000"}
-    image = imread(draw_shares(shares, ["case"], colors, tmp_path / "shares.png"))
-    rows = [(np.abs(image[..., :3] - colour).max(axis=2) < 0.02).sum(axis=1) for colour in ((0, 1, 0), (1, 0, 0))]
-    split, whole = rows[1].argmax(), rows[0].argmax()
-    assert rows[0][split] / rows[1][split] == pytest.approx(1.0 / 3.0, rel=0.05)
-    assert rows[1][whole] == 0
-    with pytest.raises(OptionError, match="1 bars of classes with a colour"):
-        draw_shares({"one": [{"worse": 1.0}]}, ["case"], colors, tmp_path / "shares.png")

@@ -9,8 +9,8 @@ from printed import check_numbers, rows_of
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.run.path_files import scene_path
 from modalshell.run.path_report import path_numbers
-from modalshell.scene.paths import scene_path
 
 SNAPPING = """
 [mesh]

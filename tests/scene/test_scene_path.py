@@ -6,7 +6,7 @@ from scenes import beam_text
 
 import modalshell as ms
 from modalshell.commands.cli import main
-from modalshell.render.load_paths import path_curves
+from modalshell.render.curves import path_curves
 
 LOADED = """[loads]
 gravity = [0.0, 0.0, -5.0]

@@ -12,12 +12,14 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion import Trajectory
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import model_tables
+from modalshell.shell.damping import Damping
+from paper_figures.stability_atlas import draw_shares
 from studies import stability_atlas as atlas
 
 models = atlas.models
@@ -269,3 +271,15 @@ def test_maps_refuse_what_they_cannot_draw(tmp_path):
         line = Boundary([[2.0, 5.0], []], "limit")
         path = draw_maps([replace(panel, x_scale=scale, boundaries=[line])], colors, tmp_path / "a.png", columns=1)
         assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_shares_are_drawn_as_long_as_they_are(tmp_path):
+    from matplotlib.image import imread
+
+    shares = {"one": [{"good": 0.25, "bad": 0.75}], "two": [{"good": 1.0}]}
+    colors = {"good": "#00ff00", "bad": "#ff0000"}
+    image = imread(draw_shares(shares, ["case"], colors, tmp_path / "shares.png"))
+    rows = [(np.abs(image[..., :3] - colour).max(axis=2) < 0.02).sum(axis=1) for colour in ((0, 1, 0), (1, 0, 0))]
+    split, whole = rows[1].argmax(), rows[0].argmax()
+    assert rows[0][split] / rows[1][split] == pytest.approx(1.0 / 3.0, rel=0.05)
+    assert rows[1][whole] == 0

@@ -141,9 +141,9 @@ def test_mode_count_changes_in_motion(session):
     session.set_model("mwts", 4)
     assert session._motion.state.rates.shape == (4,)
     np.testing.assert_allclose(session._motion.state.rates, rates[:4], rtol=1e-8, atol=1e-10)
-    basis = session._basis
+    basis = session._first_modes.known
     session.set_model("lma", 11)
-    assert session._basis is basis
+    assert session._first_modes.known is basis
     assert basis.count == 12
 
 

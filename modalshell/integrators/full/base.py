@@ -13,9 +13,10 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
 from modalshell.integrators.free_parts import FreeParts
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.potential import Potential
 

@@ -6,7 +6,8 @@ from typing import final
 
 from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, inner_force, led_rates, pull_rate, symplectic_limit
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.shell.damping import Damping
 
 
 @final

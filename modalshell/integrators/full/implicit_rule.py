@@ -14,8 +14,9 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
+from modalshell.shell.damping import Damping
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential, solve

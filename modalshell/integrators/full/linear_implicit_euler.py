@@ -9,8 +9,9 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, pull_rate, step_potential
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.shell import PROJECTED
+from modalshell.shell.damping import Damping
 
 
 @final

@@ -9,12 +9,11 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
@@ -22,6 +21,7 @@ from modalshell.models.auto.stepper import AutoStepper, told
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -30,7 +30,9 @@ from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar
+from modalshell.supports.constraints import Constraint
 
 
 @final

@@ -9,8 +9,9 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.auto.levels import Level
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.motion_check import MotionCheck
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text

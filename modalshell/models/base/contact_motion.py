@@ -16,7 +16,8 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
-from modalshell.integrators.state import PUSHES, MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
 from modalshell.supports import SupportPath

@@ -11,8 +11,9 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
-from modalshell.integrators.state import CREASES, HEAT, Damping, MotionState
+from modalshell.integrators.state import CREASES, HEAT, MotionState
 from modalshell.shell.creases import CreaseSet
+from modalshell.shell.damping import Damping
 from modalshell.statics.creases import MET, yielded
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential, solve

@@ -11,7 +11,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
@@ -19,17 +18,19 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
-from modalshell.integrators.state import CREASES, Damping, MotionSetup, MotionState
+from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, reactions_of
 from modalshell.statics.continuation import equilibrium
@@ -41,6 +42,7 @@ from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.supports import Pose, SupportPath, Unknowns
+from modalshell.supports.constraints import Constraint, HeldPatch, held_patches
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
@@ -110,11 +112,14 @@ class FullModel(Model):
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         return self._solve_constrained(loading, start, ())
 
+    def _patches(self, constraints: Sequence[Constraint]) -> list[HeldPatch]:
+        return held_patches(constraints, self.shell.rest_positions, self.shell.mesh.faces, self.shell.unknowns)
+
     def _solve_constrained(
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
     ) -> Equilibrium:
         load, before = loading.dead, dict(self.costs)
-        patches = held_patches(constraints, self.shell) if constraints else []
+        patches = self._patches(constraints)
         first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)
         shell, live = problem.shell, problem.live
@@ -313,7 +318,7 @@ class FullModel(Model):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
-        patches = held_patches(setup.constraints, self.shell) if setup.constraints else []
+        patches = self._patches(setup.constraints)
         model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
         # Supports of single components turn with the frame that they belong to.
         return FullStepper(model, setup, patches, in_frame=self.shell.unknowns.matrix is not None)

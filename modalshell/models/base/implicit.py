@@ -10,14 +10,15 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from modalshell.core.errors import OptionError
-from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.implicit_rule import EulerStart, Floating, LoadedSteps, steps_of
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.model import FrameModel
-from modalshell.models.base.stepper import Drag, Stepper
+from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.stepper import ContactStepper, Drag, Stepper
+from modalshell.shell.damping import Damping
 
 LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
 """The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""
@@ -127,18 +128,17 @@ class ModelSteps(LoadedSteps):
 
 
 @final
-class ImplicitStepper(Stepper):
+class ImplicitStepper(ContactStepper):
     """Steps under loads as they are expected at the end of each step of implicit Euler, without constraints."""
 
     model: ImplicitModel
-    takes_contacts = True
 
     def __init__(self, model: ImplicitModel, setup: MotionSetup) -> None:
         if setup.constraints:
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
-        self._contacts: Any = self.model.contact_motion(setup, self.origin) if setup.contacts else None
-        self._presses = bool(setup.contacts) and self.model.pressed_in
+        if setup.contacts:
+            self._contacts, self._presses = self.model.contact_motion(setup, self.origin), self.model.pressed_in
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest, with contacts refused inside a collider."""
@@ -148,29 +148,10 @@ class ImplicitStepper(Stepper):
         own = self.model.shell.rest_positions if positions is None else positions - self.origin
         return self._contacts.begin(state, own)
 
-    def own_positions(self, state: MotionState) -> Array:
-        """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the model's own."""
-        own = super().own_positions(state)
-        return own + self._contacts.local(state) if self._presses else own
-
-    def loaded_positions(self, state: MotionState) -> Array:
-        """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
-        return super().own_positions(state)
-
-    def further_energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of what contacts press in."""
-        return float(self._contacts.energy(state)) if self._presses else 0.0
-
     @property
     def note(self) -> str:
         """What a message says of the contacts."""
         return "" if self._contacts is None else self._contacts.note
-
-    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
-        """What touches in a state at ``time`` [s], with contacts."""
-        if self._contacts is None:
-            return None
-        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""

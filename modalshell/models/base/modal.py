@@ -11,29 +11,29 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
-from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
-from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.manipulation import PatchTargets, meet
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
-from modalshell.models.base.stepper import Stepper
+from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.stepper import ContactStepper, Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
+from modalshell.supports.constraints import Constraint
 
 _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
@@ -238,19 +238,17 @@ class ModalModel(ModalMotion):
 
 
 @final
-class ModalStepper(Stepper):
+class ModalStepper(ContactStepper):
     """Steps under loads at few points where these serve, and onto constraints."""
 
     model: ModalModel
-    takes_contacts = True
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
-        self._contacts: Any = None
         if setup.contacts:
             from modalshell.models.base.modal_contact import ModalContactMotion  # not without contacts
 
-            self._contacts = ModalContactMotion(model, setup)
+            self._contacts, self._presses = ModalContactMotion(model, setup), True
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
@@ -266,25 +264,6 @@ class ModalStepper(Stepper):
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
         state = super().state_at(positions, time)
         return state if self._contacts is None else self._contacts.clear(state)
-
-    def own_positions(self, state: MotionState) -> Array:
-        """Positions (n, 3) [m] in the frame of the states, with what contacts press in beyond the modes."""
-        own = super().own_positions(state)
-        return own if self._contacts is None else own + self._contacts.local(state)
-
-    def loaded_positions(self, state: MotionState) -> Array:
-        """Positions (n, 3) [m] in the frame of the states, without what contacts press in: loads act on the modes."""
-        return super().own_positions(state)
-
-    def further_energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of what contacts press in beyond the modes."""
-        return 0.0 if self._contacts is None else float(self._contacts.energy(state))
-
-    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
-        """What touches in a state at ``time`` [s], with contacts."""
-        if self._contacts is None:
-            return None
-        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
@@ -310,7 +289,7 @@ class ModalStepper(Stepper):
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         if contacts is not None:
             after = contacts.clear(after)
-            if (gaps := contacts.enters(super().own_positions(after), begin + dt)) is not None:
+            if (gaps := contacts.enters(self.loaded_positions(after), begin + dt)) is not None:
                 return self._pressed(state, force, (begin, dt), gaps)
         return after, solved
 

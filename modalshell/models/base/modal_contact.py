@@ -8,7 +8,6 @@ from typing import final
 import numpy as np
 import scipy.linalg
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
 from modalshell.contact.steps import refuse_fast
@@ -17,11 +16,13 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import PUSHES, MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
+from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
+from modalshell.supports.constraints import Constraint
 
 _PROBLEMS = 40
 """Quadratic problems in a row at most."""

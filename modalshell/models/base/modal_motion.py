@@ -11,22 +11,23 @@ import numpy as np
 import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
-from modalshell.constraints.manipulation import PatchTargets, meet
 from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import ForceInTime
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
+from modalshell.models.base.manipulation import PatchTargets, meet
 from modalshell.models.base.model import FrameModel, probes
 from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
+from modalshell.shell.damping import Damping
 from modalshell.statics.modal_balance import differences, position_rows
 from modalshell.supports import Pose
+from modalshell.supports.constraints import Constraint
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""

@@ -10,21 +10,23 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.core.checks import checked_kind, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 from modalshell.statics.path import Followable
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
@@ -102,7 +104,7 @@ class Model(ABC):
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        wanted = checked_constraints(constraints, self.shell)
+        wanted = checked_constraints(constraints, self.shell.unknowns)
         if checked_kind("bar", bar, bool):
             check_bar(self.true_shell, constrained=bool(wanted), contacts=contacts)
         if contacts:

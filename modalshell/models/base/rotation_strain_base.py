@@ -88,10 +88,6 @@ class TurnedTriangles(UnstretchedModel):
         adjoint = self._adjoint(force)
         return lambda q: self._work_of(adjoint, q)[1]
 
-    def warped_force(self, q: Array, load: Array) -> Array:
-        """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
-        return self.warped_work(q, load)[1]
-
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)

@@ -8,13 +8,14 @@ from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 
-from modalshell.constraints.constraints import HeldPatch
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
+from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
+from modalshell.supports.constraints import HeldPatch
 
 Drag = tuple[Index, Array]
 """Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
@@ -195,6 +196,33 @@ class Stepper(ABC):
             target = patch.at(time) - self.origin
             placed[patch.vertices] = target if pose is None or moved else pose.to_shell(target)
         return placed[shell.clamped]
+
+
+class ContactStepper(Stepper):
+    """Steps with contacts, which may press vertices in beyond what the model's own coordinates give."""
+
+    takes_contacts = True
+    _contacts: Any = None
+    _presses = False
+
+    def own_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, with what contacts press in."""
+        own = super().own_positions(state)
+        return own + self._contacts.local(state) if self._presses else own
+
+    def loaded_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
+        return super().own_positions(state)
+
+    def further_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of what contacts press in."""
+        return float(self._contacts.energy(state)) if self._presses else 0.0
+
+    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with contacts."""
+        if self._contacts is None:
+            return None
+        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
 
 
 @final

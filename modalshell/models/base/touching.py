@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.self_contact import SelfContact
@@ -18,6 +17,7 @@ from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
+from modalshell.supports.constraints import Constraint
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""

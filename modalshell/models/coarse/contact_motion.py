@@ -10,9 +10,10 @@ from modalshell.contact.touching import Touching, checked_contacts, put_out
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.contact_motion import ContactMotion
 from modalshell.models.base.implicit import LoadAt
+from modalshell.models.base.setup import MotionSetup
 
 
 @final

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
 from modalshell.contact.touching import Touching, checked_contacts, put_out
 from modalshell.core.errors import OptionError
@@ -16,6 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
+from modalshell.supports.constraints import Constraint
 
 
 def coarse_equilibrium_on_contacts(

@@ -7,8 +7,9 @@ from typing import Any
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.implicit import ImplicitModel
+from modalshell.models.base.setup import MotionSetup
 
 
 class OnCoarse(ImplicitModel):

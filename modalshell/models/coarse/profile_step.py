@@ -16,13 +16,13 @@ from modalshell.core.cost import count_elements, count_factorisation, count_solv
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of, numbering_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
 from modalshell.shell import Sheet, Shell
+from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _PRODUCTS = 3e8

@@ -9,12 +9,12 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
-from modalshell.measure import displacement_error
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.training import Trained
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.measure import displacement_error
 from modalshell.statics.mixed_newton import SHORT
 from modalshell.statics.newton import is_minimum, mixed_newton
 

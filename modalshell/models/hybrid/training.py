@@ -13,7 +13,7 @@ from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import (
@@ -27,6 +27,7 @@ from modalshell.models.hybrid.assumed_stress_step import implicit_step
 from modalshell.models.hybrid.measures import Measures
 from modalshell.modes import lowest_modes
 from modalshell.shell import Shell
+from modalshell.shell.damping import Damping
 
 LOADED, RELEASED, DT = 30, 15, 1.0 / 30.0
 """Frames under the load and after it, and their length [s]."""

@@ -22,13 +22,15 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
-from modalshell.integrators.state import PUSHES, Damping, MotionSetup, MotionState
+from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import LoadAt
 from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
+from modalshell.shell.damping import Damping
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.continuation import Steps
 from modalshell.statics.verdict import verdict

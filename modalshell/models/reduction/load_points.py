@@ -13,7 +13,7 @@ from modalshell.loads.applied import BodyForm, SurfaceForm, TurningForm
 from modalshell.loads.surface_kernels import BODY, SURFACE, TURNING, Points, point_forces
 from modalshell.loads.turning import triangle_frames
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.area_vectors import area_vectors
+from modalshell.mesh.topology import area_vectors
 from modalshell.modes import Basis
 
 _LEAST = 1e-12

@@ -13,8 +13,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.area_vectors import area_vectors
-from modalshell.shell import Shell
+from modalshell.mesh.topology import area_vectors
+from modalshell.shell.shell import Shell
 
 
 def displacement_error(

@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.core.typing import Array, Index
 from modalshell.supports import Pose
+from modalshell.supports.constraints import Constraint, nearest_branch
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Residual (k,), target less value, and Jacobian (k, m) of the constrained values at q."""

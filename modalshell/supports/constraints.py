@@ -15,7 +15,7 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
-from modalshell.shell import Shell
+from modalshell.supports.unknowns import Unknowns
 
 Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""
@@ -95,13 +95,13 @@ class OrientationConstraint(Constraint):
     kind = "orientation"
 
 
-def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) -> list[Constraint]:
-    """The constraints as a list, each on free vertices of ``shell``; else OptionError or SupportError."""
+def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unknowns) -> list[Constraint]:
+    """The constraints as a list, each on free vertices of a shell; else OptionError or SupportError."""
     try:
         given = list(() if constraints is None else constraints)
     except TypeError as error:
         raise OptionError(f"constraints must be a list of constraints (got {shown(constraints)})") from error
-    count = len(shell.rest_positions)
+    count = len(unknowns.supported)
     seen = set()
     for constraint in given:
         if not isinstance(constraint, Constraint):
@@ -109,7 +109,7 @@ def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) 
         outside = constraint.vertices[(constraint.vertices < 0) | (constraint.vertices >= count)]
         if outside.size:
             raise SupportError(f"a constraint names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
-        held = constraint.vertices[shell.unknowns.supported[constraint.vertices]]
+        held = constraint.vertices[unknowns.supported[constraint.vertices]]
         if held.size:
             raise SupportError(f"a constraint names vertex {held[0]}, which a support holds already")
         key = (constraint.kind, constraint.vertices.tobytes())
@@ -144,15 +144,22 @@ class HeldPatch:
     same patch it turns about its mean position. A single vertex that is to be turned takes its neighbours with it.
     """
 
-    def __init__(self, shell: Shell, position: Constraint, orientation: Constraint | None) -> None:
+    def __init__(
+        self,
+        rest: Array,
+        faces: Index,
+        unknowns: Unknowns,
+        position: Constraint,
+        orientation: Constraint | None,
+    ) -> None:
         self.position, self.orientation = position, orientation
         self.vertices = position.vertices
-        center = shell.rest_positions[self.vertices].mean(axis=0)
+        center = rest[self.vertices].mean(axis=0)
         if orientation is not None and self.vertices.size == 1:
-            touching = (shell.mesh.faces == self.vertices[0]).any(axis=1)
-            self.vertices = np.setdiff1d(shell.mesh.faces[touching], np.flatnonzero(shell.unknowns.supported))
+            touching = (faces == self.vertices[0]).any(axis=1)
+            self.vertices = np.setdiff1d(faces[touching], np.flatnonzero(unknowns.supported))
         self._center = center
-        self._arms = shell.rest_positions[self.vertices] - center
+        self._arms = rest[self.vertices] - center
 
     def at(self, time: float, share: float = 1.0) -> Array:
         """Positions (k, 3) [m] of the patch's vertices at ``time`` [s], or ``share`` of the way there from rest."""
@@ -163,18 +170,19 @@ class HeldPatch:
         return center + turn.apply(self._arms)
 
 
-def held_patches(constraints: Sequence[Constraint], shell: Shell) -> list[HeldPatch]:
+def held_patches(constraints: Sequence[Constraint], rest: Array, faces: Index, unknowns: Unknowns) -> list[HeldPatch]:
     """The constraints as rigidly moved patches; OptionError for an orientation without a position, or for overlaps."""
     turns = {c.vertices.tobytes(): c for c in constraints if c.kind == "orientation"}
     patches = []
     for constraint in constraints:
         if constraint.kind == "position":
-            patches.append(HeldPatch(shell, constraint, turns.pop(constraint.vertices.tobytes(), None)))
+            turn = turns.pop(constraint.vertices.tobytes(), None)
+            patches.append(HeldPatch(rest, faces, unknowns, constraint, turn))
     if turns:
         raise OptionError(
             "DS moves patches as boundaries: an orientation constraint needs a position constraint on the same vertices"
         )
-    taken = np.concatenate([patch.vertices for patch in patches])
+    taken = np.concatenate([np.empty(0, np.int64), *(patch.vertices for patch in patches)])
     if np.unique(taken).size < taken.size:
         raise OptionError("patches of different constraints share a vertex (or its neighbours): keep them apart")
     return patches

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.constraints.constraints import nearest_branch
-from modalshell.constraints.manipulation import meet
+from modalshell.models.base.manipulation import meet
+from modalshell.supports.constraints import nearest_branch
 
 LENGTH = 1.0
 METRES, RADIANS = 1e-6 * LENGTH, 1e-6

@@ -1,0 +1,44 @@
+"""Setup of a motion: its step, damping, loads, supports, constraints and contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+from modalshell.loads import Loading
+from modalshell.shell.damping import Damping
+from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # motions without contacts do not import it
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MotionSetup:
+    """What decides a motion, but for its model and its start.
+
+    Attributes
+    ----------
+    dt : float
+        Step [s].
+    damping : Damping
+        Damping.
+    loading : Loading
+        The loads.
+    supports : SupportPath or None
+        Moves the supports.
+    constraints : sequence of Constraint
+        On patches of vertices.
+    contacts : sequence of Contact
+        Colliders.
+    """
+
+    dt: float
+    damping: Damping
+    loading: Loading
+    supports: SupportPath | None = None
+    constraints: Sequence[Constraint] = ()
+    contacts: Sequence[Contact] = ()
