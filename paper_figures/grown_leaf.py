@@ -6,7 +6,6 @@ from pathlib import Path
 
 from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
-from studies.grown_leaf import SHOWN
 
 COLOR = "#4f8f3a"
 
@@ -17,7 +16,7 @@ def draw(results: Path, folder: Path) -> Path:
     leaf = result.findings["leaves"][-1]
     faces = result.arrays[f"faces_{leaf['cells']}"]
     views = []
-    for index, growth in enumerate(SHOWN):
+    for index, growth in enumerate(result.record["parameters"]["shown"]):
         row = next(row for row in leaf["rows"] if row["growth"] == growth)
         surface = ShadedSurface(result.arrays[f"shape_{leaf['cells']}_{index}"], faces, color=COLOR)
         subtitle = f"{row['waves']:.1f} waves a margin, {100.0 * row['followed']:.0f} % of the growth followed"

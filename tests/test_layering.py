@@ -14,7 +14,7 @@ LAYERS = (
 )  # fmt: skip
 """Folders and files of the package from the ground up; ROOT is its ``__init__.py``. None imports its own layer."""
 FLOOR = {name: floor for floor, names in enumerate(LAYERS) for name in names.split()}
-FORBIDDEN = dict.fromkeys(("mesh", "shell", "statics", "modes", "models", "motion"), {"render", "page", "plot"})
+FORBIDDEN = {name: {"render", "page", "plot"} for name in ("mesh", "shell", "statics", "modes", "models", "motion")}
 FORBIDDEN |= {"studies": {"paper_figures", "viewer", "__main__"}}
 FOR_FIGURES = ("render", "files.study_result", "compare.draw", "compare.engines.engine", "models.registry")
 
