@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -239,6 +240,10 @@ def _flip(mesh: TriangleMesh) -> Ints:
     return faces
 
 
+_surface = cache(_Surface)
+"""Made once: its samples take most of the time of a coarse creature."""
+
+
 def make_creature(vertices: int = 13000) -> TriangleMesh:
     """
     Build the dinosaur, about 1.7 m long and 1 m tall, facing +x with z up.
@@ -253,7 +258,7 @@ def make_creature(vertices: int = 13000) -> TriangleMesh:
     TriangleMesh
         One component, wound outward, whose four boundary loops are the feet's rings in the plane z = 0.
     """
-    surface = _Surface()
+    surface = _surface()
     points, faces, fixed = _scatter(surface, vertices)
     for _ in range(30):
         mesh = TriangleMesh(points, faces)

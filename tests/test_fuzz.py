@@ -83,19 +83,20 @@ def test_every_public_name_and_command_is_fuzzed():
     assert "--clamp" in command_line.commands()["simulate"]
 
 
+LINES = [
+    ["simulate", b"leaf\xff.obj".decode(errors="surrogateescape")],
+    ["simulate", "panel.obj", "--clamp", "x < 0.3", "--static", "--out", b"o\xff".decode(errors="surrogateescape")],
+    ["modes", "panel.obj", "--thickness", "1e-300"],
+    ["run", "scene_0.toml", "--out", "panel.obj"],
+    ["reproduce", "--only", "../x"],
+    [],
+]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "argv",
-    [
-        [],
-        ["simulate", b"leaf\xff.obj".decode(errors="surrogateescape")],
-        ["simulate", "panel.obj", "--clamp", "x < 0.3", "--static", "--out", b"o\xff".decode(errors="surrogateescape")],
-        ["modes", "panel.obj", "--thickness", "1e-300"],
-        ["run", "scene_0.toml", "--out", "panel.obj"],
-        ["reproduce", "--only", "../x"],
-    ],
+    ("argv", "encoding"), [*((line, "ascii") for line in LINES), *((line, "utf-8") for line in LINES[:2])]
 )
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
     environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "built-in"}

@@ -155,9 +155,10 @@ def cache_folder() -> Path | None:
 
 
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """``numba.njit`` with the package's cache."""
+    """``numba.njit`` with the package's cache, and without the entry point that C code would call."""
     if function is None:
         return functools.partial(njit, **options)
+    options = {"no_cfunc_wrapper": True} | options
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:

@@ -61,7 +61,7 @@ START: int = np.int64(0)  # type: ignore[assignment]
 BEST: int = np.int64(1)  # type: ignore[assignment]
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
 
-_jitable = register_jitable(error_model="numpy")
+_jitable = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
 
 
 class Rules(NamedTuple):
@@ -156,7 +156,7 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
             of_record = isinstance(problem, named) and problem.instance_class is record
             return function if of_record else None
 
-        overload(operation, jit_options=options, strict=False)(choose)  # type: ignore[arg-type]
+        overload(operation, jit_options={"no_cfunc_wrapper": True} | options, strict=False)(choose)  # type: ignore[arg-type]
         return function
 
     return register

@@ -7,9 +7,11 @@ from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.mesh.closest import closest_points
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell
+from modalshell.models.coarse.profile_newton import implicit_step
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -261,6 +263,16 @@ def test_compiled_steps_are_those_of_discrete_shells(damping, integrator):
         np.testing.assert_allclose(state.coordinates, other.coordinates, atol=1e-6)
         other = type(other)(state.coordinates, state.rates, state.memory)
     np.testing.assert_allclose(coarse.positions(state), state.coordinates, atol=1e-6)
+
+
+def test_positions_at_rest_do_not_compile_the_step_once_more():
+    """They are read-only, which is another type to numba, and to compile the step takes most of a minute."""
+    fine = shell((10, 2), 150.0)
+    step, rest, still = profile_step(fine), fine.rest_positions, np.zeros((len(fine.mass), 3))
+    assert not rest.flags.writeable
+    for x in (rest, rest.copy()):
+        step(EulerStart(x, still, 0.01, 1.0, still, x, x, 0.0), still, ms.Damping(), 1e-7)
+    assert not any("readonly" in str(start) for _, _, start, *_ in implicit_step.signatures)
 
 
 def test_it_serves_shells_of_shell_theory():

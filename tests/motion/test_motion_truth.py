@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.files.study_result import StudyResult
 from studies import motion_damping, motion_limits, motion_scenes
 from studies.motion_rungs import rungs, strip
 
@@ -152,9 +153,15 @@ def test_a_bent_panel_that_is_let_go_keeps_its_angular_momentum(name):
     assert found["largest_energy"] <= 1.0 + 1e-9
 
 
+@pytest.fixture(scope="module")
+def quick(quick_study):
+    """What the quick study finds."""
+    return StudyResult.load(quick_study("motion_truth"), "motion_truth").findings
+
+
 @pytest.mark.slow
-def test_stiff_scenes_gain_no_energy():
-    rows = motion_limits.stiff_rows()
+def test_stiff_scenes_gain_no_energy(quick):
+    rows = quick["stiff"]
     assert {row["rule"] for row in rows} == {"sdirk2", "bdf2", "implicit_euler"}
     assert len({row["scene"] for row in rows}) == 6
     for row in rows:
@@ -163,8 +170,8 @@ def test_stiff_scenes_gain_no_energy():
 
 
 @pytest.mark.slow
-def test_supports_that_move_are_followed_to_second_order():
-    rows = motion_scenes.led_rows(quick=True)
+def test_supports_that_move_are_followed_to_second_order(quick):
+    rows = quick["led"]
     assert {row["scene"] for row in rows} == {"spin-up of a cantilever", "shaken cantilever"}
     assert all(row["own"] < 0.05 for row in rows), rows
     assert all(row["error"] < 0.02 for row in rows if row["rung"] == "DS"), rows

@@ -41,16 +41,21 @@ def test_the_stiff_v_has_a_stable_answer(shell, gravity):
     assert (twist(shell, answer.positions) > 0.01) == (gravity == 42.0)  # below it is straight, above it has snapped
 
 
+def loads(first):
+    """Every load next to where the branch turns unstable and snaps, every fourth elsewhere."""
+    return sorted({*range(first, 71, 4), *range(40, 50)})
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", range(20, 71))
-def test_the_stiff_v_has_a_stable_answer_at_every_load(shell, gravity):
+@pytest.mark.parametrize("gravity", loads(20))
+def test_the_stiff_v_has_a_stable_answer_at_any_load(shell, gravity):
     answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
     check_minimum(shell, answer, gravity)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", range(20, 71))
-def test_the_stiff_v_of_the_scene_has_a_stable_answer_at_every_load(gravity):
+@pytest.mark.parametrize("gravity", loads(22))
+def test_the_stiff_v_of_the_scene_has_a_stable_answer_at_any_load(gravity):
     fine = ms.load_scene(SCENE).build_shell()
     check_minimum(fine, ms.DiscreteShell(fine).equilibrium(gravity=(0.0, 0.0, -gravity)), gravity)
 

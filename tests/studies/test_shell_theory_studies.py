@@ -106,10 +106,11 @@ def test_plates_of_split_folds_converge_at_second_order_and_those_of_hinges_do_n
 @pytest.mark.parametrize("family", shell_theory.FAMILIES)
 @pytest.mark.parametrize("supports", plate_frequencies.SUPPORTS)
 def test_twelve_modes_of_plates(supports, family):
-    """At 44 cells, 2,366 vertices at most, every one of the first twelve frequencies within 2 %."""
+    """At 44 cells, 2,366 vertices at most, every one of the first twelve frequencies within 2 %, of seven 0.4 %."""
     exact, shapes = plate_frequencies.reference(supports)
     found, _ = plate_frequencies.matched_frequencies(supports, "Isotropic", family, 44, exact, shapes)
     np.testing.assert_allclose(found[:12], exact[:12], rtol=0.02)
+    np.testing.assert_allclose(found[:7], exact[:7], rtol=0.004)
 
 
 def test_a_plate_with_the_hinges_own_poisson_ratio_has_their_frequencies():
@@ -183,11 +184,9 @@ def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", shell_theory.FAMILIES)
-@pytest.mark.parametrize(
-    ("name", "tolerance"), [("3.1", 0.0015), ("3.2", 0.0006), ("3.3", 0.01), ("3.4", 0.025), ("3.5", 0.016)]
-)
+@pytest.mark.parametrize(("name", "tolerance"), [("3.2", 0.0006), ("3.3", 0.01), ("3.4", 0.025), ("3.5", 0.016)])
 def test_published_large_deflections(name, tolerance, family):
-    """Every fifth tabulated load."""
+    """Every fifth tabulated load; for 3.1 see ``tests/shell/test_isotropic_benchmarks.py``."""
     benchmark = large_deflection_benchmarks.PROBLEMS[name]
     problem = benchmark.build(family, benchmark.cells)
     entries = json.loads((STUDIES / "sze_liu_lo.json").read_text(encoding="utf-8"))["problems"][name]["rows"]
@@ -225,11 +224,11 @@ def test_aims_of_the_obstacle_course(name, family):
 @pytest.mark.parametrize("family", shell_theory.FAMILIES)
 @pytest.mark.parametrize("case", v_beam_truth.references(), ids=[case["name"] for case in v_beam_truth.references()])
 def test_v_beams_at_six_cells_a_flange(case, family):
-    """Within 2 % up to a drop of 0.45 L."""
+    """Within 2 % up to a drop of 0.45 L, within 1.1 % where the fold is blunt."""
     found = v_beam_truth.before_snap(case, family, 6, stride=2)
     assert found["converged"]
     assert found["vertices"] <= 3000
-    assert found["moderate"] < 0.02
+    assert found["moderate"] < (0.011 if case["fold"] == 150 else 0.02)
 
 
 @pytest.mark.slow

@@ -23,6 +23,8 @@ _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_inner = _options | {"no_cpython_wrapper": True}
+"""Those of kernels that Python never calls: reading a record's arrays takes longer to compile than most of them."""
 
 
 class Body(NamedTuple):
@@ -101,7 +103,7 @@ _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
 """Places in a room's numbers: of forces, of the mass, of a descent, and the negative pivots of the last factor."""
 
 
-@njit(**_options)
+@njit(**_inner)
 def _outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
     value, body, room, x, origin = 0.0, p.body, p.room, p.x, p.origin
@@ -139,7 +141,7 @@ def _potential(p):  # type: ignore[no-untyped-def]
     return value, _size(p)
 
 
-@njit(**_options)
+@njit(**_inner)
 def _size(p):  # type: ignore[no-untyped-def]
     """Size of the residual over that of the forces."""
     total = 0.0
@@ -170,7 +172,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     return negative >= 0
 
 
-@njit(**_options)
+@njit(**_inner)
 def _spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
     """Write ``factor`` times values of unknowns, in order of elimination, to ``room.step``."""
     room.step[:] = 0.0
@@ -179,7 +181,7 @@ def _spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
             room.step[body.free[k], axis] = factor * unknowns[3 * body.rows[k] + axis]
 
 
-@njit(**_options)
+@njit(**_inner)
 def _warp(body, room, x):  # type: ignore[no-untyped-def]
     """Write ``x`` moved by the warped ``room.step``, shortened to turn no vertex too far, to ``room.moved``."""
     rotations.vertex_rotations(x, room.step, body.faces, room.turns)
@@ -250,7 +252,7 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     p.x[:] = p.room.moved
 
 
-@njit(**_options)
+@njit(**_inner)
 def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
     """Write the push of load and inertia, and the first iterate; returns the scale of forces."""
     x, push, origin, rates = room.x, room.push, start.origin, start.rates

@@ -70,8 +70,10 @@ class ProfileStep:
 
         The held vertices rest. ``tolerance`` is the residual over the push of load and inertia.
         """
+        # Writeable, as above: a shell's positions at rest are not.
+        begin = Start(*map(_writeable, (start.origin, start.rates, start.near, start.viscous_at)))
         moved, iterations, solved = implicit_step(
-            self._body, self._room(), Start(start.origin, start.rates, start.near, start.viscous_at), load, start.dt,
+            self._body, self._room(), begin, load, start.dt,
             damping.mass_factor, self._resistances(damping.stiffness_factor), tolerance,
         )  # fmt: skip
         count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
@@ -86,6 +88,10 @@ class ProfileStep:
         if rate or self._shell.has_dashpots:
             return tuple(elements.resistance(rate) for elements in self._shell.elements)
         return self._undamped
+
+
+def _writeable(array: Array) -> Array:
+    return array if array.flags.writeable else array.copy()
 
 
 def profile_step(shell: Shell) -> ProfileStep | None:
