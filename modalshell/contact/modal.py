@@ -120,6 +120,11 @@ class ModalContacts:
         self._moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._bodies = self.touching.packed()
 
+    @property
+    def no_pushes(self) -> Array:
+        """Forces (r,) [N] along the normals where nothing touches."""
+        return np.zeros(self.touching.vertices.size)
+
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
         if self._moving or self._bodies is None:

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models.reduction.contact import VertexTurns
+from modalshell.models.reduction.vertex_turns import VertexTurns
 from modalshell.motion.stepping import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)

@@ -33,7 +33,7 @@ class CoarseContactMotion:
     """
 
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
-        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
+        given = checked_contacts(setup.contacts, setup.supports)
         self._model, self._setup, self._under = model, setup, model.on_coarse
         self._fine = Touching(given, model.shell, origin)
         self._led = np.array([not contact.push_out for contact in given])
