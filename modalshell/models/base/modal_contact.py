@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
-import scipy.linalg
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.contact.contact import Contact
@@ -109,8 +108,8 @@ def _settle(
         bent = model.work_curvature(q, pressing.touching.forces(x, pushes))
         hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
         try:
-            compliance = np.asarray(scipy.linalg.inv(hessian))
-        except scipy.linalg.LinAlgError:
+            compliance = np.asarray(np.linalg.inv(hessian), np.float64)
+        except np.linalg.LinAlgError:
             return None, change, count
         free = q + compliance @ (model.modal_force(q, load) - eigenvalues * q)
         pressed = pressing.press_once(free, compliance, q, pushes)
@@ -151,6 +150,7 @@ class ModalContactMotion(PressedMotion):
                 raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
+        self._reach = np.abs(model.basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
 
     def begin(self, state: MotionState) -> MotionState:
         """A start, refused inside a collider."""
@@ -182,11 +182,12 @@ class ModalContactMotion(PressedMotion):
             gaps = pressing.gaps(own)
         q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
         free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
-        kept = before.memory[LOCAL], before.memory[PUSHES]
-        pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
+        ahead = dt * rates
+        kept = before.memory[LOCAL], before.memory[PUSHES], float(np.abs(ahead) @ self._reach)
+        pressed = pressing.press(free, compliance, q + ahead, gaps, kept)
         memory = self._memory(pressed)
-        ahead = MotionState(free, (free - q) / dt)
-        memory |= model.integrator.stood_in_for(before, ahead, force, dt).memory
+        alone = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
 
     def _compliance(self, dt: float) -> Array:
