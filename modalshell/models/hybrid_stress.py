@@ -21,7 +21,7 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import PRESSED, Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -273,11 +273,13 @@ class HybridStress(OnCoarse):
         return replace(answer, message=message, coordinates=None)
 
     def remark(self, state: MotionState) -> str:
-        """The range of training, or that the coarse shell has taken the step."""
+        """The range of training, or that the coarse shell has taken the step, and why."""
         if state.coordinates.ndim == 1:
             return stated(self._trained)
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
+        if PRESSED in state.memory and state.memory[PRESSED].any():
+            reason = "contacts press on the shell"
         return f"answered by {self.coarse.name}: {reason}"
 
     def _hessian(self, z: Array) -> Array:

@@ -10,7 +10,7 @@ from modalshell.contact.touching import Touching, checked_contacts, put_out
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import MotionSetup, MotionState
+from modalshell.integrators.state import PRESSED, MotionSetup, MotionState
 from modalshell.models.base.contact_motion import ContactMotion
 from modalshell.models.base.implicit import LoadAt
 
@@ -66,7 +66,9 @@ class CoarseContactMotion:
             after, solved = model.march(state, dt, load_at, damping)
             return after, solved, model.as_coarse(after).coordinates
 
-        return self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+        after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+        pressed = np.full((1, 1), float(self._motion.steps.pushes.any()))
+        return MotionState(after.coordinates, after.rates, after.memory | {PRESSED: pressed}), solved
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""
