@@ -243,8 +243,7 @@ class HybridStress(OnCoarse):
         return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def _coordinates_of(self, coarse_positions: Array) -> Array:
-        rest = self.coarse.coarse.shell.rest_positions
-        return np.asarray(self._weighted @ (coarse_positions - rest).ravel())
+        return np.asarray(self._weighted @ (coarse_positions - self.coarse.coarse.shell.rest_positions).ravel())
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
@@ -255,8 +254,7 @@ class HybridStress(OnCoarse):
         z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
-        note = stated(self._trained, next_to_snap(problem, z, found.jumps))
-        ended = verdict(found.residual, True, note=note)
+        ended = verdict(found.residual, True, note=stated(self._trained, next_to_snap(problem, z, found.jumps)))
         positions = self._fine(self._coarse_positions(z))
         return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
@@ -278,7 +276,7 @@ class HybridStress(OnCoarse):
             return stated(self._trained)
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
-        if PRESSED in state.memory and state.memory[PRESSED].any():
+        if np.any(state.memory.get(PRESSED, False)):
             reason = "contacts press on the shell"
         return f"answered by {self.coarse.name}: {reason}"
 

@@ -144,18 +144,17 @@ class ModalContactMotion(PressedMotion):
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         if setup.constraints:
             raise OptionError("contacts and constraints do not go together yet")
-        super().__init__(model, setup, modal_contacts)
-        for index, contact in enumerate(self._pressing.touching.contacts):
-            if contact.restitution:
-                raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
+        super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
         self._reach = np.abs(model.basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
 
-    def begin(self, state: MotionState) -> MotionState:
-        """A start, refused inside a collider."""
-        self._pressing.touching.refuse_inside(self._model.positions(state))
-        return self.clear(state)
+    @staticmethod
+    def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
+        for index, contact in enumerate(contacts):
+            if contact.restitution:
+                raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
+        return modal_contacts(model, contacts)
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ LOCAL, BEYOND = "local", "beyond"
 """Names in a state's memory of the displacement (n, 3) [m] beyond the modes, and of its elastic energy (1,) [J]."""
 
 
-class PressedMotion:
+class PressedMotion(ABC):
     """Contacts of one motion, and what they press in beyond the modes, which states carry in their memory.
 
     Parameters
@@ -28,27 +29,35 @@ class PressedMotion:
         The model.
     setup : MotionSetup
         What decides the motion.
-    pressing_of : callable
-        The contacts of a model; OptionError where it cannot take them.
 
     Raises
     ------
     OptionError
-        For colliders that move too fast, too.
+        For contacts that the model cannot take, and colliders that move too fast.
     """
 
-    def __init__(
-        self, model: Any, setup: MotionSetup, pressing_of: Callable[[Any, Sequence[Contact]], ModalContacts]
-    ) -> None:
+    def __init__(self, model: Any, setup: MotionSetup) -> None:
         given, rest = checked_contacts(setup.contacts, setup.supports), model.shell.rest_positions
         refuse_fast(given, rest, setup.dt)
         self._model, self._setup = model, setup
-        self._pressing = pressing_of(model, given)
+        self._pressing = self._contacts_of(model, given)
         self._none = self._memory(Pressed(np.empty(0), np.zeros_like(rest), self._pressing.no_pushes, True))
+
+    @staticmethod
+    @abstractmethod
+    def _contacts_of(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
+        """The contacts of a model; OptionError where it cannot take them."""
 
     @staticmethod
     def _memory(pressed: Pressed) -> dict[str, Array]:
         return {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
+
+    def begin(self, state: MotionState, positions: Array | None = None) -> MotionState:
+        """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these."""
+        for x in (positions, self._model.positions(state)):
+            if x is not None:
+                self._pressing.touching.refuse_inside(x)
+        return self.clear(state)
 
     def clear(self, state: MotionState) -> MotionState:
         """The end of a step that nothing touches."""

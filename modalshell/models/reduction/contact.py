@@ -224,14 +224,12 @@ class ReducedContactMotion(PressedMotion):
     note = ""
 
     def __init__(self, model: Any, setup: MotionSetup, goal: float) -> None:
-        super().__init__(model, setup, reduced_contacts)
+        super().__init__(model, setup)
         self._goal = goal
 
-    def begin(self, state: MotionState, positions: Array) -> MotionState:
-        """A start at ``positions`` (n, 3) [m], refused inside a collider."""
-        self._pressing.touching.refuse_inside(positions)
-        self._pressing.touching.refuse_inside(self._model.positions(state))
-        return self.clear(state)
+    @staticmethod
+    def _contacts_of(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
+        return reduced_contacts(model, contacts)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
