@@ -30,14 +30,14 @@ DIRECT = 60
 """Iterations at most from a start; sets change by a few rows an iteration."""
 _SUB_STEP = 15
 """Iterations at most of a step in the thick fluid."""
-_EASY = 7
-_FALL, _RISE = 0.25, 6.0
+EASY = 7
+FALL, RISE = 0.25, 6.0
 """Iterations of such a step up to which the drag falls, and factors on it after a success and a failure."""
-_FAILURES = 12
+FAILURES = 12
 """Failures of steps in the fluid, one after the other, after which it gives up."""
 _STIFF = 1e-4
 """First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
-_SUB_STEPS = 150
+SUB_STEPS = 150
 """Steps in the fluid at most."""
 _REFINEMENTS = 10
 """Refinements at most."""
@@ -163,8 +163,7 @@ class ActiveSet:
                 break
             if not np.isfinite(direction).all():
                 break
-            share, allowed, stresses = self._moved(x, hessian, direction, equations.frames.rows)
-            x = self._point
+            x, share, allowed, stresses = self.moved(x, hessian, direction, equations.frames.rows)
             pushes = np.zeros(active.size)
             pushes[equations.frames.rows] = found
             allowed /= self.scale(pushes)
@@ -190,8 +189,8 @@ class ActiveSet:
             gaps = self.touching.gaps(x, rows)
             equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
             direction, found = equations.solve()
-            share, _, stresses = self._moved(x, hessian, direction, equations.frames.rows)
-            x, count = self._point, count + 1
+            x, share, _, stresses = self.moved(x, hessian, direction, equations.frames.rows)
+            count += 1
             if not np.isfinite(x).all():
                 raise SolverError("Newton steps from this answer leave the finite numbers")
             pushes = np.zeros(active.size)
@@ -201,7 +200,13 @@ class ActiveSet:
         assert stresses is not None
         return Rest(x, active, np.where(active, pushes, 0.0), np.inf, count, repeated), stresses
 
-    def _moved(self, x: Array, hessian: object, direction: Array, rows: Index) -> tuple[float, float, list[Array]]:
+    def moved(
+        self, x: Array, hessian: sps.csc_array, direction: Array, rows: Index
+    ) -> tuple[Array, float, float, list[Array]]:
+        """Where a step from x (n, 3) leads, with ``rows`` put onto their colliders.
+
+        Also returns the part of it that was taken, the residual that rounding allows there [N], and the stresses.
+        """
         moved, stresses, share = self.problem.moved(x, direction)
         if (part := self.touching.safe_part(x, moved)) < 1.0:
             moved, stresses, within = self.problem.moved(x, part * direction)
@@ -209,9 +214,7 @@ class ActiveSet:
         left = (1.0 - share) * self.touching.gaps(x, rows)[0]
         self.touching.put_on(moved, rows, left)
         length = float(np.abs(moved - x).max(initial=0.0))
-        self._point = moved
-        allowed = self.problem.rounding(moved, hessian, length)  # type: ignore[arg-type]
-        return share, allowed, stresses
+        return moved, share, self.problem.rounding(moved, hessian, length), stresses
 
     def _next(self, x: Array, pushes: Array, kept: Index, pull: float) -> Mask:
         """The next set: rows that do not ``pull``, as a share of the scale, stay, and rows that entered come in."""
@@ -219,8 +222,11 @@ class ActiveSet:
         stays[kept] = pushes[kept] > -pull * self.scale(pushes)
         was = np.zeros(pushes.size, dtype=bool)
         was[kept] = True
-        entered = ~was & (self.touching.distances(x) < -self._deep)
-        return stays | self._movable(x, entered)
+        return stays | self.entered(x, was)
+
+    def entered(self, x: Array, was: Mask) -> Mask:
+        """Rows (r,), those that were in the set left out, that lie inside at positions x (n, 3)."""
+        return self._movable(x, ~was & (self.touching.distances(x) < -self._deep))
 
     def _equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""
@@ -276,22 +282,22 @@ class ActiveSet:
         problem, shell = self.problem, self.problem.shell
         loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
         x, active, iterations = start, self.near(start), 0
-        value, drag = self._first_drag(x)
+        value, drag = self.first_drag(x)
         present, failures = np.zeros_like(x), 0
         rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
-        for _ in range(_SUB_STEPS):
+        for _ in range(SUB_STEPS):
             fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
             step = fluid.iterate(x, active, loose, shell.predicted_stresses(x, present))
             iterations += step.iterations
             reached = self._potential(step.point)[0] if step.converged else np.inf
             if not reached <= value + method.HIGHER * abs(value) or self.touching.crossed(x, step.point):
-                drag, failures = drag * _RISE, failures + 1
-                if failures == _FAILURES:
+                drag, failures = drag * RISE, failures + 1
+                if failures == FAILURES:
                     break
                 continue
             x, active, value, failures = step.point, step.active, reached, 0
-            if step.iterations <= _EASY:
-                drag *= _FALL
+            if step.iterations <= EASY:
+                drag *= FALL
             rest = self._free_residual(step)
             if rest.residual > method.NEAR:
                 continue
@@ -305,7 +311,7 @@ class ActiveSet:
                     return replace(last, iterations=iterations)
         return replace(rest, iterations=iterations, converged=False)
 
-    def _first_drag(self, x: Array) -> tuple[float, float]:
+    def first_drag(self, x: Array) -> tuple[float, float]:
         """Potential at x (n, 3), infinite where vertices lie inside, and a drag to begin with."""
         shell = self.problem.shell
         value, gradient = self._potential(x)

@@ -59,7 +59,8 @@ class Contact(ReadOnlyArrays):
     sel : str, array_like of bool, shape (n,), or of int
         The vertices that may touch it; ``"all"`` are all of them.
     friction : float
-        Coulomb's coefficient.
+        Coulomb's coefficient. Statics of DS solve stick and slip exactly, on a way of ten steps of the load from rest,
+        or of one from a start: smaller ones are calls from start to start. In motion it is smoothed.
     restitution : float
         Share of the normal speed that a vertex keeps when it strikes, 0 to 1.
     motion : SupportPath, optional

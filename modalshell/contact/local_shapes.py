@@ -37,12 +37,14 @@ class LocalShapes:
         Slot of each vertex, less than 0 for none.
     blocks : ndarray, shape (s, s, 3, 3)
         Those at the vertices of all slots: ``blocks[a, b] = store[a][:, vertex of b]``.
+    most : int
+        Shapes that are kept at most.
     """
 
     def __init__(self, basis: Basis, least: int) -> None:
         self._basis, count = basis, len(basis.shell.rest_positions)
         self.places, self._vertices = np.full(count, -1, np.int64), np.empty(0, np.int64)
-        self._most = max(least, min(_MOST, int(_KEPT / (72.0 * count))))
+        self.most = max(least, min(_MOST, int(_KEPT / (72.0 * count))))
         self.store, self.blocks = np.empty((0, 3, count, 3)), np.empty((0, 0, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
 
@@ -51,7 +53,7 @@ class LocalShapes:
         places = self.places[vertices]
         if places.size and places.min() < 0:
             missing = np.unique(vertices[places < 0])
-            if missing.size + self._vertices.size > self._most:
+            if missing.size + self._vertices.size > self.most:
                 self.places[:], self._vertices = -1, np.empty(0, np.int64)
                 missing = np.unique(vertices)
             self._add(missing)
@@ -61,7 +63,7 @@ class LocalShapes:
     def _add(self, missing: Index) -> None:
         used, vertices = self._vertices.size, np.concatenate([self._vertices, missing])
         if vertices.size > len(self.store):  # twice as large
-            room = max(vertices.size, min(self._most, 2 * vertices.size))
+            room = max(vertices.size, min(self.most, 2 * vertices.size))
             store, blocks = np.empty((room, *self.store.shape[1:])), np.zeros((room, room, 3, 3))
             store[:used], blocks[:used, :used] = self.store[:used], self.blocks[:used, :used]
             self.store, self.blocks = store, blocks

@@ -25,9 +25,9 @@ from modalshell.kernels.rotations import rotate
 from modalshell.modes import Basis
 
 CANDIDATES = 50
-"""Vertices that may touch in a frame at most: the nearest."""
+"""Vertices of a frame, the nearest, that may touch it; all that are inside may, as far as their shapes are kept."""
 _NEAR = 0.02
-"""Gap, as a share of the shell's size, up to which a vertex is a candidate."""
+"""Gap, as a share of the shell's size, up to which a vertex is a candidate at most."""
 _SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a frame is solved."""
 _MOVED = 1e-3
@@ -39,8 +39,7 @@ _SOFT = 1e-9
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
 _NO_TURNS = np.empty((0, 3))
-
-_RENEWED = 4
+_RENEWED = 12
 """Times that vertices are taken in which a frame's end would leave inside."""
 
 Rows = Callable[[Array, Index], Array]
@@ -120,6 +119,11 @@ class ModalContacts:
         self._moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._bodies = self.touching.packed()
 
+    @property
+    def no_pushes(self) -> Array:
+        """Forces (r,) [N] along the normals where nothing touches."""
+        return np.zeros(self.touching.vertices.size)
+
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
         if self._moving or self._bodies is None:
@@ -173,15 +177,19 @@ class ModalContacts:
         rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)
         return own
 
-    def candidates(self, gaps: Array, pushes: Array) -> Index:
-        """Rows (k,) of the nearest vertices, and of those that are pushed."""
-        return np.asarray(kernels.candidates(gaps, pushes, _NEAR * self.touching.size, CANDIDATES))
+    def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
+        """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
+        near, kept = min(reach, _NEAR * self.touching.size), self._shapes.most
+        most = CANDIDATES if reach < np.inf else kept
+        return np.asarray(kernels.candidates(gaps, pushes, near, most, kept))
 
     def touched(self, gaps: Array) -> bool:
         """Whether a row of some gaps (r,) touches, or is inside."""
         return bool((gaps <= EXACT_GAP * self.touching.size).any())
 
-    def press(self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]) -> Pressed:
+    def press(
+        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array, float]
+    ) -> Pressed:
         """The coordinates nearest to ``free`` (m,), in the norm of the stiffness, that leave every vertex outside.
 
         ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about ``start`` (m,)
@@ -194,13 +202,14 @@ class ModalContacts:
         gaps : ndarray, shape (r,)
             Gaps [m] of all rows before, which choose the candidates.
         before : tuple
-            Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before.
+            Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; how far a vertex may go [m].
         """
-        local, pushes = before
+        local, pushes, reach = before
         if self._shape is None or self._bodies is None:
             return self._press_by_rows(free, compliance, start, gaps, before)
         touching, size, shapes = self.touching, self.touching.size, self._shapes
-        limits = _NEAR * size, CANDIDATES, _SETTLED * size, _MOVED * size, 1e-12 * size
+        near = min(reach, _NEAR * size)
+        limits = near, CANDIDATES, shapes.most, _SETTLED * size, _MOVED * size, 1e-12 * size
         step = free, compliance, start
         for _ in range(_RENEWED):
             while True:
@@ -214,19 +223,19 @@ class ModalContacts:
             kernels.local_shape(shapes.store, slots, forces, turns, shape)
             base = self._positions(q)
             after = self.gaps(base + shape)
-            if not solved or after.min() >= -limits[2]:
+            if not solved or after.min() >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
-        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[2]), base, energy)
+        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[3]), base, energy)
 
     def _press_by_rows(
-        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array]
+        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array, float]
     ) -> Pressed:
         """The same of models and colliders whose frames are not compiled: their gaps and rows are asked for."""
-        local, pushes = before
+        local, pushes, reach = before
         pressed = Pressed(start, local, pushes, False, self._positions(start))
         for _ in range(_PASSES):
-            rows = self.candidates(gaps, pressed.pushes)
+            rows = self.candidates(gaps, pressed.pushes, reach)
             pressed, after = self._newton(free, compliance, pressed, rows, _CORRECTIONS)
             if pressed.solved:
                 break

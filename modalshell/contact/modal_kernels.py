@@ -110,11 +110,16 @@ def _local_at(blocks, slots, pushes, local):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def candidates(gaps, pushes, near, most):  # type: ignore[no-untyped-def]
-    """Rows (k,) whose gaps are below ``near``, the ``most`` nearest of them, and rows that are pushed; sorted."""
-    count = 0
+def candidates(gaps, pushes, near, most, kept):  # type: ignore[no-untyped-def]
+    """Rows (k,) whose gaps are below ``near``, the ``most`` nearest of them, and rows that are pushed; sorted.
+
+    Of those inside ``kept`` are taken, if that is more.
+    """
+    count, inner = 0, 0
     for row in range(gaps.size):
         count += gaps[row] < near
+        inner += gaps[row] < 0.0
+    most = max(most, min(inner, kept))
     if count > most:
         inside, place = np.empty(count), 0
         for row in range(gaps.size):
@@ -223,8 +228,8 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
     before : tuple
         Gaps (r,) [m] that choose the candidates, forces (r,) [N] and displacements (n, 3) [m] beyond the modes.
     limits : tuple
-        Gap of a candidate, number of them, gap that is none, move of a good linearisation, and accuracy of the small
-        problems [m].
+        Gap of a candidate, numbers of them and of those inside, gap that is none, move of a good linearisation, and
+        accuracy of the small problems [m].
 
     Returns
     -------
@@ -234,8 +239,8 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
         Coordinates are empty where a candidate has no slot.
     """
     free, compliance, begin = step
-    near, most, deep, far, accuracy = limits
-    rows = candidates(before[0], before[1], near, most)
+    near, most, kept, deep, far, accuracy = limits
+    rows = candidates(before[0], before[1], near, most, kept)
     count, blocks = rows.size, rows_of[3]
     vertices, contact_of, slots = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     forces, local, pushes = np.empty(count), np.empty((count, 3)), np.empty((count, 3))

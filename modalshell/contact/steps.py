@@ -188,7 +188,9 @@ class TouchingSteps:
             solver = ActiveSet(problem, self.now, scale, friction)
             rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
             if not rest.converged:
-                rest = solver.descend(problem.origin, rules)
+                begin, held = problem.origin.copy(), problem.shell.clamped
+                begin[held] = first[held]  # where supports have moved to
+                rest = solver.descend(begin, rules)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             new = (pushes > 0.0) & (lagged <= 0.0)
             if settled or not (self.rubs and rest.converged and new.any()):

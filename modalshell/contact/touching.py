@@ -16,7 +16,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
-from modalshell.supports import VertexUnknowns
+from modalshell.supports import SupportPath, VertexUnknowns
 
 INSIDE = 1e-6
 """Depth, as a share of the shell's size, up to which a start counts as touching."""
@@ -36,8 +36,8 @@ _ON = 1e-14
 """Gap, as a share of the shell's size, at which a vertex is on its surface."""
 
 
-def checked_contacts(contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
-    """The contacts as a tuple; OptionError if one is not a contact."""
+def checked_contacts(contacts: Sequence[Contact] | None, frame: SupportPath | None = None) -> tuple[Contact, ...]:
+    """The contacts as a tuple, as they are seen from a ``frame`` that moves; OptionError if one is not a contact."""
     if contacts is None:
         return ()
     if isinstance(contacts, Contact | SelfContact):
@@ -51,7 +51,7 @@ def checked_contacts(contacts: Sequence[Contact] | None) -> tuple[Contact, ...]:
         raise OptionError(
             "self-contact is for DS with implicit steps alone (got SelfContact): take DS, or leave it out"
         )
-    return tuple(checked_kind("each of contacts", contact, Contact) for contact in given)
+    return tuple(checked_kind("each of contacts", contact, Contact).seen_from(frame) for contact in given)
 
 
 def refuse_friction(contacts: Sequence[Contact], name: str) -> None:
@@ -283,15 +283,17 @@ def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
     return x
 
 
-def parted(contacts: Sequence[Contact | SelfContact] | None) -> tuple[tuple[Contact, ...], SelfContact | None]:
-    """The contacts with colliders, and the self-contact among them; OptionError for two of these."""
+def parted(
+    contacts: Sequence[Contact | SelfContact] | None, frame: SupportPath | None = None
+) -> tuple[tuple[Contact, ...], SelfContact | None]:
+    """The contacts with colliders, seen from a ``frame``, and the self-contact; OptionError for two of these."""
     if contacts is None or isinstance(contacts, Contact | SelfContact):
-        return checked_contacts(contacts), None
+        return checked_contacts(contacts, frame), None
     own = [contact for contact in contacts if isinstance(contact, SelfContact)]
     if len(own) > 1:
         raise OptionError(f"contacts must have one SelfContact at most (got {len(own)})")
     others = [contact for contact in contacts if not isinstance(contact, SelfContact)]
-    return checked_contacts(others), own[0] if own else None
+    return checked_contacts(others, frame), own[0] if own else None
 
 
 def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:

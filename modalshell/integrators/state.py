@@ -14,6 +14,8 @@ rates and coordinates, where the rule has found them (3,)."""
 
 PUSHES = "pushes"
 """Name in a state's memory of the contact forces (r,) [N] along the normals of its step."""
+PRESSED = "pressed"
+"""Name in a state's memory of whether contacts pressed on a shell in its step (1, 1), of what a coarse shell bears."""
 
 CREASES, HEAT = "creases", "crease_heat"
 """Names in a state's memory of the plastic folds (C,) [rad] of creases, and of the heat (1,) [J] they have made."""

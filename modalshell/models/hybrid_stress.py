@@ -20,7 +20,7 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.state import PRESSED, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -244,8 +244,7 @@ class HybridStress(OnCoarse):
         return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def _coordinates_of(self, coarse_positions: Array) -> Array:
-        rest = self.coarse.coarse.shell.rest_positions
-        return np.asarray(self._weighted @ (coarse_positions - rest).ravel())
+        return np.asarray(self._weighted @ (coarse_positions - self.coarse.coarse.shell.rest_positions).ravel())
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
@@ -256,8 +255,7 @@ class HybridStress(OnCoarse):
         z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
-        note = stated(self._trained, next_to_snap(problem, z, found.jumps))
-        ended = verdict(found.residual, True, note=note)
+        ended = verdict(found.residual, True, note=stated(self._trained, next_to_snap(problem, z, found.jumps)))
         positions = self._fine(self._coarse_positions(z))
         return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
@@ -274,11 +272,13 @@ class HybridStress(OnCoarse):
         return replace(answer, message=message, coordinates=None)
 
     def remark(self, state: MotionState) -> str:
-        """The range of training, or that the coarse shell has taken the step."""
+        """The range of training, or that the coarse shell has taken the step, and why."""
         if state.coordinates.ndim == 1:
             return stated(self._trained)
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
+        if np.any(state.memory.get(PRESSED, False)):
+            reason = "contacts press on the shell"
         return f"answered by {self.coarse.name}: {reason}"
 
     def _hessian(self, z: Array) -> Array:

@@ -21,6 +21,7 @@ from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
+from modalshell.models.base.bars import bar_on_shell
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import ImplicitModel, implicit_rule
@@ -42,6 +43,10 @@ from modalshell.supports.constraints import Constraint
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
+
+_HOLDS = 0.1
+"""Error bar of an answer under contacts from which a message tells of it."""
+_LOCKED = "its vectors may not hold the shell's shape under the contacts ({}): take coarse DS or DS"
 
 
 @final
@@ -144,6 +149,10 @@ class ModalDerivatives(ImplicitModel):
             raise self.no_constraints()
         found = reduced_equilibrium_on_contacts(self, loading, start, contacts)
         outcome, message = self._distortion.judged(found.outcome, found.message, found.positions)
+        if found.converged:  # limp sheets: the vectors may hold the load, but not the shape between the contacts
+            bar = bar_on_shell(self.true_shell, found.positions, loading, contacts)
+            if not (bar.valid and bar.displacement <= _HOLDS):
+                message = "; ".join(part for part in (message, _LOCKED.format(bar)) if part)
         return replace(found, outcome=outcome, message=message)
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:

@@ -178,6 +178,9 @@ def test_the_hybrid_answers_itself_where_nothing_touches(models):
     pressed = model.equilibrium(gravity=GRAVITY, contacts=[FLOOR])
     assert "answered by coarse DS: contacts press on the shell" in pressed.message
     assert pressed.in_contact.any()
+    run = ms.simulate(model, duration=0.4, contacts=[FLOOR], **GIVEN)
+    assert run.in_contact[-1].any()
+    assert "answered by coarse DS: contacts press on the shell" in run.message
 
 
 def test_fast_colliders_and_starts_inside_are_refused(models):

@@ -192,3 +192,18 @@ def test_motions_that_cannot_be_are_refused_by_name():
         ms.simulate(ms.RigidShell(shell), contacts=[FLOOR], **given)
     with pytest.raises(ms.OptionError, match="each of contacts must be a Contact"):
         ms.simulate(model, contacts=[ms.Plane()], **given)
+
+
+def test_the_thick_fluid_begins_where_supports_have_moved_to(monkeypatch):
+    """Steps that are left to the fluid alone end where Newton's steps do, with what is held in its place."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    path = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.0, -0.1)])
+    given = {"duration": 8 / 60, "dt": 1 / 60, "gravity": GRAVITY, "supports": path}
+    floor = [ms.Contact(ms.Plane((0, 0, 1), -0.02))]
+    plain = ms.simulate(ms.DiscreteShell(shell, integrator="implicit"), contacts=floor, **given)
+    monkeypatch.setattr("modalshell.contact.steps._MOST", 0)
+    slow = ms.simulate(ms.DiscreteShell(shell, integrator="implicit"), contacts=floor, **given)
+    assert plain.in_contact.any()
+    assert slow.unconverged_steps == 0
+    np.testing.assert_allclose(slow.positions, plain.positions, atol=1e-7)

@@ -219,3 +219,20 @@ def test_statics_of_modes_do_not_pass_through_a_box(strips, model):
     assert state.converged
     assert state.positions[:, 2].min() > -0.08
     assert ms.measure.displacement_error(state.positions, truth.positions, shell) < 0.1
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_many_more_vertices_than_modes_rest_on_a_table(name):
+    """A limp sheet of which three quarters lie on a table: all that are inside are candidates."""
+    mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))
+    limp = ms.Shell(mesh, ms.Isotropic(young=5e7, poisson=0.3, thickness=5e-4, density=900.0), clamped="x < 0.001")
+    model, table = MODELS[name](ms.solve_modes(limp, count=6)), [ms.Contact(ms.Plane((0, 0, 1), -0.02))]
+    state = model.equilibrium(gravity=GRAVITY, contacts=table)
+    assert state.converged
+    assert state.iterations <= 10
+    assert state.deepest <= 1e-9
+    assert state.in_contact.sum() > 100
+    run = ms.simulate(model, duration=1.0, dt=1 / 60, gravity=GRAVITY, damping=(5.0, 0.0), contacts=table)
+    assert run.unconverged_steps == 0
+    assert run.deepest.max() <= 2e-9
+    assert ms.measure.displacement_error(run.positions[-1], state.positions, limp) < 1e-3

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models.reduction.contact import VertexTurns
+from modalshell.models.reduction.vertex_turns import VertexTurns
 from modalshell.motion.stepping import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -61,6 +61,14 @@ def test_more_vertices_than_coordinates_may_touch():
     assert (
         ms.measure.displacement_error(state.positions, wanted.positions, limp) < 0.07
     )  # its vectors are those of long waves
+
+
+def test_an_answer_that_its_vectors_do_not_hold_says_so(model):
+    mesh = ms.sheet(length=0.5, width=0.25, cells=(16, 8))
+    limp = ms.Shell(mesh, ms.Isotropic(young=5e6, poisson=0.3, thickness=3e-4, density=500.0), clamped="x < 0.001")
+    state = ms.ModalDerivatives(limp, 4).equilibrium(gravity=GRAVITY, contacts=[ms.Contact(ms.Plane((0, 0, 1), -0.1))])
+    assert "its vectors may not hold the shell's shape under the contacts" in state.message
+    assert "its vectors" not in model.equilibrium(gravity=GRAVITY, contacts=[FLOOR]).message
 
 
 def test_a_load_that_reaches_no_contact_gives_the_free_answer(model):

@@ -66,7 +66,7 @@ class ContactMotion:
         contacts: Sequence[Contact] | None = None,
         frame: SupportPath | None = None,
     ) -> None:
-        given, own = parted(setup.contacts if contacts is None else contacts)
+        given, own = parted(setup.contacts if contacts is None else contacts, frame)
         for index, contact in enumerate(given):
             if contact.push_out and not isinstance(rule, ImplicitRule):
                 raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'sdirk2'")
@@ -79,7 +79,7 @@ class ContactMotion:
             layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)
         self._rule: Any = rule
         self._setup = setup
-        self.steps = TouchingSteps([contact.seen_from(frame) for contact in given], shell, origin, setup.dt, layers)
+        self.steps = TouchingSteps(given, shell, origin, setup.dt, layers)
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None

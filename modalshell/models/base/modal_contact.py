@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
-import scipy.linalg
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
-from modalshell.contact.steps import refuse_fast
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
+from modalshell.models.base.pressed_motion import LOCAL, PressedMotion
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
@@ -30,10 +28,6 @@ _SETTLED = 1e-8
 """Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
 _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
-LOCAL = "local"
-"""Name in a state's memory of the displacement (n, 3) [m] beyond the modes."""
-BEYOND = "beyond"
-"""Name in a state's memory of the elastic energy (1,) [J] of that displacement."""
 
 
 def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
@@ -115,8 +109,8 @@ def _settle(
         bent = model.work_curvature(q, pressing.touching.forces(x, pushes))
         hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
         try:
-            compliance = np.asarray(scipy.linalg.inv(hessian))
-        except scipy.linalg.LinAlgError:
+            compliance = np.asarray(np.linalg.inv(hessian), np.float64)
+        except np.linalg.LinAlgError:
             return None, change, count
         free = q + compliance @ (model.modal_force(q, load) - eigenvalues * q)
         pressed = pressing.press_once(free, compliance, q, pushes)
@@ -134,7 +128,7 @@ def _settle(
 
 
 @final
-class ModalContactMotion:
+class ModalContactMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
     Where a vertex touches, or would, a step of implicit Euler is taken in the step's place, and its end is the nearest
@@ -151,37 +145,17 @@ class ModalContactMotion:
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         if setup.constraints:
             raise OptionError("contacts and constraints do not go together yet")
-        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
-        refuse_fast(given, model.shell.rest_positions, setup.dt)
-        for index, contact in enumerate(given):
+        super().__init__(model, setup)
+        self._damp = setup.damping.of_modes(model.basis.eigenvalues)
+        self._impulse = 0.0, self._damp
+        self._reach = np.abs(model.basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
+
+    @staticmethod
+    def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
+        for index, contact in enumerate(contacts):
             if contact.restitution:
                 raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
-        self._model, self._damping = model, setup.damping
-        self._damp = setup.damping.of_modes(model.basis.eigenvalues)
-        self._pressing = modal_contacts(model, given)
-        self._impulse = 0.0, self._damp
-        rows = self._pressing.touching.vertices.size
-        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}
-
-    def begin(self, state: MotionState) -> MotionState:
-        """A start, refused inside a collider."""
-        x = self._model.positions(state)
-        self._pressing.touching.refuse_inside(x)
-        return self.clear(state)
-
-    def local(self, state: MotionState) -> Array:
-        """Displacement (n, 3) [m] of a state beyond the modes."""
-        found = state.memory.get(LOCAL)
-        return np.zeros_like(self._model.shell.rest_positions) if found is None else found
-
-    def energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of a state beyond the modes."""
-        return float(state.memory[BEYOND][0])
-
-    def frame(self, state: MotionState, x: Array, time: float) -> TouchedFrame:
-        """What touches at positions x (n, 3) and ``time`` [s]."""
-        self._pressing.at(time)
-        return touched_frame(self._pressing.touching, x, state.memory[PUSHES])
+        return modal_contacts(model, contacts)
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""
@@ -192,10 +166,6 @@ class ModalContactMotion:
         self._pressing.at(time)
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
-
-    def clear(self, after: MotionState) -> MotionState:
-        """The end of a step that nothing touches."""
-        return MotionState(after.coordinates, after.rates, after.memory | self._none)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, own: Array
@@ -212,11 +182,12 @@ class ModalContactMotion:
             gaps = pressing.gaps(own)
         q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
         free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
-        kept = before.memory[LOCAL], before.memory[PUSHES]
-        pressed = pressing.press(free, compliance, q + dt * rates, gaps, kept)
-        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
-        ahead = MotionState(free, (free - q) / dt)
-        memory |= model.integrator.stood_in_for(before, ahead, force, dt).memory
+        ahead = dt * rates
+        kept = before.memory[LOCAL], before.memory[PUSHES], float(np.abs(ahead) @ self._reach)
+        pressed = pressing.press(free, compliance, q + ahead, gaps, kept)
+        memory = self._memory(pressed)
+        alone = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
 
     def _compliance(self, dt: float) -> Array:

@@ -9,9 +9,11 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.self_contact import SelfContact
+from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers
 from modalshell.contact.touching import Touching, parted
 from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
@@ -21,6 +23,8 @@ from modalshell.supports.constraints import Constraint
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
+_IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
+_AT_ONCE = "friction depends on the way: the load came at once, from the start"
 
 
 def equilibrium_on_contacts(
@@ -33,42 +37,52 @@ def equilibrium_on_contacts(
 ) -> Equilibrium:
     """Equilibrium of a shell about its ``origin`` (3,) with contacts, from ``start`` (n, 3) in the world, or rest.
 
+    With friction the load grows in steps from rest, but comes at once where there is a start.
+
     Raises
     ------
     OptionError
-        For what is no contact, for constraints with them, or a start inside a collider.
+        For what is no contact, for constraints with them, self-contact with friction, or a start inside a collider.
     """
     given, own = parted(contacts)
     if constraints:
         raise OptionError("contacts and constraints do not go together yet: move the supports instead")
-    for index, contact in enumerate(contacts):
-        if contact.friction:
-            raise OptionError(
-                f"contact {index} has friction (got {contact.friction:g}): statics of DS take contacts without it, as "
-                "the answer would depend on the way there; simulate the motion"
-            )
-    before, shell = dict(costs), problem.shell
+    if own is not None and own.friction:
+        raise OptionError(
+            f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
+        )
+    rubs = any(contact.friction for contact in given)
+    if rubs and own is not None:
+        raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
+    steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
     touching = Touching(given, shell, origin)
     first = shell.rest_positions if start is None else start - origin
-    further, closest = None, None
+    further, closest, told = None, None, "the contact set did not settle"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-        if own is None:
+        if rubs:
+            rest, further, told = rest_with_friction(problem, touching, first, steps)[:3]
+        elif own is None:
             rest = rest_on_contacts(problem, touching, first)
         else:
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
             further, closest = -layers.gradient(rest.point), layers.least(rest.point)
     gaps = touching.distances(rest.point)
-    notes = [] if rest.converged else ["the contact set did not settle"]
+    notes = [] if rest.converged else [told]
+    if rubs and rest.converged:
+        notes.append(_AT_ONCE if steps == 1 else _IN_STEPS)
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
         notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
+    if told.startswith(SLIDES):
+        outcome, message = Outcome.NO_EQUILIBRIUM, told
     forces, touches = touching.forces(rest.point, rest.pushes), np.zeros(len(rest.point), dtype=bool)
     touches[touching.vertices[rest.active]] = True
     if further is not None:
         forces += further
-        touches |= further.any(axis=1)
+    if own is not None:
+        touches |= forces.any(axis=1)
     return Equilibrium(
         rest.point + origin if origin.any() else rest.point,
         outcome,

@@ -10,7 +10,7 @@ from modalshell.contact.touching import Touching, checked_contacts, put_out
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.state import PRESSED, MotionState
 from modalshell.models.base.contact_motion import ContactMotion
 from modalshell.models.base.implicit import LoadAt
 from modalshell.models.base.setup import MotionSetup
@@ -34,7 +34,7 @@ class CoarseContactMotion:
     """
 
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
-        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
+        given = checked_contacts(setup.contacts, setup.supports)
         self._model, self._setup, self._under = model, setup, model.on_coarse
         self._fine = Touching(given, model.shell, origin)
         self._led = np.array([not contact.push_out for contact in given])
@@ -67,7 +67,9 @@ class CoarseContactMotion:
             after, solved = model.march(state, dt, load_at, damping)
             return after, solved, model.as_coarse(after).coordinates
 
-        return self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+        after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+        pressed = np.full((1, 1), float(self._motion.steps.pushes.any()))
+        return MotionState(after.coordinates, after.rates, after.memory | {PRESSED: pressed}), solved
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""

@@ -12,23 +12,21 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
-from scipy.spatial.transform import Rotation
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
-from modalshell.contact.steps import refuse_fast
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
-from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
-from modalshell.mesh import TriangleMesh
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import LoadAt
+from modalshell.models.base.pressed_motion import LOCAL, PressedMotion
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.setup import MotionSetup
+from modalshell.models.reduction.vertex_turns import VertexTurns
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.shell.damping import Damping
 from modalshell.statics import mixed_newton as method
@@ -37,8 +35,6 @@ from modalshell.statics.verdict import verdict
 
 _MOST = 40
 """Steps at most."""
-LOCAL, BEYOND = "local", "beyond"
-"""Names in a state's memory of the displacement (n, 3) [m] beyond the vectors, and of its energy (1,) [J]."""
 
 
 class Settled(NamedTuple):
@@ -48,42 +44,6 @@ class Settled(NamedTuple):
     residual: float
     iterations: int
     solved: bool
-
-
-@final
-class VertexTurns:
-    """Turns of a mesh's vertices from where they are.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The mesh.
-    rest : ndarray, shape (n, 3)
-        Its positions at rest [m].
-    """
-
-    def __init__(self, mesh: TriangleMesh, rest: Array) -> None:
-        self._faces = mesh.faces
-        self._neighbour = np.zeros(len(rest), dtype=np.int64)
-        ends = mesh.edges
-        self._neighbour[ends[:, 0]], self._neighbour[ends[:, 1]] = ends[:, 1], ends[:, 0]
-        self._rest = self._frames(rest)
-
-    def _frames(self, x: Array) -> Array:
-        """Axes (n, 3, 3) along an edge, and along the normal."""
-        corners, normals = x[self._faces], np.zeros_like(x)
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        np.add.at(normals, self._faces, across[:, None])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        along = x[self._neighbour] - x
-        along -= np.sum(along * normals, axis=1, keepdims=True) * normals
-        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-        return np.stack([along, np.cross(normals, along), normals], axis=2)
-
-    def vectors(self, x: Array) -> Array:
-        """Rotation vectors (n, 3) [rad] at positions x (n, 3)."""
-        turned = self._frames(x) @ self._rest.transpose(0, 2, 1)
-        return np.ascontiguousarray(Rotation.from_matrix(turned).as_rotvec())
 
 
 def reduced_contacts(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
@@ -247,7 +207,7 @@ class _PressedSteps(LoadedSteps):
 
 
 @final
-class ReducedContactMotion:
+class ReducedContactMotion(PressedMotion):
     """Takes the steps of a model linear in its coordinates with contacts: the model's own where nothing touches.
 
     Where something does, implicit Euler stands in for the model's rule, and its end is the least of its potential
@@ -266,35 +226,12 @@ class ReducedContactMotion:
     note = ""
 
     def __init__(self, model: Any, setup: MotionSetup, goal: float) -> None:
-        given = [contact.seen_from(setup.supports) for contact in checked_contacts(setup.contacts)]
-        refuse_fast(given, model.shell.rest_positions, setup.dt)
-        self._model, self._setup, self._goal = model, setup, goal
-        self._pressing = reduced_contacts(model, given)
-        rows = self._pressing.touching.vertices.size
-        self._none = {LOCAL: np.zeros_like(model.shell.rest_positions), PUSHES: np.zeros(rows), BEYOND: np.zeros(1)}
+        super().__init__(model, setup)
+        self._goal = goal
 
-    def begin(self, state: MotionState, positions: Array) -> MotionState:
-        """A start at ``positions`` (n, 3) [m], refused inside a collider."""
-        self._pressing.touching.refuse_inside(positions)
-        self._pressing.touching.refuse_inside(self._model.positions(state))
-        return self._clear(state)
-
-    def _clear(self, state: MotionState) -> MotionState:
-        return MotionState(state.coordinates, state.rates, state.memory | self._none)
-
-    def local(self, state: MotionState) -> Array:
-        """Displacement (n, 3) [m] of a state beyond the vectors."""
-        found = state.memory.get(LOCAL)
-        return self._none[LOCAL] if found is None else found
-
-    def energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of a state beyond the vectors."""
-        return float(state.memory[BEYOND][0])
-
-    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
-        """What touches in a state at ``positions`` (n, 3) [m] and ``time`` [s]."""
-        self._pressing.at(time)
-        return touched_frame(self._pressing.touching, positions, state.memory[PUSHES])
+    @staticmethod
+    def _contacts_of(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
+        return reduced_contacts(model, contacts)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
@@ -305,12 +242,11 @@ class ReducedContactMotion:
         if not kept[PUSHES].any():
             after, solved = model.march(own, dt, load_at, damping)
             if not pressing.touched(pressing.gaps(model.positions(after))):
-                return self._clear(after), solved
+                return self.clear(after), solved
         first = Pressed(state.coordinates, kept[LOCAL], kept[PUSHES], False)
         euler = _PressedSteps(model, pressing, first, load_at, damping, self._goal)
         rule = model.integrator
         after, solved = rule.standing_in(euler, own, dt)
         pressed = euler.pressed
         after = rule.stood_in_for(own, after, dt)
-        memory = {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
-        return MotionState(after.coordinates, after.rates, after.memory | memory), solved
+        return MotionState(after.coordinates, after.rates, after.memory | self._memory(pressed)), solved

@@ -1,0 +1,278 @@
+r"""Equilibria with Coulomb's friction: exact stick and slip [alart1991]; theory 13.
+
+In a step of the load, from positions ``x_0`` on, a vertex that touches either sticks, its position along the surface
+prescribed, or slips by s under the force :math:`-\mu\lambda\,s/|s|` along the surface. With the force T of the iterate
+and a stiffness r of the vertex, :math:`T - r s` decides: it sticks where that is at most :math:`\mu\lambda`, else it
+slips and T has its direction. Normal forces are those of the iterate before, so that the equations are symmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, final
+
+import numpy as np
+import scipy.sparse as sps
+
+from modalshell.contact import kernels
+from modalshell.contact.active_set import EASY, FAILURES, FALL, RISE, SUB_STEPS, ActiveSet, Mask, Rest
+from modalshell.contact.rotated import Rotated
+from modalshell.contact.touching import INSIDE, Touching
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array, Index
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.potential import Potential
+
+LOAD_STEPS = 10
+"""Steps of the load from the rest shape."""
+SLIDES = "it slides: friction does not hold the shell"
+_MOST, _SLOW = 150, 30
+"""Iterations of a step at most, and of one in the thick fluid."""
+_PULL = 1e-9
+"""Pull, as a share of all forces, that rounding explains."""
+_HELD = 3e-7
+"""Share of Coulomb's limit by which a vertex that sticks may exceed it: the accuracy of the forces."""
+_FAR = 1e3
+"""Move, as a share of the shell's size, that only a shell makes which nothing holds."""
+
+
+@dataclass(frozen=True)
+class _Sets:
+    """Which rows (r,) touch, and which of these stick.
+
+    Those that slip do so under forces ``drag`` (r, 3) [N] along the surface, which turn with their slips by ``stiff``
+    (r,) [N/m] across themselves.
+    """
+
+    active: Mask
+    sticks: Mask
+    drag: Array
+    stiff: Array
+
+    def same(self, other: _Sets) -> bool:
+        return bool((self.active == other.active).all() and (self.sticks == other.sticks).all())
+
+
+class Rubbed(NamedTuple):
+    """Where a solve ended.
+
+    Attributes
+    ----------
+    rest : Rest
+        Positions, what touches, and the forces along the normals.
+    friction : ndarray, shape (n, 3)
+        Forces [N] along the surfaces.
+    message : str
+        Why there is no answer; "" where there is one.
+    sets : _Sets
+        What sticks and slips.
+    """
+
+    rest: Rest
+    friction: Array
+    message: str
+    sets: _Sets
+
+
+def rest_with_friction(problem: Potential, touching: Touching, start: Array, steps: int) -> Rubbed:
+    """Equilibrium from ``start`` (n, 3) [m] on a way on which the load grows in equal ``steps``.
+
+    What touches at the beginning of a step rubs in it; what comes to touch within it does from the next one on.
+
+    Raises
+    ------
+    OptionError
+        For a start inside a collider.
+    """
+    touching.refuse_inside(start)
+    reached, iterations = _begun(touching, start), 0
+    for count in range(1, steps + 1):
+        loaded = problem.loaded(count / steps)
+        found = _Step(loaded, touching, reached.rest.point).solve(reached, _MOST)
+        iterations += found.rest.iterations
+        if not found.message and not _arrived(touching, reached, found):
+            found = _slowly(loaded, touching, reached)
+            iterations += found.rest.iterations
+        if not _arrived(touching, reached, found):
+            message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
+            rest = replace(reached.rest, iterations=iterations, converged=False)
+            return reached._replace(rest=rest, message=message)
+        reached = found
+    return reached._replace(rest=replace(reached.rest, iterations=iterations))
+
+
+def _arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:
+    """Whether a step found a minimum that does not lie behind a collider."""
+    return bool(found.rest.stable) and not touching.crossed(before.rest.point, found.rest.point)
+
+
+def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
+    """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins."""
+    drag = ActiveSet(problem, touching, problem.measure(problem.push)).first_drag(before.rest.point)[1]
+    reached, failures, iterations = before, 0, 0
+    for _ in range(SUB_STEPS):
+        x = reached.rest.point
+        found = _Step(problem.dragged(x, drag), touching, x).solve(reached, _SLOW, method.LOOSE)
+        iterations += found.rest.iterations
+        if not _arrived(touching, reached, found):
+            drag, failures = drag * RISE, failures + 1
+            if failures == FAILURES:
+                break
+            continue
+        reached, failures = found, 0
+        if found.rest.iterations > EASY:
+            continue
+        drag *= FALL
+        last = _Step(problem, touching, found.rest.point).solve(found, _SLOW)
+        iterations += last.rest.iterations
+        if last.message or _arrived(touching, found, last):
+            return last._replace(rest=replace(last.rest, iterations=iterations))
+    return reached._replace(rest=replace(reached.rest, iterations=iterations, stable=False))
+
+
+@final
+class _Step:
+    """One step of the load, from positions ``begin`` (n, 3) [m]."""
+
+    def __init__(self, problem: Potential, touching: Touching, begin: Array) -> None:
+        self._problem, self._touching, self._begin = problem, touching, begin
+        self._solver = ActiveSet(problem, touching, problem.measure(problem.push))
+        coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
+        gaps = touching.distances(begin)
+        self._friction = np.where(gaps <= INSIDE * touching.size, coefficients, 0.0)
+        self._axes = touching.at(touching.time)  # rows of the normals, and two of each along the surface
+        self._axes.vertices = np.tile(touching.vertices, 3)
+
+    def solve(self, before: Rubbed, most: int, accepted: float = method.ACCEPTED) -> Rubbed:
+        """At most ``most`` Newton steps with sets of what sticks and slips, from those of the step ``before``.
+
+        Where a residual larger than that of an answer is ``accepted``, the end has no verdict.
+        """
+        x, touching, message, pushes = self._begin.copy(), self._touching, "", before.rest.pushes
+        active, stresses = self._solver.near(x), None
+        sticks = active & (self._friction > 0.0) & ~(before.sets.active & ~before.sets.sticks)
+        sets = replace(before.sets, active=active, sticks=sticks)
+        size, best, repeated, solved = np.inf, np.inf, False, False
+        for iteration in range(most + 1):
+            gradient, hessian = self._problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+            gradient = gradient - self._on_unknowns(sets.drag)
+            equations, normals, rows = self._equations(x, gradient, hessian, sets, pushes)
+            size = float(np.linalg.norm(equations.unbalanced(gradient))) / self._solver.scale(pushes)
+            solved = repeated and size <= accepted
+            least = accepted > method.ACCEPTED or size <= method.GOAL or size > 0.5 * best  # of rounding
+            if (solved and least) or not np.isfinite(size) or iteration == most:
+                break
+            best = min(size, best) if solved else np.inf
+            diagonal = hessian.diagonal()
+            try:
+                direction, found = equations.solve()
+                far = float(np.abs(direction).max(initial=0.0)) > _FAR * touching.size
+            except SolverError:
+                far = True
+            if far:
+                message = SLIDES
+                break
+            x, share, _, stresses = self._solver.moved(x, hessian, direction, rows)
+            last = sets
+            sets, pushes = self._next(x, sets, (equations.frames.rows, found), normals, diagonal)
+            repeated = share > 0.999 and sets.same(last)
+        rest = Rest(x, sets.active, np.where(sets.active, pushes, 0.0), size, iteration, solved)
+        if accepted > method.ACCEPTED:
+            return Rubbed(replace(rest, stable=solved), self._on_vertices(sets.drag), message, sets)
+        return self._settled(rest, sets, message)
+
+    def _on_unknowns(self, forces: Array) -> Array:
+        """Forces (r, 3) [N] of rows on the free unknowns (N,)."""
+        return np.asarray(self._problem.shell.unknowns.restrict(self._on_vertices(forces).ravel()))
+
+    def _on_vertices(self, forces: Array) -> Array:
+        whole = np.zeros_like(self._begin)
+        np.add.at(whole, self._touching.vertices, forces)
+        return whole
+
+    def _equations(
+        self, x: Array, gradient: Array, hessian: sps.csc_array, sets: _Sets, pushes: Array
+    ) -> tuple[Rotated, Array, Index]:
+        """Newton's equations, gaps prescribed and places of what sticks; normals (r, 3), and the rows that touch."""
+        rows, held = np.flatnonzero(sets.active), np.flatnonzero(sets.sticks)
+        gap, normal, curvature = self._touching.gaps(x, rows)
+        slides = np.flatnonzero(sets.stiff)
+        if slides.size:
+            t = sets.drag[slides] / np.linalg.norm(sets.drag[slides], axis=1, keepdims=True)
+            n = self._touching.gaps(x, slides)[1]
+            blocks = np.eye(3) - n[:, :, None] * n[:, None, :] - t[:, :, None] * t[:, None, :]
+            own = self._touching.across(slides, sets.stiff[slides, None, None] * blocks)
+            starts, sizes = self._touching.starts(slides)
+            kernels.add_blocks(hessian.indptr, hessian.indices, hessian.data, starts, sizes, own)
+        normals = np.zeros((sets.active.size, 3))
+        normals[rows] = normal
+        along = _along(normals[held])
+        slip = x[self._touching.vertices[held]] - self._begin[self._touching.vertices[held]]
+        count = sets.active.size
+        ids = np.concatenate([rows, held + count, held + 2 * count])
+        directions = np.concatenate([normal, along[0], along[1]])
+        off = np.concatenate([gap, *(np.sum(slip * axis, axis=1) for axis in along)])
+        bent = np.concatenate([curvature, np.zeros((2 * held.size, 3, 3))])
+        forces = np.concatenate([pushes[rows], np.zeros(2 * held.size)])
+        equations = Rotated(self._problem, self._axes, gradient, hessian, ids, forces, (off, directions, bent))
+        return equations, normals, rows
+
+    def _next(
+        self, x: Array, sets: _Sets, found: tuple[Index, Array], normals: Array, diagonal: Array
+    ) -> tuple[_Sets, Array]:
+        """The next sets and forces (r,) along the normals, by those ``found`` of Newton's step to x (n, 3)."""
+        count, touching = sets.active.size, self._touching
+        of_axes = np.zeros(3 * count)
+        of_axes[found[0]] = found[1]
+        pushes, first, second = of_axes.reshape(3, count)
+        active = sets.active & (pushes > -_PULL * self._solver.scale(pushes))
+        entered = self._solver.entered(x, sets.active)
+        pushes = np.where(active, np.maximum(pushes, 0.0), 0.0)
+        held, slides = np.flatnonzero(sets.sticks), np.flatnonzero(sets.active & ~sets.sticks)
+        along, trial = _along(normals[held]), sets.drag.copy()
+        trial[held] = first[held, None] * along[0] + second[held, None] * along[1]
+        slip = x[touching.vertices[slides]] - self._begin[touching.vertices[slides]]
+        slip -= np.sum(slip * normals[slides], axis=1, keepdims=True) * normals[slides]
+        starts, sizes = touching.starts(slides)
+        slots = starts[:, None] + np.minimum(np.arange(3), sizes[:, None] - 1)
+        stiffness = np.zeros(count)
+        stiffness[slides] = diagonal[slots].mean(axis=1)
+        trial[slides] -= stiffness[slides, None] * slip
+        length, limit = np.linalg.norm(trial, axis=1), self._friction * pushes
+        sticks = active & (self._friction > 0.0) & (length <= limit * (1.0 + _HELD))
+        share = np.where(active & ~sticks, limit / np.maximum(length, 1e-300), 0.0)
+        return _Sets(active | entered, sticks, share[:, None] * trial, share * stiffness), pushes
+
+    def _settled(self, rest: Rest, sets: _Sets, message: str) -> Rubbed:
+        """The end with its verdict, and the forces that balance the shell exactly where it is."""
+        if not rest.converged:
+            return Rubbed(rest, self._on_vertices(sets.drag), message, sets)
+        gradient, hessian = self._problem.linearise(rest.point, EXACT)
+        gradient = gradient - self._on_unknowns(sets.drag)
+        equations, normals, _ = self._equations(rest.point, gradient, hessian, sets, rest.pushes)
+        stable = equations.definite_factor() is not None
+        of_axes = np.zeros(3 * sets.active.size)
+        of_axes[equations.frames.rows] = equations.frames.pushes(gradient)
+        pushes, *sideways = of_axes.reshape(3, -1)
+        held, drag = np.flatnonzero(sets.sticks), sets.drag.copy()
+        for force, axis in zip(sideways, _along(normals[held]), strict=True):
+            drag[held] += force[held, None] * axis
+        rest = replace(rest, pushes=np.maximum(pushes, 0.0), stable=stable)
+        message = "" if stable else SLIDES
+        return Rubbed(rest, self._on_vertices(drag), message, sets)
+
+
+def _begun(touching: Touching, start: Array) -> Rubbed:
+    """Where no step has been taken."""
+    none = np.zeros(touching.vertices.size)
+    rest = Rest(start, none > 0.0, none, np.inf, 0, False)
+    return Rubbed(rest, np.zeros_like(start), "", _Sets(rest.active, rest.active, np.zeros((none.size, 3)), none))
+
+
+def _along(normals: Array) -> tuple[Array, Array]:
+    """Two unit vectors (k, 3) across each of some normals (k, 3)."""
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(normals, first)

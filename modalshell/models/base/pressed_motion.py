@@ -1,0 +1,79 @@
+"""What motions of modal and reduced models share where contacts press on them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from modalshell.contact.contact import Contact
+from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.steps import refuse_fast
+from modalshell.contact.touching import checked_contacts, touched_frame
+from modalshell.core.touched import TouchedFrame
+from modalshell.core.typing import Array
+from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.models.base.setup import MotionSetup
+
+LOCAL, BEYOND = "local", "beyond"
+"""Names in a state's memory of the displacement (n, 3) [m] beyond the modes, and of its elastic energy (1,) [J]."""
+
+
+class PressedMotion(ABC):
+    """Contacts of one motion, and what they press in beyond the modes, which states carry in their memory.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+
+    Raises
+    ------
+    OptionError
+        For contacts that the model cannot take, and colliders that move too fast.
+    """
+
+    def __init__(self, model: Any, setup: MotionSetup) -> None:
+        given, rest = checked_contacts(setup.contacts, setup.supports), model.shell.rest_positions
+        refuse_fast(given, rest, setup.dt)
+        self._model, self._setup = model, setup
+        self._pressing = self._contacts_of(model, given)
+        self._none = self._memory(Pressed(np.empty(0), np.zeros_like(rest), self._pressing.no_pushes, True))
+
+    @staticmethod
+    @abstractmethod
+    def _contacts_of(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
+        """The contacts of a model; OptionError where it cannot take them."""
+
+    @staticmethod
+    def _memory(pressed: Pressed) -> dict[str, Array]:
+        return {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
+
+    def begin(self, state: MotionState, positions: Array | None = None) -> MotionState:
+        """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these."""
+        for x in (positions, self._model.positions(state)):
+            if x is not None:
+                self._pressing.touching.refuse_inside(x)
+        return self.clear(state)
+
+    def clear(self, state: MotionState) -> MotionState:
+        """The end of a step that nothing touches."""
+        return MotionState(state.coordinates, state.rates, state.memory | self._none)
+
+    def local(self, state: MotionState) -> Array:
+        """Displacement (n, 3) [m] of a state beyond the modes."""
+        found = state.memory.get(LOCAL)
+        return self._none[LOCAL] if found is None else found
+
+    def energy(self, state: MotionState) -> float:
+        """Elastic energy [J] of a state beyond the modes."""
+        return float(state.memory[BEYOND][0])
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """What touches in a state at ``positions`` (n, 3) [m] and ``time`` [s]."""
+        self._pressing.at(time)
+        return touched_frame(self._pressing.touching, positions, state.memory[PUSHES])

@@ -1,0 +1,121 @@
+"""Exact stick and slip in statics of DS: Coulomb's threshold, a closed form of partial slip, and the law itself."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.contact.friction import SLIP
+from modalshell.core.outcome import Outcome
+
+MU, WEIGHT = 0.4, 9.81
+LENGTH, WIDTH, THICKNESS, YOUNG, DENSITY = 1.0, 0.1, 1e-3, 1e7, 500.0
+
+
+@pytest.fixture(scope="module")
+def loose():
+    mesh = ms.flat_beam(length=LENGTH, width=WIDTH, cells=(20, 2))
+    return ms.Shell(mesh, ms.Isotropic(young=YOUNG, poisson=0.0, thickness=THICKNESS, density=DENSITY))
+
+
+@pytest.fixture(scope="module")
+def pulled(loose):
+    """A strip on a rough table whose end is pulled by half of what friction bears: contacts, pull, and the answer."""
+    ends = np.flatnonzero(loose.mesh.vertices[:, 0] > LENGTH - 1e-9)
+    force = np.zeros_like(loose.mesh.vertices)
+    share = np.where(np.abs(loose.mesh.vertices[ends, 1]) < 1e-9, 2.0, 1.0)
+    force[ends, 0] = 0.5 * MU * WEIGHT * loose.mass.sum() * share / share.sum()
+    table = [ms.Contact(ms.Plane(), friction=MU)]
+    state = ms.DiscreteShell(loose).equilibrium(gravity=(0, 0, -WEIGHT), force=force, contacts=table)
+    return table, force, state, ends
+
+
+def drawn(state, loose, ends):
+    return float((state.positions - loose.mesh.vertices)[ends, 0].mean())
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.4, 1.0])
+def test_a_block_sticks_up_to_coulombs_angle_and_slides_beyond_it(loose, coefficient):
+    model, table = ms.DiscreteShell(loose), [ms.Contact(ms.Plane(), friction=coefficient)]
+    for beyond in (-0.1, -1e-6, 1e-6, 0.1):
+        angle = np.arctan(coefficient) + beyond
+        gravity = WEIGHT * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+        state = model.equilibrium(gravity=gravity, contacts=table)
+        if beyond < 0.0:
+            assert state.converged
+            assert state.stable
+            np.testing.assert_allclose(state.positions, loose.mesh.vertices, atol=1e-15)
+            np.testing.assert_allclose(state.contact_forces.sum(axis=0), -gravity * loose.mass.sum(), rtol=1e-10)
+            assert "friction depends on the way" in state.message
+        else:
+            assert state.outcome is Outcome.NO_EQUILIBRIUM
+            assert "it slides" in state.message
+
+
+def test_the_end_of_a_pulled_strip_moves_as_in_closed_form_and_half_of_it_stays(loose, pulled):
+    table, force, state, ends = pulled
+    weight = WEIGHT * loose.mass.sum() / LENGTH
+    exact = force.sum() ** 2 / (2.0 * MU * weight * YOUNG * THICKNESS * WIDTH)
+    assert state.converged
+    assert drawn(state, loose, ends) == pytest.approx(exact, rel=0.005)
+    model = ms.DiscreteShell(loose)
+    let_go = model.equilibrium(gravity=(0, 0, -WEIGHT), contacts=table, start=state.positions)
+    assert let_go.converged
+    assert "at once" in let_go.message
+    assert drawn(let_go, loose, ends) == pytest.approx(0.5 * exact, rel=0.005)
+    too_much = model.equilibrium(gravity=(0, 0, -WEIGHT), force=2.1 * force, contacts=table)
+    assert too_much.outcome is Outcome.NO_EQUILIBRIUM
+
+
+def test_a_motion_from_the_answer_creeps_no_faster_than_smoothed_friction_does(loose, pulled):
+    table, force, state, _ = pulled
+    model, step = ms.DiscreteShell(loose, integrator="implicit"), 1 / 60
+    run = ms.simulate(
+        model, duration=6 * step, dt=step, gravity=(0, 0, -WEIGHT), force=force, contacts=table, start=state.positions
+    )
+    assert run.unconverged_steps == 0
+    moves = np.linalg.norm(np.diff(run.positions, axis=0), axis=2)
+    assert moves.max() <= SLIP * LENGTH
+
+
+@pytest.mark.parametrize(
+    "collider",
+    [
+        ms.Plane((0.0, 0.3, 1.0), -0.08),
+        ms.Cylinder((0.6, -1, -0.25), (0.6, 1, -0.25), 0.2),
+        ms.Sphere((0.7, 0.05, -0.3), 0.25),
+    ],
+)
+def test_the_answer_obeys_the_law_and_stays_where_it_is(collider):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 4))
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=100.0)
+    model = ms.DiscreteShell(ms.Shell(mesh, sheet, clamped="x < 1e-6"))
+    smooth, rough = [ms.Contact(collider)], [ms.Contact(collider, friction=0.3)]
+    state = model.equilibrium(gravity=(0.5, 0.8, -WEIGHT), contacts=rough)
+    assert state.converged
+    assert state.deepest <= 1e-9
+    vertices = np.flatnonzero(state.in_contact)
+    normals = collider.gap(state.positions[vertices])[1]
+    forces = state.contact_forces[vertices]
+    pushes = np.sum(forces * normals, axis=1)
+    along = np.linalg.norm(forces - pushes[:, None] * normals, axis=1)
+    assert (along <= 0.3 * pushes * (1.0 + 1e-6)).all()
+    assert along.max() > 1e-3 * pushes.max()
+    free = model.equilibrium(gravity=(0.5, 0.8, -WEIGHT), contacts=smooth)
+    assert ms.measure.displacement_error(free.positions, state.positions, model.shell) > 1e-4
+    again = model.equilibrium(gravity=(0.5, 0.8, -WEIGHT), contacts=rough, start=state.positions)
+    assert again.converged
+    np.testing.assert_allclose(again.positions, state.positions, atol=1e-9)
+
+
+def test_without_a_coefficient_the_way_there_is_not_asked_for(loose):
+    shell = ms.Shell(loose.mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, density=DENSITY), clamped="x < 1e-6")
+    state = ms.DiscreteShell(shell).equilibrium(
+        gravity=(0, 0, -WEIGHT), contacts=[ms.Contact(ms.Plane((0, 0, 1), -0.02))]
+    )
+    assert "friction" not in state.message
+
+
+def test_what_statics_with_friction_do_not_take_is_refused(loose):
+    shell = ms.Shell(loose.mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, density=DENSITY), clamped="x < 1e-6")
+    with pytest.raises(ms.OptionError, match="statics on a coarse shell take contacts without friction"):
+        ms.CoarseDiscreteShell(shell, shell).equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), -1.0), friction=0.2)])
