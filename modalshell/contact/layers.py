@@ -1,4 +1,4 @@
-"""The barrier of self-contact on one shell, by ipctk: energy, gradient, Hessian, friction and collision-free steps."""
+"""The barrier of self-contact on one shell: energy, gradient, Hessian, friction and collision-free steps."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import importlib.util
 from typing import Any, Self, final
 
 import numpy as np
-import scipy.sparse as sps
 
+from modalshell.contact import pair_kernels, pair_move_kernels
 from modalshell.contact.friction import SLIP
+from modalshell.contact.near_pairs import Barrier, NearPairs, Rubbing
 from modalshell.contact.self_contact import SelfContact
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
@@ -20,6 +21,10 @@ _SHARE = 0.25
 """Gap, as a share of the least distance at rest, where none is given."""
 _BLOCK = 256
 """Edges whose boxes are compared with all triangles at once."""
+_MARGIN = 0.25
+"""Way, in gaps, that vertices may move before pairs are looked for again."""
+_STRIDE, _PARTS = 2.0, 32
+"""Longest way, in mean edges, on which pairs are looked for at once, and how many such parts a way has at most."""
 
 
 @final
@@ -52,18 +57,16 @@ class Layers:
         self._ipc, self.shell = _library(), shell
         mesh, rest = shell.mesh, shell.rest_positions
         chosen = contact.vertices(mesh)
-        numbers = np.cumsum(chosen) - 1
-        self._vertices: Index = np.flatnonzero(chosen)
-        self._whole, self._count = bool(chosen.all()), len(rest)
-        self._edges = mesh.edges[chosen[mesh.edges].all(axis=1)]
-        self._faces = mesh.faces[chosen[mesh.faces].all(axis=1)]
-        if not len(self._faces):
+        self._faces = faces = mesh.faces[chosen[mesh.faces].all(axis=1)]
+        if not len(faces):
             raise OptionError(f"sel of self-contact has no triangle (got {int(chosen.sum())} vertices)")
-        parts = [np.asfortranarray(numbers[part], np.int32) for part in (self._edges, self._faces)]
-        self._mesh = self._ipc.CollisionMesh(self._own(rest), *parts)
-        self._detection = self._ipc.AdditiveCCD()
+        long = float(np.linalg.norm(np.diff(rest[mesh.edges], axis=1), axis=2).mean())
+        at_rest = NearPairs(faces, rest, long, 0.0)
+        self._edges = at_rest.edges
+        parts = (np.asfortranarray(part, np.int32) for part in (self._edges, faces))
+        self._mesh = self._ipc.CollisionMesh(np.asfortranarray(rest), *parts)
         self.refuse_crossing(rest, "at rest")
-        apart = self._least_at_rest(rest)
+        apart = min(long, at_rest.barrier(rest, long).least)
         self.gap = _SHARE * apart if contact.gap is None else contact.gap
         if not self.gap < apart:
             raise OptionError(
@@ -71,10 +74,10 @@ class Layers:
                 f"that share no vertex (got {self.gap:.3g} m): take a smaller gap, or a coarser mesh"
             )
         self.friction, self.stiffness = contact.friction, 1.0
+        self._near, self._stride = NearPairs(faces, rest, self.gap, _MARGIN * self.gap), _STRIDE * long
         self._limit = SLIP * shell.size
-        self._rubbing: Any = None
-        self._begin = self._own(rest)
-        self._known: tuple[Array, Any] | None = None
+        self._rubbing: Rubbing | None = None
+        self._known: tuple[Array, Barrier] | None = None
 
     def stiff(self, stiffness: float) -> Self:
         """The same with another stiffness [Pa] of the barrier."""
@@ -86,70 +89,73 @@ class Layers:
         """The same with the friction of a step from x (n, 3), by the forces there."""
         if not self.friction:
             return self
-        other, own = copy.copy(self), self._own(x)
-        other._rubbing = self._ipc.TangentialCollisions()
-        other._rubbing.build(self._mesh, own, self._pairs(x), self._barrier(), self.friction)
-        other._begin = own
+        other, at = copy.copy(self), self._at(x)
+        other._rubbing = self._near.rubbing(x, self.gap, at, self.friction * self.stiffness)
         return other
 
     def value(self, x: Array, *, rubbing: bool = True) -> float:
         """Energy [J] at x (n, 3); without what friction adds if not ``rubbing``."""
-        own = self._own(x)
-        value = float(self._barrier()(self._pairs(x), self._mesh, own))
+        value = self.stiffness * self._at(x).energy
         if rubbing and self._rubbing is not None:
-            value += float(self._sliding()(self._rubbing, self._mesh, np.asfortranarray(own - self._begin)))
+            value += self._rubbing.energy_gradient(x, self._limit)[0]
         return value
 
     def gradient(self, x: Array, *, rubbing: bool = True) -> Array:
         """Its derivatives (n, 3) [N]."""
-        own = self._own(x)
-        found = self._barrier().gradient(self._pairs(x), self._mesh, own)
+        gradient = self.stiffness * self._at(x).gradient
         if rubbing and self._rubbing is not None:
-            found = found + self._sliding().gradient(self._rubbing, self._mesh, np.asfortranarray(own - self._begin))
-        gradient = np.zeros((self._count, 3))
-        gradient[self._vertices] = found.reshape(-1, 3)
+            gradient += self._rubbing.energy_gradient(x, self._limit)[1]
         return gradient
 
-    def hessian(self, x: Array, *, definite: bool) -> sps.csr_array | None:
-        """Second derivatives (3n, 3n) in whole blocks, if any; positive semi-definite for each pair if so asked."""
-        method = self._ipc.PSDProjectionMethod
-        own, chosen = self._own(x), method.CLAMP if definite else method.NONE
-        parts = []
-        if len(pairs := self._pairs(x)):
-            parts.append(self._barrier().hessian(pairs, self._mesh, own, chosen))
-        if self._rubbing is not None and len(self._rubbing):
-            moved = np.asfortranarray(own - self._begin)
-            parts.append(self._sliding().hessian(self._rubbing, self._mesh, moved, chosen))
-        if not parts:
-            return None
-        blocks = sps.csr_array(sum(parts[1:], parts[0])).tobsr((3, 3))
-        if not self._whole:
-            rows = np.repeat(self._vertices, np.diff(blocks.indptr))
-            places = sps.coo_array((np.arange(1, rows.size + 1), (rows, self._vertices[blocks.indices])))
-            sorted_ = sps.csr_array(places, shape=(self._count,) * 2)
-            blocks = sps.bsr_array(
-                (blocks.data[sorted_.data - 1], sorted_.indices, sorted_.indptr), shape=(3 * self._count,) * 2
-            )
-        return sps.csr_array(blocks)
+    def stencils(self, x: Array, share: float = 1.0) -> list[Index]:
+        """Vertices (p, 4) of the pairs nearer than a share of the gap at x (n, 3), and of those that rub."""
+        at = self._at(x) if share == 1.0 else self._near.barrier(x, share * self.gap)
+        return [at.pairs[at.active]] + ([] if self._rubbing is None else [self._rubbing.pairs])
+
+    def add_hessian(self, x: Array, slots: list[Index], strides: Index, data: Array, *, definite: bool) -> None:
+        """Add its second derivatives to a pattern's entries; positive semi-definite for each pair if so asked.
+
+        ``slots`` (p, 4, 4) say where the blocks of :meth:`stencils` begin, ``strides`` (n,) how long rows are.
+        """
+        at = self._at(x)
+        areas = self.stiffness * at.areas
+        pair_kernels.add_hessian(
+            x, at.pairs, at.faced, areas, at.limits, self.gap, at.active, not definite, slots[0], strides, data
+        )
+        if self._rubbing is not None:
+            self._rubbing.add_hessian(x, self._limit, slots[1], strides, data)
 
     def near(self, x: Array) -> bool:
         """Whether a pair is nearer than the gap at x (n, 3)."""
-        return len(self._pairs(x)) > 0
+        return self._at(x).active.size > 0
 
     def least(self, x: Array) -> float:
         """Smallest distance [m] of a pair at x (n, 3); the gap where none is nearer."""
-        pairs = self._pairs(x)
-        return float(np.sqrt(pairs.compute_minimum_distance(self._mesh, self._own(x)))) if len(pairs) else self.gap
+        return min(self._at(x).least, self.gap)
 
     def free_part(self, x: Array, moved: Array) -> float:
-        """Part of the straight way from x to ``moved``, both (n, 3), on which no pair meets."""
-        begin, end = self._own(x), self._own(moved)
-        found = self._ipc.compute_collision_free_stepsize(self._mesh, begin, end, narrow_phase_ccd=self._detection)
-        return float(found)
+        """Part of the straight way from x to ``moved``, both (n, 3), on which no pair meets.
+
+        Where vertices move far past each other, what is found is that of its first parts.
+        """
+        way = moved - x
+        longest = float(np.sqrt(np.sum((way - way.mean(axis=0)) ** 2, axis=1).max()))
+        if not np.isfinite(longest):
+            return 1.0  # what follows finds positions that are not finite
+        count = max(1, int(np.ceil(min(longest / self._stride, 1e9))))
+        begin = x
+        for part in range(min(count, _PARTS)):
+            end = moved if part + 1 == count else x + (part + 1) / count * way
+            self._near.about(begin, end)
+            free = pair_move_kernels.free_part(begin, end, self._near.pairs, self._near.faced)
+            if free < 1.0:
+                return float((part + free) / count)
+            begin = end
+        return min(1.0, _PARTS / count)
 
     def refuse_crossing(self, x: Array, when: str) -> None:
         """Raise OptionError where an edge crosses or touches a triangle at x (n, 3); names both."""
-        if not self._ipc.has_intersections(self._mesh, self._own(x)):
+        if not self._ipc.has_intersections(self._mesh, np.asfortranarray(x)):
             return
         edge, face = self._crossing(x)
         raise OptionError(
@@ -170,28 +176,10 @@ class Layers:
                     return edge, face
         return self._edges[0], self._faces[0]
 
-    def _least_at_rest(self, rest: Array) -> float:
-        own, reach = self._own(rest), float(np.linalg.norm(np.diff(rest[self._edges], axis=1), axis=2).mean())
-        pairs = self._ipc.NormalCollisions()
-        pairs.build(self._mesh, own, reach)
-        return min(reach, float(np.sqrt(pairs.compute_minimum_distance(self._mesh, own)))) if len(pairs) else reach
-
-    def _barrier(self) -> Any:
-        return self._ipc.BarrierPotential(self.gap, self.stiffness, True)
-
-    def _sliding(self) -> Any:
-        return self._ipc.FrictionPotential(self._limit)
-
-    def _own(self, x: Array) -> Array:
-        return np.asfortranarray(x if self._whole else x[self._vertices])
-
-    def _pairs(self, x: Array) -> Any:
-        """Pairs nearer than the gap at x (n, 3); those of the last place are kept."""
+    def _at(self, x: Array) -> Barrier:
+        """The barrier at x (n, 3), over its stiffness; that of the last place is kept."""
         if self._known is None or not np.array_equal(self._known[0], x):
-            pairs = self._ipc.NormalCollisions()
-            pairs.use_area_weighting = True
-            pairs.build(self._mesh, self._own(x), self.gap)
-            self._known = x.copy(), pairs
+            self._known = x.copy(), self._near.barrier(x, self.gap)
         return self._known[1]
 
 

@@ -20,9 +20,9 @@ class SelfContact(ReadOnlyArrays):
     Pairs of a vertex and a triangle, or of two edges, repel each other by the barrier potential
     ``kappa A gap b(d)`` of their distance d [li2020], from the ``gap`` on, with no bound as d vanishes. It is twice
     differentiable, and its stiffness kappa follows from the load, the mass and the step. Every step of Newton's method
-    ends before the first pair would meet (continuous collision detection). Layers come to rest at distances below the
-    gap: take a gap about as large as the sheet is thick, or a small part of what is of interest. Needs ipctk, the extra
-    ``contact``; for DS with implicit steps.
+    ends before the first pair would meet (continuous collision detection [li2021]). Layers come to rest at distances
+    below the gap: take a gap about as large as the sheet is thick, or a small part of what is of interest. For DS with
+    implicit steps. Needs ipctk, the extra ``contact``, which tells whether a start crosses itself.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class SelfContact(ReadOnlyArrays):
     friction : float
         Coulomb's coefficient, smoothed, with the forces at the beginning of a step; for motions.
     sel : str, array_like of bool, shape (n,), or of int
-        Vertices that may touch; triangles and edges among them do. ``"all"`` are all of them.
+        Vertices that may touch: triangles among them do, with their edges. ``"all"`` are all of them.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from modalshell.statics.potential import Potential
 
 _MOST = 40
 """Iterations at most of a step, before the thick fluid."""
-_AMONG_LAYERS = 14
+_AMONG_LAYERS = 20
 """The same with self-contact, whose steps the thick fluid finds the sooner."""
 _TURNS, _TURNED = 6, 1e-6
 """Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""

@@ -79,6 +79,13 @@ class SparsePattern:
         inner = self.internal
         return self.indices.size + (0 if inner is None else 3 * inner.vertices.nnz + inner.stiffness.nnz)
 
+    @property
+    def blocks(self) -> sps.csr_array:
+        """Which vertices (n, n) share a block."""
+        starts = self.indptr[::3] // 9
+        first = np.repeat(6 * starts[:-1], np.diff(starts)) + 3 * np.arange(starts[-1])
+        return sps.csr_array((np.ones(first.size, dtype=bool), self.indices[first] // 3, starts))
+
     def matrix(self, data: Array) -> sps.csr_array:
         """Matrix (3n, 3n) of the blocks with the entries ``data``, internal unknowns left where they are."""
         size = self.indptr.size - 1

@@ -9,7 +9,7 @@ import scipy.sparse as sps
 
 from modalshell.core.typing import Array
 from modalshell.modes import Factoriser
-from modalshell.supports import Unknowns
+from modalshell.shell import Shell
 
 Moved = tuple[Array, list[Array], float]
 """Positions (n, 3) [m] and stresses after a step, and the part of the direction that it is."""
@@ -24,8 +24,11 @@ class Further(Protocol):
     def gradient(self, x: Array) -> Array:
         """Its derivatives (n, 3) [N]."""
 
-    def added(self, matrix: sps.csc_array, x: Array, unknowns: Unknowns, *, exactly: bool) -> sps.csc_array:
-        """A Hessian with its second derivatives, definite ones for each of its parts unless ``exactly``."""
+    def matrix(self, shell: Shell, data: Array, x: Array, *, exactly: bool) -> sps.csc_array:
+        """The Hessian of a shell, by the entries ``data`` on its pattern, with this energy's at x (n, 3).
+
+        These are definite for each of its parts unless ``exactly``.
+        """
 
     def bounded(self, move: Callable[[float], Moved], x: Array) -> Moved:
         """What ``move`` gives for the part of a direction, from x (n, 3), that this energy allows."""

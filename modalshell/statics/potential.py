@@ -182,9 +182,10 @@ class Potential(Problem[sps.csc_array]):
             data[self.shell.pattern.diagonal] += np.repeat(self.inertia, 3)
         if self.live is not None:
             self.live.add_stiffness(self.shell.pattern, x, data)
-        matrix = self.shell.pattern.free_matrix(data)
-        if self.further is not None:
-            matrix = self.further.added(matrix, x, self.shell.unknowns, exactly=geometric == EXACT)
+        if self.further is None:
+            matrix = self.shell.pattern.free_matrix(data)
+        else:
+            matrix = self.further.matrix(self.shell, data, x, exactly=geometric == EXACT)
         return sps.csc_array(matrix.T) if self.unsymmetric else matrix  # the transposed arrays are those of CSR
 
     @property

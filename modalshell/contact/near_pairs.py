@@ -1,0 +1,182 @@
+"""Pairs of a mesh's vertices, edges and triangles that are near each other, looked for again only after a move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, final
+
+import numpy as np
+
+from modalshell.contact import face_tree_kernels, pair_kernels, pair_move_kernels
+from modalshell.core.typing import Array, Index
+
+_PARALLEL = 1e-3
+"""Square of the sine at rest of the angle of two edges below which their barrier is mollified [li2020]."""
+_ROOM = 4096
+"""Pairs for which there is room at first."""
+
+
+class Barrier(NamedTuple):
+    """The barrier at one place, over its stiffness.
+
+    Attributes
+    ----------
+    energy : float
+        Its energy, over the stiffness [m^3].
+    gradient : ndarray, shape (n, 3)
+        The derivatives [m^2].
+    least : float
+        Least distance [m] of pairs nearer than the gap; infinite without one.
+    active : ndarray of int, shape (a,)
+        Those pairs.
+    pairs, faced, areas, limits
+        Of all pairs: see :class:`NearPairs`.
+    """
+
+    energy: float
+    gradient: Array
+    least: float
+    active: Index
+    pairs: Index
+    faced: int
+    areas: Array
+    limits: Array
+
+
+@final
+@dataclass(frozen=True)
+class Rubbing:
+    """Friction of pairs by their forces at one place, smoothed [li2020].
+
+    Attributes
+    ----------
+    begin : ndarray, shape (n, 3)
+        That place [m].
+    pairs : ndarray of int, shape (a, 4)
+        Their vertices.
+    weights, normals : ndarray, shape (a, 4), (a, 3)
+        Weights of these at the nearest points, and unit normals there.
+    strengths : ndarray, shape (a,)
+        Coulomb's coefficients times the forces [N].
+    """
+
+    begin: Array
+    pairs: Index
+    weights: Array
+    normals: Array
+    strengths: Array
+
+    def energy_gradient(self, x: Array, limit: float) -> tuple[float, Array]:
+        """Energy [J] and its gradient (n, 3) [N] at x (n, 3), fully smoothed up to slips of ``limit`` [m]."""
+        gradient = np.zeros_like(x)
+        energy = pair_move_kernels.slid(
+            x, self.begin, self.pairs, self.weights, self.normals, self.strengths, limit, gradient
+        )
+        return float(energy), gradient
+
+    def add_hessian(self, x: Array, limit: float, slots: Index, strides: Index, data: Array) -> None:
+        """Add its second derivatives to a pattern's entries; see :meth:`.Layers.add_hessian`."""
+        own = self.pairs, self.weights, self.normals, self.strengths
+        pair_move_kernels.add_sliding(x, self.begin, *own, limit, slots, strides, data)
+
+
+@final
+class NearPairs:
+    """The pairs of some triangles, their edges and vertices, that may come nearer than a gap about a straight way.
+
+    Parameters
+    ----------
+    faces : ndarray of int, shape (f, 3)
+        The triangles.
+    rest : ndarray, shape (n, 3)
+        Positions [m] that give areas and lengths.
+    gap, margin : float
+        The gap, and how far positions may be off the way [m].
+
+    Attributes
+    ----------
+    edges : ndarray of int, shape (e, 2)
+        Edges of the triangles.
+    pairs : ndarray of int, shape (p, 4)
+        Vertices of the pairs, the first ``faced`` of a vertex and a triangle, the others of two edges.
+    faced : int
+        How many are of a vertex and a triangle.
+    areas : ndarray, shape (p,)
+        Area [m^2] that each stands for: a quarter of that of the vertex, or of the edges.
+    limits : ndarray, shape (p,)
+        Square [m^4] of the cross product of two edges below which they are nearly parallel.
+    """
+
+    def __init__(self, faces: Index, rest: Array, gap: float, margin: float) -> None:
+        self._faces, self._reach, self._margin = np.ascontiguousarray(faces), gap + 2.0 * margin, margin
+        sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        self.edges, first, number = np.unique(sides, axis=0, return_index=True, return_inverse=True)
+        self._sides = number.reshape(-1, 3)
+        vertex_face = np.full(len(rest), -1)
+        vertex_face[faces[::-1].ravel()] = np.repeat(np.arange(len(faces))[::-1], 3)
+        self._owners = vertex_face, first // 3
+        corners = rest[faces]
+        thirds = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 6.0
+        self._vertex_areas = np.bincount(faces.ravel(), np.repeat(thirds, 3), len(rest))
+        self._edge_areas = np.bincount(self._sides.ravel(), np.repeat(thirds, 3))
+        self._squares = np.sum(np.diff(rest[self.edges], axis=1)[:, 0] ** 2, axis=1)
+        count = 1 << int(np.ceil(np.log2(max(len(faces), 2))) + 1)
+        self._tree = np.empty(len(faces), np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+        face_tree_kernels.split(corners.mean(axis=1), *self._tree)
+        self._boxes, self._room = np.empty((count, 6)), (_ROOM, _ROOM)
+        self._ends: tuple[Array, ...] = ()
+        self.pairs, self.faced = np.empty((0, 4), np.int64), 0
+        self.areas = self.limits = np.empty(0)
+
+    def about(self, x: Array, moved: Array | None = None) -> None:
+        """See that the pairs are all those on the straight way from x to ``moved``, both (n, 3); or at x."""
+        moved = x if moved is None else moved
+        if any(self._covers(end, x) and (moved is x or self._covers(end, moved)) for end in self._ends):
+            return
+        if len(self._ends) == 2 and self._covers(self._ends[0], x) and self._covers(self._ends[1], moved):
+            return
+        self._ends = (x.copy(),) if moved is x else (x.copy(), moved.copy())
+        # Pairs do not change as all vertices move on by the same.
+        other = x if moved is x else moved - (moved - x).mean(axis=0)
+        face_tree_kernels.refit(self._faces, *self._tree, x, other, 0.5 * self._reach, self._boxes)
+        while True:
+            facing, crossing = np.empty((self._room[0], 4), np.int64), np.empty((self._room[1], 2), np.int64)
+            tree = *self._tree, self._boxes
+            found = face_tree_kernels.search(
+                self._faces, self.edges, self._sides, self._owners, tree, x, other, self._reach, facing, crossing
+            )
+            if found[0] <= self._room[0] and found[1] <= self._room[1]:
+                break
+            self._room = 3 * found[0] // 2 + _ROOM, 3 * found[1] // 2 + _ROOM
+        self.faced = found[0]
+        facing, crossing = facing[: found[0]], crossing[: found[1]]
+        self.pairs = np.concatenate([facing, self.edges[crossing].reshape(-1, 4)])
+        among = self._edge_areas[crossing].sum(axis=1)
+        self.areas = 0.25 * np.concatenate([self._vertex_areas[facing[:, 0]], among])
+        self.limits = np.concatenate([np.zeros(found[0]), _PARALLEL * self._squares[crossing].prod(axis=1)])
+
+    def barrier(self, x: Array, gap: float) -> Barrier:
+        """The barrier of the pairs nearer than a ``gap`` [m], at most that of the search, at x (n, 3)."""
+        gradient = np.zeros_like(x)
+        if not np.isfinite(x).all():
+            return Barrier(np.nan, gradient, np.inf, np.empty(0, np.int64), *self._all)
+        self.about(x)
+        active = np.empty(len(self.pairs), np.int64)
+        energy, found, least = pair_kernels.energy_gradient(x, *self._all, gap, gradient, active)
+        return Barrier(float(energy), gradient, float(np.sqrt(least)), active[:found].copy(), *self._all)
+
+    def rubbing(self, x: Array, gap: float, barrier: Barrier, factor: float) -> Rubbing:
+        """Friction of the pairs of a barrier at x (n, 3), by a ``factor`` on its forces over the stiffness."""
+        count = barrier.active.size
+        weights, normals, forces = np.empty((count, 4)), np.empty((count, 3)), np.empty(count)
+        pairs, faced, areas, limits = barrier[4:]
+        pair_kernels.rubbing(x, pairs, barrier.active, faced, areas, limits, gap, weights, normals, forces)
+        kept = forces > 0.0
+        return Rubbing(x.copy(), pairs[barrier.active[kept]], weights[kept], normals[kept], factor * forces[kept])
+
+    @property
+    def _all(self) -> tuple[Index, int, Array, Array]:
+        return self.pairs, self.faced, self.areas, self.limits
+
+    def _covers(self, end: Array, x: Array) -> bool:
+        return bool(np.sum((x - end) ** 2, axis=1).max() <= self._margin**2)
