@@ -270,10 +270,6 @@ class ProfileFactor:
         self.negative = negative
         self._analysis, self._factor = analysis, factor
 
-    def is_definite(self) -> bool:
-        """Whether the matrix is positive definite."""
-        return self.negative == 0
-
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
         of, (values, own, pivots) = self._analysis, self._factor

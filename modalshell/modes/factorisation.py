@@ -220,20 +220,19 @@ class _Cholesky(Factor):
         return found if served else None
 
 
-class _Profile(Factor):
-    """``L D L^T`` in profile storage, with pivots in their order, whatever their sign."""
+class _Signed(Factor):
+    """A factor whose pivots were taken in their order, whatever their sign: profile, or multifrontal."""
 
-    backend = "profile"
-
-    def __init__(self, factor: ProfileFactor) -> None:
+    def __init__(self, factor: ProfileFactor | BlockCholesky) -> None:
         self._factor = factor
+        self.backend = "profile" if isinstance(factor, ProfileFactor) else "cholesky"
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
 
     def is_definite(self) -> bool:
         """Whether all pivots are positive."""
-        return self._factor.is_definite()
+        return self._factor.negative == 0
 
     def negative_eigenvalues(self) -> int:
         """Number of negative pivots."""
@@ -247,8 +246,6 @@ _ROUGH = 1e7
 """Multiplications of a profile factorisation from which a rough multifrontal one and conjugate gradients are faster."""
 _SLENDER = 1e8
 """The same for a multifrontal factorisation in double precision, and a solve with it."""
-_WIDE = 1e10
-"""The same for SuperLU's, which indefinite matrices go to: a fifth of a gigabyte."""
 _LONG = 20_000
 """Unknowns up to which definite matrices may be so slender that it pays to look for their profile."""
 _SMALL = 2000
@@ -260,7 +257,7 @@ def told_factorisations() -> str:
     return (
         f"profile (our own) up to {_SLENDER:.0e} multiplications, 7 to 10 times as fast as superlu; cholesky "
         "(multifrontal, our own) above, 4 to 7 times; superlu (SciPy) for single factors of small matrices and for "
-        "large ones that are not positive definite"
+        "ones whose pivots vanish"
     )
 
 
@@ -328,8 +325,10 @@ class Factoriser:
             return self.definite(matrix)
         except NotPositiveDefiniteError:
             count_factorisation(matrix.shape[0])
-            slender = self.backend is None and self._use == "refactor" and self._products(matrix) <= _WIDE
-            return self._by_profile(matrix) if slender else self._superlu(matrix)
+            try:
+                return _Signed(self._analysed(matrix).factorise(matrix, signed=True))
+            except NotPositiveDefiniteError:  # a pivot vanishes: SuperLU looks for another one off the diagonal
+                return self._superlu(matrix)
 
     def general(self, matrix: sps.csc_array) -> Factor:
         """Factor of a matrix that need not be symmetric; SolverError if it is singular."""
@@ -344,18 +343,16 @@ class Factoriser:
             return self.backend
         if self._use == "solve":
             return "superlu" if size < _SMALL else "cholesky"
-        return "profile" if size <= _LONG and self._products(matrix) <= slender else "cholesky"
-
-    def _products(self, matrix: sps.csc_array) -> float:
-        """Multiplications of a profile factorisation."""
+        if size > _LONG:
+            return "cholesky"
         self._profile = self._profile or ProfileAnalysis(matrix)
-        return self._profile.products
+        return "profile" if self._profile.products <= slender else "cholesky"
 
     def _by_profile(self, matrix: sps.csc_array) -> Factor:
         assert self._profile is not None
         try:
-            return _Profile(self._profile.factorise(matrix))
-        except SolverError:  # a pivot that vanishes: SuperLU looks for another one off the diagonal
+            return _Signed(self._profile.factorise(matrix))
+        except SolverError:  # as above
             return self._superlu(matrix)
 
     def _superlu(self, matrix: sps.csc_array) -> Factor:
