@@ -255,9 +255,9 @@ _SMALL = 2000
 def told_factorisations() -> str:
     """Which factorisation takes which matrices, and why."""
     return (
-        f"profile (our own) up to {_SLENDER:.0e} multiplications, 7 to 10 times as fast as superlu; cholesky "
-        "(multifrontal, our own) above, 4 to 7 times; superlu (SciPy) for single factors of small matrices and for "
-        "ones whose pivots vanish"
+        f"profile (our own) up to {_SLENDER / 1e6:.0f} million multiplications, 7 to 10 times as fast as superlu; "
+        "cholesky (multifrontal, our own) above, 4 to 7 times. Of single factors: cholesky from "
+        f"{_SMALL:,} unknowns on, superlu (SciPy) below. Superlu also takes matrices whose pivots vanish"
     )
 
 
