@@ -51,6 +51,8 @@ shell.kernels.split_folds.add_membrane d2 l2 d3 i3 l1 d1
 shell.kernels.patterns.free_values d1 b1 i1 i1 i1 i1 i1 i1 i1 d1
 shell.kernels.split_folds.fold_rates d2 l2 d2 d1
 shell.kernels.split_folds.half_square_rates d2 d2 rl2 d1
+linalg.profile.factorise d1 l1 l1 d2 d1
+linalg.profile.solve d1 l1 l1 d2 d1 d1
 kernels.rotations.rotate d2 d2 d d2
 kernels.rotations.rotated_load_jacobian d2 d2 d3
 kernels.rotations.largest_angle d2

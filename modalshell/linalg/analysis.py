@@ -207,20 +207,6 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 
 
 @njit
-def unsymmetric(starts: Index, neighbours: Index) -> int:
-    """A vertex whose sorted neighbours are not those that have it as one; -1 if there is none."""
-    n = len(starts) - 1
-    read = starts[:n].copy()  # every row is read from its beginning on, as its vertex turns up among the neighbours
-    for i in range(n):
-        for e in range(starts[i], starts[i + 1]):
-            j = neighbours[e]
-            if read[j] == starts[j + 1] or neighbours[read[j]] != i:
-                return j
-            read[j] += 1
-    return -1
-
-
-@njit
 def neighbour_sums(starts: Any, neighbours: Any, numbers: Any) -> Any:
     """Sum (n,) of the unsigned ``numbers`` of each vertex's neighbours, modulo 2^64."""
     sums = np.zeros_like(numbers)

@@ -13,7 +13,7 @@ import scipy.sparse as sps
 from threadpoolctl import ThreadpoolController
 
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS, SINGLE_BLAS
 from modalshell.linalg.conjugate_gradients import Preconditioner, Rows, Stop, solve_near
@@ -24,7 +24,7 @@ _PRODUCTS_A_READ = 0.045
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""
 
 
-_NONE = np.empty((3, 0, 3))
+_NONE, _NO_FLIPS = np.empty((3, 0, 3)), np.empty(0, np.int64)
 _ONE_BY_ONE = 2
 """Right sides up to which one after the other is faster than a register of them."""
 
@@ -99,12 +99,14 @@ class CholeskyAnalysis:
         begins = analysis.entry_places(*pattern, order, self.panels, sources, places)[first_panel]
         self._entries = multifrontal.Entries(sources, places, begins)
 
-    def factorise(self, matrix: sps.csc_array, *, single: bool = False) -> BlockCholesky:
+    def factorise(self, matrix: sps.csc_array, *, single: bool = False, signed: bool = False) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive.
 
-        A factor in ``single`` precision takes half the memory and about half the time.
+        A factor in ``single`` precision takes half the memory and about half the time. A ``signed`` one takes pivots
+        in their order whatever their sign, as profile factors do; NotPositiveDefiniteError where one is zero.
         """
-        values, sizes = np.empty(self._storage, np.float32 if single else np.float64), np.empty(6, np.int32)
+        values, sizes = np.empty(self._storage, np.float32 if single else np.float64), np.empty(7, np.int32)
+        signs = np.ones(self.size if signed else 0)
         with _blas().limit(limits=1, user_api="blas"):
             wrong = multifrontal.factorise(
                 matrix.data,
@@ -113,15 +115,16 @@ class CholeskyAnalysis:
                 values,
                 self._buffer,
                 sizes,
+                signs,
                 SINGLE_BLAS if single else BLAS,
             )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         values[self.entries : self.entries + 2 * LANES] = 0.0  # solves read them
-        return BlockCholesky(self, values)
+        return BlockCholesky(self, values, np.flatnonzero(signs < 0.0) if signed else _NO_FLIPS)
 
-    def solve(self, values: Array, right_sides: Array) -> Array:
-        """Solution (N,) or (N, r) with the factor ``values``."""
+    def solve(self, values: Array, right_sides: Array, flips: Index) -> Array:
+        """Solution (N,) or (N, r) with the factor ``values``, whose pivots ``flips`` are negative."""
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         solution = np.empty(columns.shape)
         lanes = LANES * 8 // values.itemsize
@@ -130,28 +133,31 @@ class CholeskyAnalysis:
         for start in range(0, columns.shape[1], sides):
             some = columns[self.order, start : start + sides]
             permuted[:, : some.shape[1]] = some
-            solve(values, self.panels, permuted.reshape(-1), sides, work)
+            solve(values, self.panels, permuted.reshape(-1), sides, work, flips)
             solution[self.order, start : start + sides] = permuted[:, : some.shape[1]]
         return solution.reshape(right_sides.shape)
 
 
 @final
 class BlockCholesky:
-    """A factor ``A = P^T L L^T P``.
+    """A factor ``A = P^T L S L^T P``; S is the identity but where pivots are negative.
 
     Attributes
     ----------
     analysis : CholeskyAnalysis
         Analysis of the pattern.
+    negative : int
+        Number of negative pivots, that of negative eigenvalues.
     """
 
-    def __init__(self, analysis: CholeskyAnalysis, values: Array) -> None:
+    def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
         self.analysis = analysis
-        self._values = values
+        self._values, self._flips = values, flips
+        self.negative = flips.size
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
-        return self.analysis.solve(self._values, np.asarray(right_side))
+        return self.analysis.solve(self._values, np.asarray(right_side), self._flips)
 
     def solve_near(
         self, matrix: sps.csc_array, right_side: Array, stop: Stop, axes: Array | None = None
@@ -161,7 +167,9 @@ class BlockCholesky:
         See :func:`modalshell.linalg.conjugate_gradients.solve_near`.
         """
         of, rows = self.analysis, Rows(matrix.indptr, matrix.indices, matrix.data)
-        factor = Preconditioner(self._values, of.panels, of.order, of.height, _NONE if axes is None else axes)
+        factor = Preconditioner(
+            self._values, of.panels, of.order, of.height, self._flips, _NONE if axes is None else axes
+        )
         found, iterations, served = solve_near(factor, rows, right_side, stop)
         return found, int(iterations), bool(served)
 
@@ -194,10 +202,11 @@ def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     if matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"the matrix must be square (got {matrix.shape[0]} rows and {matrix.shape[1]} columns)")
     block, graph = block_graph(matrix)
-    wrong = analysis.unsymmetric(*row_lists(graph))
-    if wrong >= 0:
+    other = sps.coo_array(graph - graph.T)  # of numbers of entries, all alike
+    if other.data.any():
+        wrong = block * int(other.row[other.data != 0].min())
         raise ValueError(
-            f"the matrix must store both triangles of a symmetric pattern (got other entries in row "
-            f"{block * wrong} than in column {block * wrong})"
+            f"the matrix must store both triangles of a symmetric pattern (got other entries in row {wrong} "
+            f"than in column {wrong})"
         )
     return block, graph

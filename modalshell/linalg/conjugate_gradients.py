@@ -58,6 +58,8 @@ class Preconditioner(NamedTuple):
         Unknowns in the order of elimination.
     height : int
         Rows of the highest panel.
+    flips : ndarray of int64
+        Its negative pivots: none.
     axes : ndarray, shape (3, f, 3)
         Where each axis has turned to, since its matrix, with the vertices whose positions are the first unknowns.
     """
@@ -66,6 +68,7 @@ class Preconditioner(NamedTuple):
     panels: Panels
     order: Any
     height: int
+    flips: Any
     axes: Any
 
 
@@ -94,7 +97,7 @@ def solve_near(factor: Preconditioner, matrix: Rows, right: Any, stop: Stop) -> 
         _turn(factor.axes, residual, image, True)
         for k in range(size):
             permuted[k] = image[factor.order[k]] / scale
-        solve(values, factor.panels, permuted, 1, work)
+        solve(values, factor.panels, permuted, 1, work, factor.flips)
         for k in range(size):
             image[factor.order[k]] = permuted[k] * scale
         _turn(factor.axes, image, image, False)

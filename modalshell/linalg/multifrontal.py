@@ -1,4 +1,4 @@
-"""Numeric multifrontal Cholesky factorisation [duff1983; liu1992], compiled."""
+"""Numeric multifrontal Cholesky factorisation [duff1983; liu1992], compiled; with signs, of indefinite matrices too."""
 
 from __future__ import annotations
 
@@ -56,14 +56,24 @@ class Entries(NamedTuple):
 
 @njit
 def factorise(
-    data: Array, entries: Entries, supernodes: Supernodes, values: Array, buffer: int, numbers: Any, blas: Blas
+    data: Array,
+    entries: Entries,
+    supernodes: Supernodes,
+    values: Array,
+    buffer: int,
+    numbers: Any,
+    signs: Array,
+    blas: Blas,
 ) -> int:
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
+
+    With room for ``signs`` (N,) of pivots, in elimination order, negative ones are taken as they come: the matrix is
+    ``L S L^T``, and the unknown is one whose pivot is zero or no number. Without (0,), it is ``L L^T``.
 
     A supernode's panels hold its columns of L, column-major. Its update matrix is formed from ``values[buffer]`` on,
     which stays in the processor's cache, or where the room is too small behind the panels. It waits for its parent, the
     lower triangle packed, on a stack that grows down from there, where no panel is yet: children are contiguous in
-    postorder, so that a supernode finds theirs on top. ``numbers`` (6,) has room for the sizes that the BLAS reads.
+    postorder, so that a supernode finds theirs on top. ``numbers`` (7,) has room for the sizes that the BLAS reads.
     """
     block, first, row_starts, relative, parent, first_panel, panels = supernodes
     sources, places, entry_begins = entries
@@ -87,13 +97,13 @@ def factorise(
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
-        if width == 1:  # arithmetic that calls would cost more than
+        if width == 1 and signs.size == 0:  # arithmetic that calls would cost more than
             if not values[panel] > 0.0:
                 return int(first[s] * block)
             top -= below * (below + 1) // 2
             _eliminate_one(values, panel, below, update, has_children, top)
         else:
-            wrong = _eliminate(supernodes, s, values, update, has_children, numbers, blas)
+            wrong = _eliminate(supernodes, s, values, update, has_children, numbers, signs, blas)
             if wrong >= 0:
                 return wrong
             top = _stack(values, top, update, below)
@@ -137,18 +147,25 @@ def _gather(supernodes: Supernodes, child: int, values: Array, source: int, upda
 
 @njit
 def _eliminate(
-    supernodes: Supernodes, s: int, values: Array, update: int, has_children: bool, numbers: Any, blas: Blas
+    supernodes: Supernodes,
+    s: int,
+    values: Array,
+    update: int,
+    has_children: bool,
+    numbers: Any,
+    signs: Array,
+    blas: Blas,
 ) -> int:
     """Factorise the panels of a supernode, and subtract their products from its update.
 
-    Returns -1, or the first unknown whose pivot is not positive. What children left in the update is kept.
+    Returns -1, or the first unknown whose pivot does not serve. What children left in the update is kept.
     """
     block, first, row_starts, _, _, first_panel, panels = supernodes
     width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
     below = height - width
     base, sizes, wide = address(values), address(numbers), np.int64(values.itemsize)
     p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
-    p_info, p_rest, p_columns = sizes + 12, sizes + 16, sizes + 20
+    p_info, p_rest, p_columns, p_single = sizes + 12, sizes + 16, sizes + 20, sizes + 24
     lower, no, transposed, one, minus = blas.lower, blas.no, blas.transposed, blas.one, blas.minus
     beta = one if has_children else blas.zero
     for p in range(first_panel[s], first_panel[s + 1]):
@@ -157,22 +174,71 @@ def _eliminate(
         numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
         at = base + wide * panels[p]
         under = at + wide * columns
-        call(blas.potrf, (lower, p_width, at, p_height, p_info))
+        begin = first[s] * block + above
+        if signs.size == 0:
+            call(blas.potrf, (lower, p_width, at, p_height, p_info))
+        else:
+            numbers[3], numbers[6] = _signed_block(values, panels[p], columns, rows, signs, begin), 1
         if numbers[3] != 0:
-            return int(first[s] * block + above + numbers[3] - 1)
+            return int(begin + numbers[3] - 1)
         if rows == columns:
             continue
         call(blas.trsm, (blas.right, lower, transposed, no, p_rest, p_width, one, at, p_height, under, p_height))
+        negative = 0 if signs.size == 0 else _flip(values, panels[p], columns, rows, signs, begin)
         for q in range(p + 1, first_panel[s + 1]):
             numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
             factors = (under, p_height, under, p_height, one, base + wide * panels[q], p_rest)
             call(blas.gemm, (no, transposed, p_rest, p_columns, p_width, minus, *factors))
+            for k in range(columns if negative else 0):  # those of negative pivots are added: twice, to what was taken
+                for _ in range(2 if signs[begin + k] < 0.0 else 0):
+                    own = under + wide * k * rows
+                    call(
+                        blas.gemm,
+                        (no, transposed, p_rest, p_columns, p_single, one, own, p_height, own, p_height, *factors[4:]),
+                    )
             under += wide * PANEL
         if below > 0:
             under = at + wide * (rows - below)
-            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, base + wide * update, p_below))
+            target = base + wide * update
+            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, target, p_below))
             beta = one
+            for k in range(columns if negative else 0):
+                for _ in range(2 if signs[begin + k] < 0.0 else 0):
+                    own = under + wide * k * rows
+                    call(blas.syrk, (lower, no, p_below, p_single, one, own, p_height, one, target, p_below))
     return -1
+
+
+@njit
+def _signed_block(values: Array, at: int, columns: int, height: int, signs: Array, begin: int) -> int:
+    """Factorise a diagonal block as ``L S L^T``; returns 0, or the number of the pivot that is zero or no number."""
+    for k in range(columns):
+        own = at + k * height
+        pivot = values[own + k]
+        if not 0.0 < abs(pivot) < np.inf:
+            return k + 1
+        signs[begin + k] = 1.0 if pivot > 0.0 else -1.0
+        root = np.sqrt(abs(pivot))
+        values[own + k] = root
+        for i in range(k + 1, columns):
+            values[own + i] *= signs[begin + k] / root
+        for j in range(k + 1, columns):
+            factor, start, under = signs[begin + k] * values[own + j], np.uintp(at + j * height + j), np.uintp(own + j)
+            for i in range(np.uintp(columns - j)):
+                values[start + i] -= factor * values[under + i]
+    return 0
+
+
+@njit
+def _flip(values: Array, at: int, columns: int, height: int, signs: Array, begin: int) -> int:
+    """Give what is below a diagonal block, which is ``L S`` there, the signs of L; returns the negative pivots."""
+    negative = 0
+    for k in range(columns):
+        if signs[begin + k] < 0.0:
+            negative += 1
+            for i in range(columns, height):
+                values[at + k * height + i] *= -1.0
+    return negative
 
 
 @njit

@@ -9,6 +9,7 @@ well enough for Newton directions.
 
 from __future__ import annotations
 
+import functools
 from typing import Any, final
 
 import numpy as np
@@ -207,10 +208,7 @@ class ProfileAnalysis:
         place = np.empty_like(self.order)
         place[self.order] = np.arange(self.order.size)
         self.position = (self.block * place[:, None] + np.arange(self.block)).ravel()
-        entries = sps.coo_array(matrix)
-        self._places = self.places(*(self.position[side.astype(np.int64)] for side in (entries.row, entries.col)))
-        padded = np.arange(self.size, 3 * self.first.size)  # unknowns of their own, up to a whole block
-        self._padded = self.places(padded, padded)
+        self._pattern = matrix.indptr, matrix.indices
 
     @property
     def entries(self) -> int:
@@ -227,6 +225,14 @@ class ProfileAnalysis:
         places = self.starts[i // 3] + i % 3 * self.strides[i // 3] + j - self.first[i // 3]
         return np.asarray(np.where(j // 3 <= i // 3, places, -1))
 
+    @functools.cached_property
+    def _filled(self) -> tuple[Index, Index]:
+        """Places of a matrix's entries, and of unknowns of their own that fill up the last block."""
+        starts, rows = self._pattern
+        columns = np.repeat(self.position, np.diff(starts))
+        padded = np.arange(self.size, 3 * self.first.size)
+        return self.places(self.position[rows], columns), self.places(padded, padded)
+
     def workspace(self) -> tuple[Array, Array]:
         """Room for the numbers of diagonal blocks and for pivots that :func:`factorise` fills."""
         return np.empty((self.first.size, 3)), np.empty(3 * self.first.size + LANES)
@@ -239,9 +245,9 @@ class ProfileAnalysis:
         SolverError
             Where a pivot is zero, or an entry not finite.
         """
-        values = np.zeros(self.entries)
-        values[self._places] = matrix.data  # what lies above the diagonal blocks goes to the last place of all
-        values[self._padded] = 1.0
+        values, (places, padded) = np.zeros(self.entries), self._filled
+        values[places] = matrix.data  # what lies above the diagonal blocks goes to the last place of all
+        values[padded] = 1.0
         rest = self.workspace()
         negative = factorise(values, self.first, self.starts, *rest)
         if negative < 0:
@@ -263,10 +269,6 @@ class ProfileFactor:
     def __init__(self, analysis: ProfileAnalysis, factor: tuple[Array, Array, Array], negative: int) -> None:
         self.negative = negative
         self._analysis, self._factor = analysis, factor
-
-    def is_definite(self) -> bool:
-        """Whether the matrix is positive definite."""
-        return self.negative == 0
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""

@@ -20,8 +20,10 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 
 
 @njit(**_options)
-def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides, 1 or as many as a register holds.
+def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any, flips: Any) -> None:
+    """Solve ``L S L^T x = b`` in place for permuted right sides, 1 or as many as a register holds.
+
+    S is the identity but for the unknowns ``flips``, where it is -1.
 
     ``x`` (N sides,) has those of one unknown side by side; ``work`` has room for the rows of a panel, and a register.
     """
@@ -45,6 +47,7 @@ def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any) -> None:
             row = rows[row_starts[s] + e] * size
             for i in range(size):
                 x[row + i] += work[e * size + i]
+    _negate(x, flips, sides)
     for s in range(count - 1, -1, -1):
         own, height = first[s + 1] - first[s], row_ends[s] - row_starts[s]
         start = first[s] * size
@@ -60,6 +63,14 @@ def solve(values: Any, panels: Panels, x: Any, sides: int, work: Any) -> None:
             _substitute_many(values, begins[s], own * block, height * block, work)
         for i in range(own * size):
             x[start + i] = work[i]
+
+
+@njit(**_options)
+def _negate(x: Any, flips: Any, sides: int) -> None:
+    """Change the sign of some unknowns."""
+    for f in flips:
+        for i in range(f * sides, (f + 1) * sides):
+            x[i] = -x[i]
 
 
 @njit(**_options)

@@ -117,7 +117,7 @@ class CoarseBars:
 
     def __init__(self, coarse: CoarseDiscreteShell) -> None:
         self.coarse = coarse
-        self._estimator = ErrorEstimator(coarse.coarse.shell, repeated=True)
+        self._estimator = ErrorEstimator(coarse.coarse.shell)
 
     def bar(self, positions: ArrayLike, loading: Loading, *, walk: bool = False) -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m]; loads that change act as they are there.

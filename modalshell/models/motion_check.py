@@ -103,7 +103,7 @@ class MotionCheck:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse = coarse
-        self._estimator = ErrorEstimator(shell if coarse is None else coarse.coarse.shell, repeated=True)
+        self._estimator = ErrorEstimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""

@@ -1,8 +1,9 @@
 """Sparse factorisation of symmetric matrices, by the fastest suitable back end.
 
-Positive definite matrices of some size go to the multifrontal Cholesky factorisation of :mod:`modalshell.linalg`, small
-ones and indefinite ones to SciPy's SuperLU. PARDISO was as fast (within 15 % from 7,500 to 300,000 unknowns, its solves
-half as fast) and CHOLMOD has no wheels, so that neither is worth a dependency.
+Small and slender matrices go to the profile factorisation of :mod:`modalshell.linalg`, other positive definite ones to
+its multifrontal Cholesky factorisation, and what is left to SciPy's SuperLU. PARDISO was as fast as Cholesky (within
+15 % from 7,500 to 300,000 unknowns, its solves half as fast) and CHOLMOD has no wheels, so that neither is worth a
+dependency.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from modalshell.linalg import (
 from modalshell.linalg.cholesky import block_graph
 from modalshell.linalg.ordering import minimum_degree
 
-Use = Literal["solve", "refactor", "repeat"]
-"""Whether one factor serves many solves, or one pattern many factors, or enough to compile for small ones."""
+Use = Literal["solve", "refactor"]
+"""Whether one factor serves many solves, or one pattern many factors."""
 
 
 class Factor(ABC):
@@ -219,20 +220,19 @@ class _Cholesky(Factor):
         return found if served else None
 
 
-class _Profile(Factor):
-    """``L D L^T`` in profile storage, with pivots in their order, whatever their sign."""
+class _Signed(Factor):
+    """A factor whose pivots were taken in their order, whatever their sign: profile, or multifrontal."""
 
-    backend = "profile"
-
-    def __init__(self, factor: ProfileFactor) -> None:
+    def __init__(self, factor: ProfileFactor | BlockCholesky) -> None:
         self._factor = factor
+        self.backend = "profile" if isinstance(factor, ProfileFactor) else "cholesky"
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
 
     def is_definite(self) -> bool:
         """Whether all pivots are positive."""
-        return self._factor.is_definite()
+        return self._factor.negative == 0
 
     def negative_eigenvalues(self) -> int:
         """Number of negative pivots."""
@@ -242,17 +242,22 @@ class _Profile(Factor):
 BACKENDS = ("cholesky", "superlu")
 """Names of the factorisations: multifrontal Cholesky of positive definite matrices, and SciPy's SuperLU."""
 
-_SLENDER = 1e7
-"""Multiplications of a profile factorisation up to which its solves, too, are no dearer than SuperLU's."""
+_ROUGH = 1e7
+"""Multiplications of a profile factorisation from which a rough multifrontal one and conjugate gradients are faster."""
+_SLENDER = 1e8
+"""The same for a multifrontal factorisation in double precision, and a solve with it."""
+_LONG = 20_000
+"""Unknowns up to which definite matrices may be so slender that it pays to look for their profile."""
 _SMALL = 2000
-"""Unknowns below which SuperLU is taken: it needs no compilation, and its factors take less than 15 ms."""
+"""Unknowns below which SuperLU makes a single factor for many solves: its own are as fast, and need no compilation."""
 
 
 def told_factorisations() -> str:
     """Which factorisation takes which matrices, and why."""
     return (
-        f"cholesky (multifrontal, our own) from {_SMALL:,} unknowns on, 4 to 6 times as fast; superlu (SciPy) "
-        "below, where compilation would not pay, and for matrices that are not positive definite"
+        f"profile (our own) up to {_SLENDER / 1e6:.0f} million multiplications, 7 to 10 times as fast as superlu; "
+        "cholesky (multifrontal, our own) above, 4 to 7 times. Of single factors: cholesky from "
+        f"{_SMALL:,} unknowns on, superlu (SciPy) below. Superlu also takes matrices whose pivots vanish"
     )
 
 
@@ -262,10 +267,10 @@ class Factoriser:
     Parameters
     ----------
     backend : {"cholesky", "superlu"}, optional
-        Without it, Cholesky from 2,000 unknowns on and SuperLU below.
-    use : {"solve", "refactor", "repeat"}
-        Whether one factor serves many solves, or one pattern many factors; or enough of them that small and slender
-        matrices are worth the compilation of a profile factorisation, which takes a tenth of SuperLU's time.
+        Without it, by the work: a profile factorisation where the matrix is small or slender, else Cholesky.
+    use : {"solve", "refactor"}
+        Whether one factor serves many solves, or one pattern many factors. For the former SuperLU stands in for the
+        profile factorisation, below 2,000 unknowns.
 
     Raises
     ------
@@ -285,13 +290,14 @@ class Factoriser:
     def definite(self, matrix: sps.csc_array) -> Factor:
         """Factor of a positive definite matrix (both triangles stored); SolverError if it proves not to be.
 
-        SuperLU accepts other matrices silently: check the factor's ``is_definite`` if that matters.
+        SuperLU and profile factors accept other matrices silently: check ``is_definite`` if that matters.
         """
         _check_finite(matrix)
-        if self._takes_superlu(matrix):
-            return self._superlu(matrix)
         count_factorisation(matrix.shape[0])
-        return _Cholesky(self._analysed(matrix).factorise(matrix))
+        way = self._way(matrix)
+        if way == "cholesky":
+            return _Cholesky(self._analysed(matrix).factorise(matrix))
+        return self._superlu(matrix) if way == "superlu" else self._by_profile(matrix)
 
     def rough(self, matrix: sps.csc_array) -> Factor | None:
         """Factor of a positive definite matrix in single precision, for conjugate gradients; None if there is none.
@@ -300,7 +306,7 @@ class Factoriser:
         eigenvalues are lost in the rounding of the largest.
         """
         _check_finite(matrix)
-        if self._takes_superlu(matrix):
+        if self._way(matrix, _ROUGH) != "cholesky":
             return None
         count_factorisation(matrix.shape[0])
         try:
@@ -318,7 +324,11 @@ class Factoriser:
         try:
             return self.definite(matrix)
         except NotPositiveDefiniteError:
-            return self._superlu(matrix)
+            count_factorisation(matrix.shape[0])
+            try:
+                return _Signed(self._analysed(matrix).factorise(matrix, signed=True))
+            except NotPositiveDefiniteError:  # a pivot vanishes: SuperLU looks for another one off the diagonal
+                return self._superlu(matrix)
 
     def general(self, matrix: sps.csc_array) -> Factor:
         """Factor of a matrix that need not be symmetric; SolverError if it is singular."""
@@ -326,15 +336,26 @@ class Factoriser:
         count_factorisation(matrix.shape[0])
         return _GeneralLU(matrix)
 
-    def _takes_superlu(self, matrix: sps.csc_array) -> bool:
-        return self.backend == "superlu" or (self.backend is None and matrix.shape[0] < _SMALL)
+    def _way(self, matrix: sps.csc_array, slender: float = _SLENDER) -> str:
+        """Which factorisation takes a positive definite matrix; a profile one up to ``slender`` multiplications."""
+        size = matrix.shape[0]
+        if self.backend is not None:
+            return self.backend
+        if self._use == "solve":
+            return "superlu" if size < _SMALL else "cholesky"
+        if size > _LONG:
+            return "cholesky"
+        self._profile = self._profile or ProfileAnalysis(matrix)
+        return "profile" if self._profile.products <= slender else "cholesky"
+
+    def _by_profile(self, matrix: sps.csc_array) -> Factor:
+        assert self._profile is not None
+        try:
+            return _Signed(self._profile.factorise(matrix))
+        except SolverError:  # as above
+            return self._superlu(matrix)
 
     def _superlu(self, matrix: sps.csc_array) -> Factor:
-        count_factorisation(matrix.shape[0])
-        if self._use == "repeat" and matrix.shape[0] < _SMALL:
-            self._profile = self._profile or ProfileAnalysis(matrix)
-            if self._profile.products <= _SLENDER:
-                return _Profile(self._profile.factorise(matrix))
         if self._use != "solve" and self._ordering is None:
             self._ordering = _Ordering.of(matrix)
         return _SuperLU(matrix, self._ordering)

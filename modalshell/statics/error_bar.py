@@ -133,8 +133,6 @@ class Estimator(ABC):
     ----------
     shell : Shell
         A shell that its supports hold.
-    repeated : bool
-        Whether many bars are to be found: small shells then take a factorisation that must be compiled once.
 
     Attributes
     ----------
@@ -144,11 +142,11 @@ class Estimator(ABC):
         What the last bar has left for bars of quantities.
     """
 
-    def __init__(self, shell: Shell, *, repeated: bool = False) -> None:
+    def __init__(self, shell: Shell) -> None:
         self.shell, self.origin = shell.centred()
         self.costs = Timings()
         self.last: LastStep | None = None
-        self._factoriser = Factoriser(use="repeat" if repeated else "refactor")
+        self._factoriser = Factoriser()
 
     def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""

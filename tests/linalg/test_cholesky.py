@@ -212,3 +212,32 @@ def test_supernodes_wider_than_a_panel_keep_no_rows_above_it(block):
     with pytest.raises(NotPositiveDefiniteError) as caught:
         analysis.factorise(matrix)
     assert caught.value.unknown == last
+
+
+@pytest.mark.parametrize("negative", [0, 1, 5, 60])
+@pytest.mark.parametrize("block", [1, 3])
+def test_signed_factors_solve_with_indefinite_matrices(block, negative):
+    """Supernodes of several panels among them: the signs are those of the eigenvalues, the solutions those asked."""
+    rng = np.random.default_rng(negative)
+    clusters, wide = sps.diags_array(np.ones((7, 12)), offsets=range(-3, 4), shape=(12, 12)), np.ones((36, 36))
+    matrix = sps.csc_array(sps.kron(clusters, wide))
+    values = sps.csc_array((rng.standard_normal(matrix.nnz), matrix.indices, matrix.indptr), matrix.shape)
+    matrix = sps.csc_array(values + values.T)
+    diagonal = np.asarray(abs(matrix).sum(axis=0)).ravel() + 1.0
+    diagonal[rng.choice(diagonal.size, negative, replace=False)] *= -1.0
+    matrix.setdiag(diagonal)
+    if block == 1:  # the same in another pattern: one unknown has neighbours that the others of its block have not
+        matrix = sps.csc_array(sps.block_diag([matrix, np.eye(1)]))
+    analysis = CholeskyAnalysis(matrix)
+    assert analysis.block == block
+    assert np.diff(analysis._supernodes.first_panel).max() > 1
+    factor, expected = analysis.factorise(matrix, signed=True), rng.standard_normal((matrix.shape[0], 9))
+    assert factor.negative == negative == (np.linalg.eigvalsh(matrix.toarray()) < 0.0).sum()
+    for some in (expected, expected[:, 0]):
+        np.testing.assert_allclose(factor.solve(matrix @ some), some, rtol=0, atol=1e-10)
+    if negative:
+        with pytest.raises(NotPositiveDefiniteError):
+            analysis.factorise(matrix)
+    matrix.data[:] = 0.0
+    with pytest.raises(NotPositiveDefiniteError):
+        analysis.factorise(matrix, signed=True)

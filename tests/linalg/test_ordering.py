@@ -1,6 +1,7 @@
 """Elimination orders: nested dissection against minimum degree."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.sparse.csgraph import maximum_flow
 
 import modalshell as ms
 from modalshell.linalg import CholeskyAnalysis, ProfileAnalysis, block_graph
-from modalshell.linalg.analysis import unsymmetric
+from modalshell.linalg.cholesky import symmetric_block_graph
 from modalshell.linalg.dissection import dissect, minimum_separator
 from modalshell.linalg.ordering import best_elimination, eliminated, minimum_degree, nested_dissection, row_lists
 
@@ -111,7 +112,12 @@ def test_symmetry_of_a_pattern_is_found(size, edges, seed):
     graph.sum_duplicates()
     dense = graph.toarray() != 0
     wrong = np.flatnonzero((dense != dense.T).any(axis=1))
-    assert unsymmetric(*row_lists(graph)) in (wrong if wrong.size else [-1])
+    if not wrong.size:
+        symmetric_block_graph(sps.csc_array(graph))
+        return
+    with pytest.raises(ValueError, match="symmetric pattern") as refusal:
+        symmetric_block_graph(sps.csc_array(graph))
+    assert int(re.search(r"row (\d+)", str(refusal.value))[1]) in wrong
 
 
 def test_a_matrix_with_an_entry_twice_is_refused():

@@ -68,7 +68,6 @@ def test_negative_eigenvalues_are_counted(size, share, seed, block):
     shifted = sps.csc_array(matrix - shift * sps.eye_array(matrix.shape[0]))
     factor = factorised(shifted)
     assert factor.negative == count
-    assert factor.is_definite() == (count == 0)
     right_side = rng.standard_normal(matrix.shape[0])
     np.testing.assert_allclose(shifted @ factor.solve(right_side), right_side, atol=1e-6)
 

@@ -25,11 +25,48 @@ def tangent(squeeze):
 
 
 @pytest.mark.parametrize(("size", "backend"), [(1999, "superlu"), (2000, "cholesky")])
-def test_the_size_decides_on_the_factorisation(size, backend):
+def test_the_size_decides_on_a_single_factorisation(size, backend):
     matrix = sps.csc_array(sps.eye_array(size))
-    assert Factoriser().definite(matrix).backend == backend
+    assert Factoriser(use="solve").definite(matrix).backend == backend
     matrix.data[7] = -1.0
-    assert Factoriser().symmetric(matrix).backend == "superlu"
+    assert Factoriser(use="solve").symmetric(matrix).backend == backend
+
+
+def banded(size, width):
+    return sps.csc_array(
+        sps.diags_array(np.ones((2 * width + 1, size)), offsets=range(-width, width + 1), shape=2 * (size,))
+    )
+
+
+@pytest.mark.parametrize(
+    ("size", "width", "rough", "definite", "indefinite"),
+    [
+        (3000, 20, False, "profile", "profile"),
+        (3000, 120, True, "profile", "profile"),
+        (3000, 300, True, "cholesky", "cholesky"),
+        (20_001, 1, True, "cholesky", "cholesky"),
+    ],
+)
+def test_the_work_decides_on_repeated_factorisations(size, width, rough, definite, indefinite):
+    """By the band: a matrix of as many unknowns is small or large."""
+    matrix, factoriser = banded(size, width), Factoriser()
+    matrix.setdiag(2.0 * width + 2.0)
+    assert (factoriser.rough(matrix) is not None) == rough
+    assert factoriser.definite(matrix).backend == definite
+    matrix.setdiag(np.where(np.arange(size) == 7, -1.0, 2.0 * width + 2.0))
+    factor, expected = factoriser.symmetric(matrix), np.ones(size)
+    assert factor.backend == indefinite
+    assert not factor.is_definite()
+    assert factor.negative_eigenvalues() == 1
+    np.testing.assert_allclose(factor.solve(matrix @ expected), expected, rtol=0, atol=1e-10)
+
+
+def test_a_vanishing_pivot_is_passed_round():
+    """A regular matrix whose first pivots in place are zero: SuperLU finds others."""
+    matrix = sps.csc_array((np.array([0.0, 1.0, 1.0, 0.0]), np.array([0, 1, 0, 1]), np.array([0, 2, 4])))
+    factor = Factoriser().symmetric(matrix)
+    assert not factor.is_definite()
+    np.testing.assert_allclose(factor.solve(np.array([1.0, 2.0])), [2.0, 1.0], rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
