@@ -231,5 +231,13 @@ def test_axes_turn_with_the_mesh(make):
     assert turned.axes == pytest.approx(mesh.axes @ turn.T, abs=1e-12)
 
 
+def test_vertices_in_one_place_show_no_axis():
+    """The second vertex is where the first one is, of another sheet."""
+    vertices = np.vstack([TETRAHEDRON[:3], TETRAHEDRON[:3]])[[0, 3, 1, 2, 4, 5]]
+    with pytest.warns(ModalShellWarning):
+        mesh = TriangleMesh(vertices, [[0, 2, 3], [1, 4, 5]])
+    np.testing.assert_array_equal(mesh.axes, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+
 def test_axes_of_a_flat_sheet_are_those_of_the_world():
     np.testing.assert_array_equal(sheet().axes, np.eye(3))
