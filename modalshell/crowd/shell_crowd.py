@@ -25,7 +25,7 @@ from modalshell.crowd.flock import MOST
 from modalshell.crowd.free_instances import FreeInstances
 from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal.exponential import VIOLENT
-from modalshell.integrators.modal.flow import Flow, turning_flow, twice
+from modalshell.integrators.modal.flow import Flow, hardly_followed, turning_flow
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.modes import Basis
@@ -106,8 +106,9 @@ class ShellCrowd(ABC):
         missed = c.a2 * change
         self.coordinates, self.rates = ahead + missed, rates + c.b2 * change
         violent = np.einsum("bm,bm->b", missed, missed) > self._violent
-        if twice(self.basis.eigenvalues, dt):
-            violent[:] = True
+        if (stiff := hardly_followed(self.basis.eigenvalues, dt)) < np.inf:
+            elastic = pushed[:, self.basis.eigenvalues > 0.0]
+            violent |= np.einsum("bm,bm->b", elastic, elastic) > self._violent * stiff**2
         if violent.any():
             pushed = np.where(violent[:, None], force(self.coordinates, self.rates), pushed)
         if self.free is not None:

@@ -23,6 +23,9 @@ from modalshell.mesh.topology import (
 )
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 
+_APART = 1e-3
+"""Distance of vertices, as a share of the largest one, below which they show no direction."""
+
 
 class TriangleMesh(ReadOnlyArrays, Drawn):
     """An immutable, validated triangle mesh: sheets of consistent winding, with or without boundary.
@@ -183,6 +186,24 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
     def size(self) -> float:
         """Largest extent along an axis at rest [m]."""
         return float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Rows (3, 3) of axes that turn with the mesh: the last is its mean normal, or that of its first face.
+
+        The second points from the first vertex to the next one that is not all but there, nor all but along the normal.
+        What is drawn at random along these axes, or decided by them, is the same for a mesh that is turned.
+        """
+        normal, away = self._twice_area_vectors.sum(axis=0), self.vertices[1:] - self.vertices[0]
+        if np.linalg.norm(normal) < 0.5 * self.area:
+            normal = self.face_normals[0]
+        normal = normal / np.linalg.norm(normal)
+        flat = away - np.outer(away @ normal, normal)
+        lengths = np.linalg.norm(away, axis=1)
+        shares = np.linalg.norm(flat, axis=1) / np.maximum(lengths, _APART * lengths.max())
+        across = flat[np.argmax(shares >= 0.5 * shares.max())]
+        across = across / np.linalg.norm(across)
+        return read_only(np.stack([np.cross(across, normal), across, normal]))
 
     @cached_property
     def boundary_vertices(self) -> IntArray:

@@ -27,6 +27,8 @@ _FEATURES = 96
 """Principal components of the candidates' F - I that the sampled triangles must determine."""
 _RESOLVED = 1e-7
 """Size of a principal component, relative to the first, below which it is rounding."""
+_FALLING, _UNBENT = 0.5, 1e-6
+"""Turn [rad] to train on where loads bend no part without supports, and the largest one that counts as none."""
 _MIXED = 1.5
 """Largest factor of a coordinate in a mixture of training."""
 
@@ -59,14 +61,15 @@ class ReducedRotationStrain(TurnedTriangles):
     the mass. The triangles, and the linear map from their ``F - I`` without its linear part to z, are found by
     empirical interpolation with pivoted QR [drmac2016] among candidates drawn by area. For small q the model is exact;
     elsewhere it is as good as its training is near: coordinates far outside are extrapolated, which ``training_error``
-    does not show. The force is the exact gradient of the load's work on the reduced displacements.
+    does not show. The force is the exact gradient of the load's work on the reduced displacements. Parts without
+    supports fly in frames of their own, and are trained on their shapes in these.
 
     Parameters
     ----------
     model : RotationStrain
-        The full model, of a shell that its supports hold.
+        The full model.
     coordinates : array_like, shape (s, m)
-        Modal coordinates to train on, s of at least ``rank``.
+        Modal coordinates to train on, s of at least ``rank``; those of rigid modes do not count.
     rank : int
         Columns of U. Positions cost a product with a (3n, m + rank) matrix.
     samples : int
@@ -83,7 +86,7 @@ class ReducedRotationStrain(TurnedTriangles):
     Raises
     ------
     OptionError
-        If the shell has rigid modes, or ``coordinates`` or ``rank`` are not as above.
+        If supports leave a part rigid modes, or ``coordinates`` or ``rank`` are not as above.
     """
 
     name = "reduced RSW"
@@ -94,7 +97,8 @@ class ReducedRotationStrain(TurnedTriangles):
         rank = checked_count("rank", rank)
         most = checked_count("samples", samples, at_most=TILE)
         given = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
-        _check_held(basis)
+        _check_frames(model)
+        given = np.where(basis.eigenvalues > 0.0, given, 0.0)
         if len(given) < rank:
             raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(given)})")
         if np.abs(given).max() < 1.0 / LARGEST:
@@ -152,7 +156,8 @@ class ReducedRotationStrain(TurnedTriangles):
         model : RotationStrain
             The full model.
         gravities : array_like, shape (k, 3), optional
-            Accelerations [m/s^2] whose static solutions are trained on: the expected range of loads.
+            Accelerations [m/s^2] whose static solutions are trained on: the expected range of loads. Where none bends
+            the shell, as it falls, training is on random coordinates that turn parts of it by half a radian.
         loads : array_like, shape (k, n, 3), optional
             The same as forces on the vertices [N]; one of both must be there.
         mixtures : int
@@ -171,7 +176,7 @@ class ReducedRotationStrain(TurnedTriangles):
         OptionError
             If neither or both of ``gravities`` and ``loads`` are given, or a number is out of range.
         """
-        _check_held(checked_kind("model", model, RotationStrain).basis)
+        _check_frames(checked_kind("model", model, RotationStrain))
         if (gravities is None) == (loads is None):
             raise OptionError("training takes either gravities or loads, and not both")
         rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
@@ -188,10 +193,14 @@ class ReducedRotationStrain(TurnedTriangles):
         answers = np.array([model.equilibrium(force=force).coordinates for force in forces])
         factors = rng.uniform(-_MIXED, _MIXED, (checked_count("mixtures", mixtures), *answers.shape))
         mixed = factors * answers
-        if checked_number("aside", aside, at_least=0.0) > 0.0:
-            root = np.sqrt(model.basis.eigenvalues)
-            sizes = np.linalg.norm(answers * root, axis=1)[:, None] / root
-            mixed += aside * sizes * rng.standard_normal(factors.shape)
+        aside = checked_number("aside", aside, at_least=0.0)
+        rigid = model.basis.rigid_modes
+        if rigid and max(map(model.largest_turn, answers)) < _UNBENT:  # uniform gravity bends no shell that falls
+            mixed[:, :, rigid:] = _turning(model) * rng.standard_normal(mixed[:, :, rigid:].shape)
+        elif aside > 0.0:
+            root = np.sqrt(model.basis.eigenvalues[rigid:])
+            sizes = np.linalg.norm(answers[:, rigid:] * root, axis=1)[:, None] / root
+            mixed[:, :, rigid:] += aside * sizes * rng.standard_normal(mixed[:, :, rigid:].shape)
         return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank, samples=samples)
 
     def on_page(self) -> ReducedWarp:
@@ -232,11 +241,11 @@ class ReducedRotationStrain(TurnedTriangles):
 
 def principal(snapshots: Array, count: int) -> tuple[Array, Array]:
     """Coordinates (s, k) and orthonormal components (k, N) of snapshots (s, N): ``count`` of them, if there are."""
-    squares, weights = np.linalg.eigh(snapshots @ snapshots.T)
-    squares, weights = squares[::-1][:count], weights[:, ::-1][:, :count]
-    kept = squares > _RESOLVED**2 * max(squares[0], np.finfo(float).tiny)
-    lengths, weights = np.sqrt(squares[kept]), weights[:, kept]
-    return weights * lengths, (weights / lengths).T @ snapshots
+    # Not by the squares of the snapshots, in which the last components drown in rounding.
+    weights, lengths, _ = scipy.linalg.svd(snapshots, full_matrices=False)
+    kept = int(np.count_nonzero(lengths[:count] > _RESOLVED * max(lengths[0], np.finfo(float).tiny)))
+    weights, lengths = weights[:, :kept], lengths[:kept]
+    return weights * lengths, (weights / lengths).T @ snapshots  # zero where all snapshots are
 
 
 def candidates(areas: Array) -> Index:
@@ -274,9 +283,21 @@ def deformations(modal: Array, q: Array) -> Array:
     return out.ravel()
 
 
-def _check_held(basis: Basis) -> None:
-    if basis.rigid_modes:
-        raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
+def _check_frames(model: RotationStrain) -> None:
+    """OptionError where supports leave a part rigid motions: it has no frame, and training knows no large turns."""
+    rigid, frames = model.basis.rigid_modes, model.frames
+    own = 0 if frames is None else 6 * len(frames.parts)
+    if rigid != own:
+        raise OptionError(
+            f"reduced RSW needs parts that their supports hold, or that have none and all six rigid modes (got {rigid} "
+            f"rigid modes, {own} of them of such parts): hold more vertices, or take RSW"
+        )
+
+
+def _turning(model: RotationStrain) -> Array:
+    """Sizes (e,) of the elastic coordinates that together turn a triangle by about :data:`_FALLING`."""
+    units = np.eye(model.basis.count)[model.basis.rigid_modes :]
+    return _FALLING / np.sqrt(len(units)) / np.array([model.largest_turn(unit) for unit in units])
 
 
 def trained_on_loads(

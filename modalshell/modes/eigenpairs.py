@@ -84,7 +84,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             name = solver.factor.backend
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
-        values, vectors, whole = canonical_pairs(values, vectors, elastic)
+        values, vectors, whole = canonical_pairs(shell, values, vectors, elastic)
     data = stiffness()
     parts = _scaled_parts(shell, data)
     scaled, norm = _operator(shell, *parts), float(spla.norm(parts[0], 1)) or 1.0
@@ -275,10 +275,11 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
-def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array, int]:
+def canonical_pairs(shell: Shell, values: Array, vectors: Array, count: int) -> tuple[Array, Array, int]:
     """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs.
 
-    And how many of them are of eigenspaces that ``count`` does not cut.
+    Both are fixed along the mesh's own axes: a shell that is turned has the same modes. And how many of them are of
+    eigenspaces that ``count`` does not cut.
     """
     groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
     fixed = vectors.copy()
@@ -286,17 +287,22 @@ def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, A
         members = np.flatnonzero(groups == group)
         if members.size > 1:
             space = vectors[:, members]
-            probes = np.random.default_rng(1).standard_normal((members.size, vectors.shape[0])).T
-            fixed[:, members], _ = np.linalg.qr(space @ (space.T @ probes))
-    for column in fixed.T:
-        magnitude = np.abs(column)
-        # The first of the nearly largest entries: symmetric modes have several that differ by rounding alone.
-        leading = int(np.argmax(magnitude >= 0.999 * magnitude.max()))
-        if column[leading] < 0:
-            column *= -1.0
+            probes = np.random.default_rng(1).standard_normal((members.size, len(shell.mass), 3)) @ shell.mesh.axes
+            restricted = shell.unknowns.restrict(probes.reshape(members.size, -1).T)
+            fixed[:, members], _ = np.linalg.qr(space @ (space.T @ restricted))
+    fixed *= canonical_signs(shell, shell.unknowns.prolong(fixed))
     cut = count < groups.size and groups[count] == groups[count - 1]
     whole = int(np.argmax(groups == groups[count])) if cut else count
     return values[:count], fixed[:, :count], whole
+
+
+def canonical_signs(shell: Shell, fields: Array) -> Array:
+    """Signs (k,) that make the leading entries of fields (3n, k) positive, along the mesh's own axes."""
+    turned = np.einsum("ij,njk->nik", shell.mesh.axes, fields.reshape(-1, 3, fields.shape[1])).reshape(fields.shape)
+    magnitude = np.abs(turned)
+    # The first of the nearly largest entries: symmetric modes have several that differ by rounding alone.
+    leading = np.argmax(magnitude >= 0.999 * magnitude.max(axis=0), axis=0)
+    return np.where(turned[leading, np.arange(leading.size)] < 0.0, -1.0, 1.0)
 
 
 def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:

@@ -116,7 +116,7 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
         if not solver.factor.is_definite():
             raise unstable
         values, vectors = lanczos_pairs(solver, root, none, wanted)
-    values, vectors, whole = canonical_pairs(values, vectors, count)
+    values, vectors, whole = canonical_pairs(shell, values, vectors, count)
     modes = np.asarray(unknowns.prolong(vectors / root[:, None]))
     finite_answer("the modes", values, modes)
     return LoadedModes(shell, read_only(x.copy()), read_only(values.copy()), read_only(modes)), whole
@@ -154,6 +154,6 @@ def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[
     # Real ones, as the largest entry is.
     vectors = np.stack([(one / one[np.argmax(np.abs(one))]).real for one in vectors.T], axis=1)
     vectors /= np.linalg.norm(vectors, axis=0)
-    found = canonical_pairs(1.0 / inverses.real, vectors, count)
+    found = canonical_pairs(shell, 1.0 / inverses.real, vectors, count)
     finite_answer("the modes", *found[:2])
     return found

@@ -152,9 +152,9 @@ const kept = new Float64Array(m), pushed = new Float64Array(m);  // modal forces
 let known = false, flow = {};
 function flowOf(h, xi, zeta, turning) {  // of every mode: q, v after a step from q, v, the kept force and its change
   const outrun = (stiffness, count) => h * h * stiffness > (1 + 1e-6) * (2 * Math.PI / count) ** 2;
-  const twice = turning && lambda.some(stiffness => outrun(stiffness, 4) && !outrun(stiffness, 3)), share = twice ? 1 : 0.5;
+  const hardly = lambda.filter(stiffness => turning && outrun(stiffness, 4) && !outrun(stiffness, 3)), share = hardly.length ? 1 : 0.5;
   if (flow.h !== h || flow.xi !== xi || flow.zeta !== zeta || flow.turning !== turning)
-    flow = {h, xi, zeta, turning, twice, modes: lambda.map(stiffness => {
+    flow = {h, xi, zeta, turning, stiff: Math.min(...hardly), modes: lambda.map(stiffness => {
       const c = xi + zeta * stiffness, x = h * h * stiffness, y = h * c;
       if (turning && outrun(stiffness, 3)) {  // implicit Euler: forces that turn feed unresolved modes
         const whole = 1 + y + x, push = h / whole;
@@ -181,7 +181,8 @@ function step() {  // the exponential rule [hochbruck2010]
     q[k] += modes[k][3] * change; v[k] += modes[k][7] * change;
     missed += (modes[k][3] * change) ** 2;
   }
-  if (flow.twice || missed > live.violent) modalForce(free ? turnedBack(q.slice(), live.dt) : q, pushed);
+  const strong = pushed.reduce((sum, push, k) => lambda[k] > 0 && k < state.count ? sum + push * push : sum, 0);
+  if (missed > live.violent || strong > live.violent * flow.stiff ** 2) modalForce(free ? turnedBack(q.slice(), live.dt) : q, pushed);
   if (free) fly(...begin, kept, pushed);
   kept.set(pushed);
   known = true;

@@ -36,20 +36,26 @@ def loaded(basis, count, **options):
     return ms.Crowd(basis, count, damping=(1.0, 1e-3), **options), felt
 
 
+@pytest.mark.parametrize("hardly", [None, 1])
 @pytest.mark.parametrize(("level", "model"), [(1, ms.LinearModal), (2, ms.ModalWarping)])
-def test_a_batch_is_its_single_runs(basis, level, model):
+def test_a_batch_is_its_single_runs(basis, level, model, hardly):
+    """Also where a mode is hardly followed, and some of the loads ask for a second force."""
     crowd, felt = loaded(basis, 5)
     crowd.levels[:] = level
+    dt = 1.0 / 120.0
+    if hardly is not None:
+        dt = 1.0 / (3.5 * basis.frequencies[hardly])
+        felt *= [[1e-3], [1e-2], [0.1], [0.3], [1.0]]
     for _ in range(20):
-        crowd.step(1.0 / 120.0, felt=felt)
+        crowd.step(dt, felt=felt)
     positions = crowd.positions()
     reach = np.abs(positions - basis.shell.rest_positions).max()
     assert reach > 0.01
     for b in range(5):
         single = ms.simulate(
             model(basis, integrator=Exponential(turning=True)),
-            duration=20 / 120,
-            dt=1.0 / 120.0,
+            duration=20 * dt,
+            dt=dt,
             gravity=felt[b],
             damping=(1.0, 1e-3),
         ).positions[-1]

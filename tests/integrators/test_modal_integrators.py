@@ -102,6 +102,22 @@ def test_matrix_takes_any_state_over_a_step(rule):
     )
 
 
+@pytest.mark.parametrize(("push", "count"), [(1e-3, 1), (10.0, 2)])
+@pytest.mark.parametrize("steps", [2.9, 3.5, 4.1])
+def test_forces_that_turn_are_taken_again_where_they_are_large_and_modes_hardly_followed(steps, push, count):
+    """The push is over the stiffness and the size; without a hardly followed mode one force is enough."""
+    rule, stiffness, asked = Exponential(turning=True), np.array([0.0, 1.0, (2.0 * np.pi / steps) ** 2]), []
+
+    def force(*state):
+        asked.append(state)
+        return np.array([1e3, 3e-3 * push * stiffness[2], 0.0])
+
+    state = rule.at_rest(np.zeros(3))
+    for _ in range(5):
+        state = rule.advance(state, force, stiffness, np.zeros(3), 1.0, 1.0)
+    assert len(asked) == 1 + 5 * (count if steps == 3.5 else 1)
+
+
 @pytest.mark.parametrize("rule", [Exponential(), ImplicitEuler(), ImplicitMidpoint()])
 def test_many_motions_step_as_one_by_one(rule):
     q, v = np.random.default_rng(1).standard_normal((2, 4, 5))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import TriangleMesh, flat_beam, sheet, v_beam
@@ -217,3 +218,26 @@ def test_hundred_thousand_vertices_in_time():
     fresh = TriangleMesh(mesh.vertices, mesh.faces)
     assert len(fresh.hinges) > 290_000
     assert time.perf_counter() - start < 3.0  # 0.2 s on a quiet machine
+
+
+@pytest.mark.parametrize(
+    "make", [sheet, v_beam, lambda: TriangleMesh(TETRAHEDRON, OUTWARD)], ids=["flat", "v", "closed"]
+)
+def test_axes_turn_with_the_mesh(make):
+    mesh, turn = make(), Rotation.from_rotvec([0.4, 2.1, -0.7]).as_matrix()
+    turned = TriangleMesh(mesh.vertices @ turn.T + [1.0, 2.0, 3.0], mesh.faces)
+    assert mesh.axes @ mesh.axes.T == pytest.approx(np.eye(3), abs=1e-14)
+    assert np.linalg.det(mesh.axes) == pytest.approx(1.0)
+    assert turned.axes == pytest.approx(mesh.axes @ turn.T, abs=1e-12)
+
+
+def test_vertices_in_one_place_show_no_axis():
+    """The second vertex is where the first one is, of another sheet."""
+    vertices = np.vstack([TETRAHEDRON[:3], TETRAHEDRON[:3]])[[0, 3, 1, 2, 4, 5]]
+    with pytest.warns(ModalShellWarning):
+        mesh = TriangleMesh(vertices, [[0, 2, 3], [1, 4, 5]])
+    np.testing.assert_array_equal(mesh.axes, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+
+def test_axes_of_a_flat_sheet_are_those_of_the_world():
+    np.testing.assert_array_equal(sheet().axes, np.eye(3))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from scenes import PLAIN
+from scipy.spatial.transform import Rotation
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
 from modalshell.core.errors import ModalShellWarning
@@ -222,3 +223,16 @@ def test_free_square_has_its_lame_mode():
         errors.append(abs(basis.eigenvalues[mode] / (2.0 * np.pi**2 * 3.0 / 8.0) - 1.0))
     assert errors[0] < 0.012
     assert errors[1] < 0.7 * errors[0]
+
+
+@pytest.mark.parametrize("count", [2, 6])  # the first cuts a repeated eigenvalue
+def test_modes_turn_with_the_shell(count):
+    mesh, turn = sheet(cells=(8, 8)), Rotation.from_rotvec([0.4, 2.1, -0.7]).as_matrix()
+    edge = np.isin(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
+    still, turned = (
+        solved(Shell(TriangleMesh(vertices, mesh.faces), PLAIN, edge), count)
+        for vertices in (mesh.vertices, mesh.vertices @ turn.T + [1.0, 2.0, 3.0])
+    )
+    assert count == 2 or still.eigenvalues[2] == pytest.approx(still.eigenvalues[1], rel=1e-9)
+    expected = np.einsum("ij,njk->nik", turn, still.modes.reshape(-1, 3, count)).reshape(-1, count)
+    np.testing.assert_allclose(turned.modes, expected, rtol=0, atol=1e-8 * np.abs(expected).max())

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
+from modalshell.models.reduced_rotation_strain import trained_on_loads
 from modalshell.motion.stepping import Motion
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -39,6 +40,7 @@ MAKERS = {
     "MWTS, implicit Euler": lambda shell: ms.ModalWarping(modes_of(shell), integrator="implicit_euler"),
     "consistent MWTS": lambda shell: ms.ModalWarping(modes_of(shell), consistent_force=True),
     "RSW": lambda shell: ms.RotationStrain(modes_of(shell)),
+    "reduced RSW": lambda shell: reduced_about(shell, couple(shell)),
     "rigid": ms.RigidShell,
     "DS": ms.DiscreteShell,
     "DS, BDF2": lambda shell: ms.DiscreteShell(shell, integrator="bdf2"),
@@ -54,6 +56,11 @@ def modes_of(shell, count=14):
     if ("modes", id(shell)) not in KEPT:
         KEPT["modes", id(shell)] = ms.solve_modes(shell, count + 6 * int(shell.mesh.components.max()))
     return KEPT["modes", id(shell)]
+
+
+def reduced_about(shell, load):
+    """Reduced RSW as scenes have it, trained on shares of a load."""
+    return trained_on_loads(modes_of(shell), np.array([share * load for share in (0.2, 0.4, 0.6, 0.8, 1.0)]))
 
 
 @cache
@@ -309,3 +316,23 @@ def test_fast_spin_is_told():
     slow, fast = (spun(model, (0.0, 0.0, share * slowest)) for share in (0.1, 1.0))
     assert model.remark(slow) == ""
     assert "take DS" in model.remark(fast)
+
+
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
+@pytest.mark.parametrize("clamped", [False, True], ids=["both free", "one clamped"])
+def test_a_reduced_warp_flies_and_bends_as_rsw(clamped):
+    mesh = two_sheets().mesh
+    held = clamped & (mesh.components == 0) & (mesh.vertices[:, 0] < 0.2)
+    shell = two_sheets(clamped=held)
+    x, y, _ = (shell.rest_positions - 0.5).T
+    load = np.column_stack([0.0 * x, 0.1 * x, x**2 + y**3]) * 20.0 * shell.mass[:, None]
+    full, reduced = ms.RotationStrain(modes_of(shell)), reduced_about(shell, load)
+    exact, found = (run_of(model, gravity=GRAVITY, force=load).positions for model in (full, reduced))
+    part = slice(len(mesh_of((6, 3)).vertices), None)
+    np.testing.assert_allclose(centres(shell, found, part), centres(shell, exact, part), rtol=0, atol=1e-9)
+    rest = arms_of(shell, shell.rest_positions, part)
+    turns = [Rotation.align_vectors(arms_of(shell, x, part), rest)[0] for x in exact]
+    bends = [np.abs(arms_of(shell, x, part) - turn.apply(rest)).max() for x, turn in zip(exact, turns, strict=True)]
+    swung = clamped * np.abs(exact - shell.rest_positions)[:, : part.start].max()
+    assert max(bends) > 0.02
+    assert np.abs(found - exact).max() < 0.05 * max(*bends, swung)

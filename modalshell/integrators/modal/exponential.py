@@ -9,12 +9,13 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, Step
 from modalshell.integrators.modal.exponential_kernels import correct, predict
-from modalshell.integrators.modal.flow import flow, outrun, turning_flow, twice
+from modalshell.integrators.modal.flow import flow, hardly_followed, outrun, turning_flow
 from modalshell.integrators.state import COST, MotionState
 
 VIOLENT = 3e-3
 """Change of the coordinates within a step by what was not expected of the force, as a share of the shell's size in the
-norm of the mass, from which the force is asked for again."""
+norm of the mass, from which the force is asked for again; so it is where the whole force would move modes that are
+hardly followed by as much, at rest."""
 
 
 @final
@@ -29,7 +30,8 @@ class Exponential(ModalIntegrator, key="exponential"):
     Order two, at one modal force a step, and at a second one, at :math:`q_{n+1}`, where the force changes violently.
     Exact at any step, damping too, under dead modal forces that are piecewise linear in time. Forces that turn with the
     shell would feed modes that steps do not resolve: those of fewer than three steps a period take implicit Euler's
-    coefficients, and die, and where some have three to four, each step takes a second force.
+    coefficients, and die. Where some have three to four, steps under a large force take a second one: under a small one
+    its turning is not felt by modes as stiff.
 
     Parameters
     ----------
@@ -43,7 +45,7 @@ class Exponential(ModalIntegrator, key="exponential"):
     def __init__(self, *, turning: bool = False) -> None:
         self.turning = turning
         self._coefficients = turning_flow if turning else flow
-        self._kept: tuple[Array, Array, float, Array, Array, Array, bool] | None = None
+        self._kept: tuple[Array, Array, float, Array, Array, Array, float] | None = None
 
     def under_turning_forces(self) -> Exponential:
         """The rule whose fast modes take implicit Euler's coefficients."""
@@ -61,7 +63,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         """State after a step."""
         # A state that was not made by the rule is taken for a start.
         q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
-        coefficients, reach, lost, again = self._flow(stiffness, damp, h)
+        coefficients, reach, lost, stiff = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         kept = memory["force"] if last else force(q, v, 0.0)
         ahead, rates, gain, curvature = np.empty((4, q.size))
@@ -72,7 +74,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         missed, *cost = correct(
             coefficients, reach, lost, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
         )
-        if again or missed > (VIOLENT * size) ** 2:
+        if missed > (VIOLENT * size) ** 2 or (stiff < np.inf and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
             pushed = force(ahead, rates, 1.0)
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
@@ -99,18 +101,23 @@ class Exponential(ModalIntegrator, key="exponential"):
         return coefficients[5], coefficients[7]
 
     def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
-        """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``."""
+        """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``.
+
+        Where modes are hardly followed it is that of two forces a step.
+        """
         c, count = self._coefficients(stiffness, damp, h), stiffness.size
         ahead = np.hstack([np.diag(c.e11), np.diag(c.e12), np.diag(c.a1)])
         rates = np.hstack([np.diag(c.e21), np.diag(c.e22), np.diag(c.b1)])
         pushed = slope @ ahead
         change = pushed - np.eye(count, 3 * count, 2 * count)
         ahead = ahead + c.a2[:, None] * change
-        again = self.turning and twice(stiffness, h)
+        again = self.turning and hardly_followed(stiffness, h) < np.inf
         return np.vstack([ahead, rates + c.b2[:, None] * change, slope @ ahead if again else pushed])
 
-    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, bool]:
-        """The coefficients (8, m), errors per curvature of a force and change of rates (m,), whether two forces; kept.
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, float]:
+        """The coefficients (8, m), errors per curvature of a force and change of rates (m,); kept.
+
+        And the least stiffness that is hardly followed, under forces that turn.
 
         A straight force misses ``h^3 p'' / 12`` in the rates. A slow mode keeps that for a while, a stiff one answers a
         force at once, a rigid one moves on. A third of it adds up, as measured: the rest comes and goes, as forces turn
@@ -122,6 +129,12 @@ class Exponential(ModalIntegrator, key="exponential"):
             reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic) / 36.0
             coefficients = np.array(self._coefficients(stiffness, damp, h))
             lost = np.where(outrun(stiffness, h) & self.turning, 0.5 * h, 0.0)
-            again = self.turning and twice(stiffness, h)
-            kept = self._kept = stiffness, damp, h, coefficients, reach, lost, again
+            stiff = hardly_followed(stiffness, h) if self.turning else np.inf
+            kept = self._kept = stiffness, damp, h, coefficients, reach, lost, stiff
         return kept[3:]
+
+
+def _pushes(force: Array, stiffness: Array, most: float) -> bool:
+    """Whether a modal force (m,) on modes that are not rigid is larger than ``most``."""
+    elastic = force[stiffness > 0.0]
+    return bool(elastic @ elastic > most**2)

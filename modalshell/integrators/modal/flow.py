@@ -67,16 +67,16 @@ def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> NDArray[n
     return np.asarray(np.square(h) * stiffness > (1.0 + 1e-6) * (2.0 * np.pi / steps) ** 2)
 
 
-def twice(stiffness: Array, h: ArrayLike) -> bool:
-    """Whether forces that turn are to be taken again at the step's end: some modes are followed with few steps."""
-    return bool((outrun(stiffness, h, FOLLOWED) & ~outrun(stiffness, h)).any())
+def hardly_followed(stiffness: Array, h: ArrayLike) -> float:
+    """Least stiffness [1/s^2] of the modes that are followed with few steps a period; infinite without any."""
+    return float(np.min(stiffness, where=outrun(stiffness, h, FOLLOWED) & ~outrun(stiffness, h), initial=np.inf))
 
 
 def turning_flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     """Coefficients under forces that turn with the shell: those of implicit Euler for modes that steps do not resolve.
 
     Such a mode, of fewer than :data:`RESOLVED` steps a period, would be fed by a force that follows it a step late. The
-    force on it is that of the step's end where this is taken :func:`twice`, else the mean of the step's two.
+    force on it is that of the step's end where others are :func:`hardly_followed`, else the mean of the step's two.
     """
     exact = flow(stiffness, damp, h)
     stiff, drag, step = np.broadcast_arrays(*(np.asarray(part, dtype=np.float64) for part in (stiffness, damp, h)))
@@ -84,7 +84,7 @@ def turning_flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     if not fast.any():
         return exact
     whole = 1.0 + step * drag + step**2 * stiff
-    moved, pushed, share = step**2 / whole, step / whole, 1.0 if twice(stiff, step) else 0.5
+    moved, pushed, share = step**2 / whole, step / whole, 1.0 if hardly_followed(stiff, step) < np.inf else 0.5
     euler = (
         (1.0 + step * drag) / whole, pushed, -stiff * pushed, 1.0 / whole, moved, share * moved, pushed, share * pushed
     )  # fmt: skip

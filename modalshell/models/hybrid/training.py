@@ -48,6 +48,8 @@ _MODES = 32
 """Size of the basis where neither it nor an error is wanted."""
 _LINEAR, _STRESSED = 4, 6
 """Linear modes in the basis, and those whose stresses are assumed."""
+_UNSTRETCHED = 1e-12
+"""Share of a linear mode's energy that is in the membrane, below which it is rounding."""
 _MOST_FRAMES = 900
 """Snapshots at most."""
 _EVEN, _LEAST = 0.5, 1e-3
@@ -197,9 +199,10 @@ def _reduce(measures: Measures, motions: list[Array], modes: int) -> tuple[Train
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
-    lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
-    none = np.zeros_like(rest)
+    linear = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0]
+    lowest, none = linear.modes, np.zeros_like(rest)
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
+    leading[:, np.sum(measures.scaled(leading) ** 2, axis=0) <= _UNSTRETCHED * linear.eigenvalues] = 0.0
     elastic = np.array([measures.state(frame, none) for frame in frames]).T
     rates = np.array([measures.state(x, step) - measures.state(x, none) for x, step in steps]).T
     moves = (frames - rest).reshape(len(frames), -1).T
@@ -218,10 +221,13 @@ def _evened(snapshots: Array, scaled: Array) -> Array:
 
 
 def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
-    """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force."""
+    """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force.
+
+    Directions are drawn along the mesh's own axes.
+    """
     given = load.sum(axis=0)
     size = float(np.linalg.norm(given))
-    random = rng.standard_normal(3)
+    random = rng.standard_normal(3) @ coarse.mesh.axes
     random /= np.linalg.norm(random)
     if size == 0.0:  # a load without a resultant keeps its pattern
         turned = load.copy()

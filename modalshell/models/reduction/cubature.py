@@ -97,7 +97,7 @@ def default_loads(basis: DerivativeBasis) -> list[Array]:
 
     Gravity has a random direction; its size is such that linear modes under the direction that bends the shell most
     turn a vertex by 0.7 or 2.5 rad. Every mode's own load turns a vertex by 0.35 rad times a normal random number over
-    the root of the number of modes. The random numbers are the same every time.
+    the root of the number of modes. The random numbers are the same every time, along the mesh's own axes.
     """
     shell, modes = basis.shell, basis.modes
     mass = np.repeat(shell.mass, 3)
@@ -106,12 +106,12 @@ def default_loads(basis: DerivativeBasis) -> list[Array]:
     def turn(q: Array) -> float:
         return float(np.linalg.norm((modes.rotations @ q).reshape(-1, 3), axis=1).max())
 
-    strongest = max(turn(column / modes.eigenvalues) for column in participation.T)
+    strongest = max(turn(column / modes.eigenvalues) for column in (participation @ shell.mesh.axes.T).T)
     mode_sizes = np.array([1.0 / turn(q) for q in np.eye(modes.count)])
     random = np.random.default_rng(0)
     loads = []
     for index in range(_LOADS):
-        direction = random.standard_normal(3)
+        direction = random.standard_normal(3) @ shell.mesh.axes
         gravity = _GRAVITY_TURNS[index % 2] / strongest * direction / np.linalg.norm(direction)
         q = _MODE_TURN * mode_sizes * random.standard_normal(modes.count) / np.sqrt(modes.count)
         further = mass * (modes.modes @ (modes.eigenvalues * q))
@@ -200,7 +200,10 @@ def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, NewtonResult]])
             poses.append(z)
             sizes.append(factor * float(np.linalg.norm(push / scaling)))
     small = 1e-3 * min(sizes)
-    for direction in np.random.default_rng(0).standard_normal((_PROBES, basis.size)):
+    shell = basis.shell
+    # Fields along the mesh's axes, and not coordinates: a shell that is turned may have others.
+    fields = np.random.default_rng(0).standard_normal((_PROBES, len(shell.mass), 3)) @ shell.mesh.axes
+    for direction in (np.sqrt(shell.mass)[:, None] * fields).reshape(_PROBES, -1) @ basis.vectors:
         poses.append(small * direction / np.linalg.norm(direction) / scaling)
         sizes.append(small)
     return np.array(poses), np.array(sizes)

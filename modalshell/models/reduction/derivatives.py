@@ -16,8 +16,10 @@ from modalshell.modes.orthonormal import orthonormal_extension
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 
-_STEP = 5e-4
-"""Difference step: the largest change of an edge vector over its length."""
+_STEP, _HALVINGS = 0.1, 8
+"""First difference step, the largest change of an edge vector over its length, and how often it is halved at most."""
+_EXTRAPOLATED = 1e-6
+"""Change by the last halving, in the fourth order, at which the steps are short enough for the sixth."""
 
 
 @short_repr
@@ -36,8 +38,8 @@ class DerivativeBasis:
     eigenvalues : ndarray, shape (r,)
         That diagonal [1/s^2]: those of the modes, then ascending ones.
     difference_error : float
-        Largest relative change of a differenced force ``(dK/dq_j) phi_i`` when its step is halved, before the two are
-        extrapolated.
+        Largest relative change of a differenced force ``(dK/dq_j) phi_i``, of fourth order, when its step is halved,
+        before the two are extrapolated.
     asymmetry : float
         Largest relative difference between ``(dK/dq_j) phi_i`` and ``(dK/dq_i) phi_j``, which are the same.
     """
@@ -123,7 +125,9 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
 def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
     """``(dK/dq_j) phi_i`` for i <= j (3n, m (m + 1) / 2), the error of the differences, and their asymmetry.
 
-    Central differences of the exact Hessian along each mode at a step and half of it, extrapolated to fourth order.
+    Central differences of the exact Hessian along each mode at a step, a half and a quarter of it, extrapolated to
+    sixth order. Steps are as long as that allows: rounding of the Hessian, over the step, errs in proportion to the
+    membrane's stiffness, and the answers to it are those of the bending.
     """
     shell, count = modes.shell, modes.count
     fields = modes.modes.reshape(-1, 3, count)
@@ -131,14 +135,25 @@ def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
     forces = np.empty((count, count, shell.rest_positions.size))
     error = 0.0
     for j in range(count):
-        coarse, fine = (_stiffness_slope(modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5))
-        forces[:, j] = ((4.0 * fine - coarse) / 3.0).T
-        error = max(error, float((np.linalg.norm(fine - coarse, axis=0) / np.linalg.norm(fine, axis=0)).max()))
+        slopes = [_stiffness_slope(modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5, 0.25)]
+        for halving in range(_HALVINGS + 1):
+            coarse, middle, fine = slopes[-3:]
+            former, latter = (4.0 * middle - coarse) / 3.0, (4.0 * fine - middle) / 3.0
+            if halving == _HALVINGS or _change(former, latter) <= _EXTRAPOLATED:
+                break
+            slopes.append(_stiffness_slope(modes, fields[:, :, j], 0.125 * 0.5**halving * steps[j]))
+        forces[:, j] = ((16.0 * latter - former) / 15.0).T
+        error = max(error, _change(former, latter))
     transposed = forces.swapaxes(0, 1)
     scale = np.linalg.norm(forces, axis=2).max()
     asymmetry = float(np.linalg.norm(forces - transposed, axis=2).max() / scale)
     rows, columns = np.triu_indices(count)
     return 0.5 * (forces + transposed)[rows, columns].T, error, asymmetry
+
+
+def _change(former: Array, latter: Array) -> float:
+    """Largest relative change of a column."""
+    return float((np.linalg.norm(latter - former, axis=0) / np.linalg.norm(latter, axis=0)).max())
 
 
 def _stiffness_slope(modes: Basis, direction: Array, step: float) -> Array:

@@ -1,0 +1,120 @@
+"""A scene that is moved and turned as a whole: every rung gives the same shapes, at rest and in motion."""
+
+import warnings
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.models.reduced_rotation_strain import trained_on_loads
+
+TURN, MOVE = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(), np.array([3.0, -2.0, 5.0])
+MATERIALS = {
+    "hinges": ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2),
+    "plate": ms.Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=1000.0),
+}
+GRAVITY = {"hinges": np.array([0.6, 1.0, -2.0]), "plate": np.array([0.3, 0.5, -1.0])}
+
+
+def panel(cells):
+    """A sheet bent to an arc: no axis of the world is its own."""
+    x, y, _ = ms.sheet(width=0.5, cells=cells).vertices.T
+    mesh = ms.TriangleMesh(np.column_stack([np.sin(x), y, 1.0 - np.cos(x)]), ms.sheet(cells=cells).faces)
+    return mesh, x < 1.5 / 5
+
+
+def square(cells):
+    """A flat sheet whose edges are held: modes of repeated eigenvalues, and no membrane strain in any."""
+    mesh = ms.sheet(cells=cells)
+    held = np.zeros(len(mesh.vertices), dtype=bool)
+    held[mesh.boundary_vertices] = True
+    return mesh, held
+
+
+SURFACES = {"panel": (panel, (10, 4), (5, 2)), "square": (square, (8, 8), (4, 4))}
+
+
+def modes_of(shell):
+    return ms.solve_modes(shell, 6 if shell.clamped.any() else 12)
+
+
+def reduced(shell, _, load):
+    return trained_on_loads(modes_of(shell), np.array([share * load for share in (0.25, 0.5, 0.75, 1.0)]))
+
+
+def hybrid(shell, coarse, load):
+    return ms.HybridStress.trained(shell, force=load, coarse=coarse, modes=12, motions=4)
+
+
+RUNGS = {
+    "LMA": lambda shell, *_: ms.LinearModal(modes_of(shell)),
+    "MWTS": lambda shell, *_: ms.ModalWarping(modes_of(shell)),
+    "RSW": lambda shell, *_: ms.RotationStrain(modes_of(shell)),
+    "reduced RSW": reduced,
+    "MD-ROM": lambda shell, *_: ms.ModalDerivatives(shell, 3),
+    "MD-ROM, cubature": lambda shell, *_: ms.ModalDerivatives(shell, 3, cubature=True),
+    "hybrid": hybrid,
+    "coarse DS": lambda shell, coarse, _: ms.CoarseDiscreteShell(shell, coarse),
+    "auto": lambda shell, coarse, _: ms.Auto(shell, 6, coarse=coarse),
+    "DS": lambda shell, *_: ms.DiscreteShell(shell),
+}
+
+
+@cache
+def shells(surface, energy, turned):
+    """The shell and its coarse one, where the scene is."""
+    make, *sizes = SURFACES[surface]
+    meshes = []
+    for cells in sizes:
+        mesh, held = make(cells)
+        meshes.append((ms.TriangleMesh(mesh.vertices @ TURN.T + MOVE, mesh.faces) if turned else mesh, held))
+    (fine, held), (under, _) = meshes
+    shell = ms.Shell(fine, MATERIALS[energy], held)
+    return shell, ms.coarse_shell(shell, under)
+
+
+CASES = [
+    pytest.param(*case, marks=pytest.mark.slow if case[1:] == ("plate", "MD-ROM, cubature") else ())
+    for case in product(SURFACES, MATERIALS, RUNGS)
+]
+
+
+@pytest.mark.parametrize(("surface", "energy", "rung"), CASES)
+def test_a_turned_scene_is_the_same(surface, energy, rung):
+    answers = []
+    for turned in (False, True):
+        shell, coarse = shells(surface, energy, turned)
+        gravity = TURN @ GRAVITY[energy] if turned else GRAVITY[energy]
+        with warnings.catch_warnings():  # coarse meshes, short training, and what linear modes do not hold
+            warnings.simplefilter("ignore", ms.ModalShellWarning)
+            model = RUNGS[rung](shell, coarse, shell.gravity_force(gravity))
+            rest = model.equilibrium(gravity=gravity).positions
+            run = ms.simulate(model, duration=0.3, dt=1.0 / 30.0, gravity=gravity)
+        answers.append(np.array([rest, *run.positions]))
+    still, turned = answers
+    assert np.abs(still - shells(surface, energy, False)[0].rest_positions).max() > 1e-3
+    np.testing.assert_allclose(turned, still @ TURN.T + MOVE, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("energy", MATERIALS)
+@pytest.mark.parametrize("rung", ["LMA", "MWTS", "RSW", "reduced RSW", "coarse DS", "DS"])
+@pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
+def test_a_turned_shell_without_supports_flies_the_same(energy, rung):
+    found = []
+    for turned in (False, True):
+        turn, move = (TURN, MOVE) if turned else (np.eye(3), np.zeros(3))
+        fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])
+        shell, coarse = (
+            ms.Shell(ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces), MATERIALS[energy])
+            for mesh in (fine, under)
+        )
+        x, y, _ = fine.vertices.T
+        load = shell.mass[:, None] * np.column_stack([0.5 + 0.0 * x, x * y, -1.0 + 2.0 * x**2]) @ turn.T
+        model = RUNGS[rung](shell, coarse, load)
+        run = ms.simulate(model, duration=0.3, dt=1.0 / 30.0, force=load)
+        found.append((run.positions - move) @ turn)
+    assert np.abs(found[0] - found[0][0]).max() > 1e-2
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)
