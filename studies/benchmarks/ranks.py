@@ -1,4 +1,4 @@
-"""Steps of a hanging sheet over MPI ranks, timed: see :mod:`modalshell.springs.ranks` for what it needs.
+"""Steps of a hanging sheet over MPI ranks, timed: see :mod:`studies.benchmarks.ranked_springs` for what it needs.
 
 ``mpiexec -n 2 python -m studies.benchmarks.ranks --rows 256 --columns 256``; rank 0 prints JSON.
 """
@@ -15,8 +15,8 @@ import numpy as np
 from modalshell.core.checks import checked_count
 from modalshell.files.atomic_io import write_npz
 from modalshell.springs.implicit import TASKS
-from modalshell.springs.ranks import RankedSprings
 from modalshell.springs.sheet_grid import SheetGrid
+from studies.benchmarks.ranked_springs import RankedSprings
 
 
 def hanging_sheet(rows: int, columns: int) -> SheetGrid:

@@ -233,7 +233,7 @@ def test_every_kernel_says_its_fastmath_flags():
     """One that does not is compiled, and cached, with those of whichever caller came first: bits would depend on it."""
     names = [module.name for module in pkgutil.walk_packages(modalshell.__path__, "modalshell.")]
     # Devices and other engines need further packages; factorisations take no fastmath flag at all.
-    others = ("device", "engines", "ranks", "symbolic", "blender", "linalg", "__main__")
+    others = ("device", "engines", "symbolic", "blender", "linalg", "__main__")
     modules = [importlib.import_module(name) for name in names if not any(other in name for other in others)]
     found = [value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)]
     assert len(found) > 200

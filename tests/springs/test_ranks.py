@@ -1,7 +1,7 @@
 """Sheets over MPI ranks: how particles are split, and PETSc's answer on 1, 2 and 4 ranks against one process.
 
 The runs over ranks need ``mpiexec`` and a Python that has petsc4py: this one, or the one that the environment variable
-``MODALSHELL_MPI_PYTHON`` names (see ``modalshell/springs/ranks.py`` for how to make it).
+``MODALSHELL_MPI_PYTHON`` names (see ``studies/benchmarks/ranked_springs.py`` for how to make it).
 """
 
 import json
@@ -17,7 +17,7 @@ import pytest
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.springs import ImplicitSprings, Springs
 from modalshell.springs.partition import rank_block
-from modalshell.springs.ranks import petsc
+from studies.benchmarks.ranked_springs import petsc
 from studies.benchmarks.ranks import hanging_sheet
 
 PYTHON = os.environ.get("MODALSHELL_MPI_PYTHON", sys.executable)

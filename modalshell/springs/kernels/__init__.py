@@ -1,1 +1,1 @@
-"""Kernels of springs: grids, blocks of particles, ranks and devices."""
+"""Kernels of springs: grids, blocks of particles, and devices."""

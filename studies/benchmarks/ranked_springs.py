@@ -30,10 +30,10 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_count, checked_number, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.kernels.compiler import njit
 from modalshell.mesh.selection import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
 from modalshell.springs.kernels import blocks as spring_blocks
-from modalshell.springs.kernels import rank_blocks
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
@@ -44,7 +44,7 @@ def petsc() -> ModuleType:
     try:
         from petsc4py import PETSc
     except ImportError as error:
-        words = "sheets over MPI ranks need PETSc and petsc4py, see the text of modalshell.springs.ranks"
+        words = "sheets over MPI ranks need PETSc and petsc4py, see the text of studies.benchmarks.ranked_springs"
         raise OptionError(f"{words} ({error})") from error
     return PETSc
 
@@ -193,7 +193,7 @@ class RankedSprings:
             spring_blocks.matrix(*springs, dt, x, v, self._force, self._blocks, self._inverses, right)
             right *= free
         weight = (1.0 + dt * drag) * self._mass
-        rank_blocks.fill(block.starts, block.others, self._lower, self._blocks, weight, self._free, self._values)
+        fill_rows(block.starts, block.others, self._lower, self._blocks, weight, self._free, self._values)
         self._matrix.setValuesBlockedCSR(self._rows, self._columns, self._values)
         self._matrix.assemble()
         times.append(time.perf_counter())
@@ -225,3 +225,30 @@ class RankedSprings:
         values = np.empty((self.count, 3))
         values[self.block.order] = whole.getArray().reshape(-1, 3)
         return values
+
+
+@njit(error_model="numpy", fastmath=False)
+def fill_rows(starts, others, lower, blocks, weight, free, values):  # type: ignore[no-untyped-def]
+    """Write one rank's rows of a step's matrix into ``values`` (springs + rows, 3, 3).
+
+    The diagonal block comes after the ``lower`` ones.
+
+    Row i has ``weight[i] I`` plus the sum of its springs' ``a I + m m^T`` (``blocks``, see
+    :mod:`modalshell.springs.kernels.blocks`) on the diagonal and minus each off it. Blocks that join a particle that
+    is not ``free`` are 0, so that the matrix stays symmetric and leaves it alone.
+    """
+    for i in range(starts.size - 1):
+        diagonal = starts[i] + i + lower[i]
+        for row in range(3):
+            for column in range(3):
+                values[diagonal, row, column] = weight[i] if row == column else 0.0
+        for s in range(starts[i], starts[i + 1]):
+            slot = s + i if s - starts[i] < lower[i] else s + i + 1
+            both = free[i] * free[others[s]]
+            for row in range(3):
+                for column in range(3):
+                    value = blocks[s, 1 + row] * blocks[s, 1 + column]
+                    if row == column:
+                        value += blocks[s, 0]
+                    values[slot, row, column] = -both * value
+                    values[diagonal, row, column] += value
