@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+
+import numpy as np
 
 from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
 from modalshell.contact.layered import LayeredEnergy, Patterns, pressure_of
 from modalshell.contact.layers import Layers
-from modalshell.contact.touching import Touching
+from modalshell.contact.touching import Touching, put_out
 from modalshell.core.typing import Array
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.continuation import Steps
@@ -24,12 +27,17 @@ _STIFFER, _STIFFENED = 8.0, 6
 """By how much, and how often at most."""
 
 
-def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Rest:
+def rest_on_contacts(
+    problem: Potential, touching: Touching, start: Array, guess: Callable[[], Array | None] | None = None
+) -> Rest:
     """Minimum of a potential outside the contacts' colliders, from ``start`` (n, 3) [m].
 
     The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one
-    that lies behind a collider, the shell moves from the start in a thick fluid. A start inside colliders that push out
-    is led out in steps: the surfaces come from where they touch its deepest vertices.
+    that lies behind a collider, it is tried from the ``guess`` (n, 3) that is then asked for, if there is one; where
+    that does not help either, the shell moves from the start in a thick fluid. A start inside colliders that push out
+    is led out in steps, without a guess: the surfaces come from where they touch its deepest vertices.
+
+    Iterations are Newton's of all that was tried; but from the guess on where the minimum is found from it.
 
     Raises
     ------
@@ -40,7 +48,15 @@ def rest_on_contacts(problem: Potential, touching: Touching, start: Array) -> Re
     depth = touching.deepest_by_contact(start)
     if depth.min(initial=0.0) >= -_SHALLOW * touching.size:
         rest = _directly(problem, touching, start)
-        return rest if rest.stable else _slowly(problem, touching, start, rest.iterations)
+        if rest.stable:
+            return rest
+        begin, tried = None if guess is None else guess(), rest.iterations
+        if begin is not None and np.isfinite(begin).all():
+            rest = _from_guess(problem, touching, start, begin)
+            if rest.stable:
+                return rest
+            tried += rest.iterations
+        return _slowly(problem, touching, start, tried)
     x, iterations, steps = start, 0, Steps(_FIRST_STEP)
     while steps.fraction < 1.0:
         led = touching.with_bounds(depth * (1.0 - steps.target)) if steps.target < 1.0 else touching
@@ -90,6 +106,15 @@ def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
     solver = ActiveSet(problem, touching, problem.measure(problem.push))
     rest = solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
     return replace(rest, stable=False) if rest.stable and touching.crossed(start, rest.point) else rest
+
+
+def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Array) -> Rest:
+    """Where a guess leads that is put out of the colliders; not stable where the start may not come down to there."""
+    rest = _directly(problem, touching, put_out(touching, guess, np.ones(len(touching.contacts), dtype=bool)))
+    if not rest.stable:
+        return rest
+    higher = problem.potential(rest.point)[0] > problem.potential(start)[0]
+    return replace(rest, stable=False) if higher or touching.crossed(start, rest.point) else rest
 
 
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
-from typing import final
+from collections.abc import Sequence
+from typing import Any, final
 
-from modalshell.core.typing import Index
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.errors import ModalShellError
+from modalshell.core.typing import Array, Index
+from modalshell.loads import Loading
 from modalshell.models.base.full import FullModel
+from modalshell.models.rotation_strain import RotationStrain
+from modalshell.modes import lowest_modes
+from modalshell.modes.rigid import left_free
+
+_MODES = 8
+"""Modes of the model whose answer begins statics with contacts."""
+_FEW, _MANY, _SHARE = 64, 256, 4
+"""Vertices that bear contacts there: one in four, but not fewer and not more than these."""
+_SHAPES = 2_000_000
+"""Vertices at most, times those that bear contacts: RSW keeps the shape of the shell under a force on each of these."""
 
 
 @final
 class DiscreteShell(FullModel):
     """DS: the discrete-shell energies, with all vertices free.
+
+    Statics with contacts without friction tries the whole load from rest; where that fails, from the answer of RSW in a
+    few modes with contacts at some vertices spread over the shell; and where this fails too, or would raise the
+    potential or pass a collider, the shell moves from rest in a thick fluid. ``iterations`` are Newton's of DS: from
+    RSW's answer on where the minimum is found from it, else all.
 
     Parameters
     ----------
@@ -46,3 +67,31 @@ class DiscreteShell(FullModel):
             step_tolerance=self.step_tolerance,
             backend=self.factoriser.backend,
         )
+
+    def _near_contacts(self, loading: Loading, contacts: Sequence[Any]) -> Array | None:
+        """Positions (n, 3) [m] of RSW with contacts at some vertices; None where RSW has no answer."""
+        shell, size = self.shell, len(self.shell.rest_positions)
+        if left_free(shell) or any(contact.push_out for contact in contacts):
+            return None
+        most = max(1, min(max(_FEW, size // _SHARE), _MANY, _SHAPES // size) // len(contacts))
+        try:
+            masks = [contact.vertices(shell.mesh) & ~shell.clamped for contact in contacts]
+            some = [c.on(_spread(shell.rest_positions, mask, most)) for c, mask in zip(contacts, masks, strict=True)]
+            model = RotationStrain(lowest_modes(shell, min(_MODES, shell.unknowns.count))[0])
+            found = model._solve_touching(loading, None, some, ())
+        except ModalShellError:
+            return None
+        return found.positions if found.converged else None
+
+
+def _spread(points: Array, chosen: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """Mask (n,) of at most some of the ``chosen`` (n,) points (n, 3) [m], each the farthest from those before."""
+    places = np.flatnonzero(chosen)
+    own = points[places] - points.mean(axis=0)
+    apart, mask = np.sum(own**2, axis=1), np.zeros(len(points), dtype=bool)
+    for _ in range(min(most, len(places))):
+        following = int(apart.argmax())
+        distance = np.sum((own - own[following]) ** 2, axis=1)
+        apart = np.minimum(apart, distance) if mask.any() else distance
+        mask[places[following]] = True
+    return mask

@@ -160,7 +160,13 @@ class FullModel(Model):
         self.shell.refuse_creases("an equilibrium with contacts")
         problem, origin = self.problem(loading)
         first = None if start is None else hold(self.shell, start)
-        return equilibrium_on_contacts(problem, origin, first, contacts, constraints, self.costs)
+        return equilibrium_on_contacts(
+            problem, origin, first, contacts, constraints, self.costs, lambda: self._near_contacts(loading, contacts)
+        )
+
+    def _near_contacts(self, loading: Loading, contacts: Sequence[Any]) -> Array | None:
+        """Positions (n, 3) [m] near the equilibrium with contacts, from a cheaper model; None without one."""
+        return None
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""

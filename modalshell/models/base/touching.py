@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -34,10 +34,12 @@ def equilibrium_on_contacts(
     contacts: Sequence[Contact | SelfContact],
     constraints: Sequence[Constraint],
     costs: Timings,
+    guess: Callable[[], Array | None],
 ) -> Equilibrium:
     """Equilibrium of a shell about its ``origin`` (3,) with contacts, from ``start`` (n, 3) in the world, or rest.
 
-    With friction the load grows in steps from rest, but comes at once where there is a start.
+    With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
+    fails from rest, it begins again at a ``guess`` (n, 3) in the world.
 
     Raises
     ------
@@ -57,12 +59,17 @@ def equilibrium_on_contacts(
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
     touching = Touching(given, shell, origin)
     first = shell.rest_positions if start is None else start - origin
+
+    def guessed() -> Array | None:
+        found = guess()
+        return None if found is None else found - origin
+
     further, closest, told = None, None, "the contact set did not settle"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
         if rubs:
             rest, further, told = rest_with_friction(problem, touching, first, steps)[:3]
         elif own is None:
-            rest = rest_on_contacts(problem, touching, first)
+            rest = rest_on_contacts(problem, touching, first, guessed if start is None else None)
         else:
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
             further, closest = -layers.gradient(rest.point), layers.least(rest.point)
