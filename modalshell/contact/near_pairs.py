@@ -124,6 +124,7 @@ class NearPairs:
         self._tree = np.empty(len(faces), np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
         face_tree_kernels.split(corners.mean(axis=1), *self._tree)
         self._boxes, self._room = np.empty((count, 6)), (_ROOM, _ROOM)
+        self._parts = np.arange(len(rest))[:, None], self.edges, self._faces
         self._ends: tuple[Array, ...] = ()
         self.pairs, self.faced = np.empty((0, 4), np.int64), 0
         self.areas = self.limits = np.empty(0)
@@ -138,12 +139,25 @@ class NearPairs:
         self._ends = (x.copy(),) if moved is x else (x.copy(), moved.copy())
         # Pairs do not change as all vertices move on by the same.
         other = x if moved is x else moved - (moved - x).mean(axis=0)
-        face_tree_kernels.refit(self._faces, *self._tree, x, other, 0.5 * self._reach, self._boxes)
+        around = tuple(np.empty((len(parts), 6)) for parts in self._parts)
+        for parts, boxes in zip(self._parts, around, strict=True):
+            face_tree_kernels.surround(x, other, parts, 0.5 * self._reach, boxes)
+        face_tree_kernels.refit(*self._tree, around[2], self._boxes)
         while True:
             facing, crossing = np.empty((self._room[0], 4), np.int64), np.empty((self._room[1], 2), np.int64)
             tree = *self._tree, self._boxes
             found = face_tree_kernels.search(
-                self._faces, self.edges, self._sides, self._owners, tree, x, other, self._reach, facing, crossing
+                self._faces,
+                self.edges,
+                self._sides,
+                self._owners,
+                tree,
+                around,
+                x,
+                other,
+                self._reach,
+                facing,
+                crossing,
             )
             if found[0] <= self._room[0] and found[1] <= self._room[1]:
                 break
