@@ -92,13 +92,8 @@ def _pair_vertices(f, g, faces, owner, boxes, ways, room, found, count):  # type
     pair = room[4]
     for i in range(3):
         v = faces[f, i]
-        if (
-            owner[v] != f
-            or v == faces[g, 0]
-            or v == faces[g, 1]
-            or v == faces[g, 2]
-            or _apart(boxes[0], v, boxes[2], g)
-        ):
+        shared = v == faces[g, 0] or v == faces[g, 1] or v == faces[g, 2]
+        if shared or owner[v] != f or _apart(boxes[0], v, boxes[2], g):
             continue
         pair[0], pair[1], pair[2], pair[3] = v, faces[g, 0], faces[g, 1], faces[g, 2]
         if _near(x, moved, gap, pair, True, room[:4]):
@@ -138,10 +133,10 @@ def search(  # type: ignore[no-untyped-def]
 ):
     """Pairs that share no vertex and may come nearer than ``gap`` [m] on the straight way from x to ``moved`` (n, 3).
 
-    ``sides`` (f, 3) name the edges of triangles, and ``around`` has the boxes of vertices, edges and triangles. Of every
-    two triangles near each other, the vertices and edges that are theirs by the ``owners`` (n,), (e,), are paired. They
-    are written into ``facing`` (p, 4) by their vertices and ``crossing`` (q, 2) by their edges, as far as there is room.
-    Returns how many there are of each.
+    ``sides`` (f, 3) name the edges of triangles, and ``around`` has the boxes of vertices, edges and triangles. Of
+    every two triangles near each other, the vertices and edges that are theirs by the ``owners`` (n,), (e,), are
+    paired. They are written into ``facing`` (p, 4) by their vertices and ``crossing`` (q, 2) by their edges, as far as
+    there is room. Returns how many there are of each.
     """
     order, begin, end, boxes = tree
     vertex_face, edge_face = owners
