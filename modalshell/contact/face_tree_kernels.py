@@ -8,6 +8,7 @@ from modalshell.contact.pair_kernels import nearest, relative
 from modalshell.kernels.compiler import njit
 
 _kernel = njit(error_model="numpy", fastmath=False)
+_inline = njit(error_model="numpy", fastmath=False, forceinline=True)
 
 
 @_kernel
@@ -35,39 +36,39 @@ def split(centres, order, begin, end):  # type: ignore[no-untyped-def]
         begin[2 * node + 2], end[2 * node + 2] = middle, last
 
 
-@_kernel
-def _apart(first, second):  # type: ignore[no-untyped-def]
-    """Whether two boxes (6,) are apart along an axis."""
+@_inline
+def _apart(first, a, second, b):  # type: ignore[no-untyped-def]
+    """Whether box a of some (k, 6), and box b of others, are apart along an axis."""
     return (
-        first[0] > second[3] or second[0] > first[3]
-        or first[1] > second[4] or second[1] > first[4]
-        or first[2] > second[5] or second[2] > first[5]
+        first[a, 0] > second[b, 3] or second[b, 0] > first[a, 3]
+        or first[a, 1] > second[b, 4] or second[b, 1] > first[a, 4]
+        or first[a, 2] > second[b, 5] or second[b, 2] > first[a, 5]
     )  # fmt: skip
 
 
 @_kernel
-def _surround(x, moved, vertices, margin, box):  # type: ignore[no-untyped-def]
-    """Write the box (6,), with a margin, around some vertices on the straight way from x to ``moved``, both (n, 3)."""
-    for axis in range(3):
-        low, high = np.inf, -np.inf
-        for v in vertices:
-            low, high = min(low, x[v, axis], moved[v, axis]), max(high, x[v, axis], moved[v, axis])
-        box[axis], box[3 + axis] = low - margin, high + margin
+def surround(x, moved, parts, margin, boxes):  # type: ignore[no-untyped-def]
+    """Boxes (p, 6), with a margin, around vertices ``parts`` (p, k) on the straight way from x to ``moved``, (n, 3)."""
+    for p in range(len(parts)):
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            for i in range(parts.shape[1]):
+                v = parts[p, i]
+                low, high = min(low, x[v, axis], moved[v, axis]), max(high, x[v, axis], moved[v, axis])
+            boxes[p, axis], boxes[p, 3 + axis] = low - margin, high + margin
 
 
 @_kernel
-def refit(faces, order, begin, end, x, moved, margin, boxes):  # type: ignore[no-untyped-def]
-    """Boxes (nodes, 6), with a margin, around triangles on the straight way from x to ``moved``, both (n, 3)."""
+def refit(order, begin, end, around, boxes):  # type: ignore[no-untyped-def]
+    """Boxes (nodes, 6) of the tree by those ``around`` (f, 6) its triangles."""
     for node in range(begin.size - 1, -1, -1):
         count = end[node] - begin[node]
-        if count == 0:
-            continue
-        if count > 1:
+        if count == 1:
+            boxes[node] = around[order[begin[node]]]
+        elif count > 1:
             for axis in range(3):
                 boxes[node, axis] = min(boxes[2 * node + 1, axis], boxes[2 * node + 2, axis])
                 boxes[node, 3 + axis] = max(boxes[2 * node + 1, 3 + axis], boxes[2 * node + 2, 3 + axis])
-            continue
-        _surround(x, moved, faces[order[begin[node]]], margin, boxes[node])
 
 
 @_kernel
@@ -84,43 +85,42 @@ def _near(x, moved, gap, pair, faced, room):  # type: ignore[no-untyped-def]
     return before + after - lost < 2.0 * gap
 
 
-@_kernel
-def _pair_vertices(f, g, far, faces, owner, ways, room, found, count):  # type: ignore[no-untyped-def]
-    """Pair the vertices of triangle f with the triangle g, which has the box ``far``; how many pairs there are then."""
+@_inline
+def _pair_vertices(f, g, faces, owner, boxes, ways, room, found, count):  # type: ignore[no-untyped-def]
+    """Pair the vertices of triangle f with the triangle g; how many pairs there are then."""
     x, moved, gap = ways
-    pair, box = room[4], room[5]
-    pair[1:] = faces[g]
-    for v in faces[f]:
-        pair[0] = v
-        if owner[v] != f or v == pair[1] or v == pair[2] or v == pair[3]:
+    pair = room[4]
+    for i in range(3):
+        v = faces[f, i]
+        shared = v == faces[g, 0] or v == faces[g, 1] or v == faces[g, 2]
+        if shared or owner[v] != f or _apart(boxes[0], v, boxes[2], g):
             continue
-        _surround(x, moved, pair[:1], 0.5 * gap, box)
-        if not _apart(box, far) and _near(x, moved, gap, pair, True, room[:4]):
+        pair[0], pair[1], pair[2], pair[3] = v, faces[g, 0], faces[g, 1], faces[g, 2]
+        if _near(x, moved, gap, pair, True, room[:4]):
             if count < len(found):
                 found[count] = pair
             count += 1
     return count
 
 
-@_kernel
-def _pair_edges(f, g, far, sides, edges, owner, ways, room, found, count):  # type: ignore[no-untyped-def]
-    """Pair the edges of triangle f with those of g, which has the box ``far``; how many pairs there are then."""
+@_inline
+def _pair_edges(f, g, sides, edges, owner, boxes, ways, room, found, count):  # type: ignore[no-untyped-def]
+    """Pair the edges of triangle f with those of g; how many pairs there are then."""
     x, moved, gap = ways
-    pair, box, other = room[4], room[5], room[6]
-    for first in sides[f]:
-        if owner[first] != f:
+    pair = room[4]
+    for i in range(3):
+        first = sides[f, i]
+        if owner[first] != f or _apart(boxes[1], first, boxes[2], g):
             continue
-        _surround(x, moved, edges[first], 0.5 * gap, box)
-        if _apart(box, far):
-            continue
-        pair[0], pair[1] = edges[first]
-        for second in sides[g]:
-            pair[2], pair[3] = edges[second]
-            meet = pair[0] == pair[2] or pair[0] == pair[3] or pair[1] == pair[2] or pair[1] == pair[3]
-            if meet or owner[second] != g:
+        pair[0], pair[1] = edges[first, 0], edges[first, 1]
+        for j in range(3):
+            second = sides[g, j]
+            if owner[second] != g or _apart(boxes[1], first, boxes[1], second):
                 continue
-            _surround(x, moved, pair[2:], 0.5 * gap, other)
-            if not _apart(box, other) and _near(x, moved, gap, pair, False, room[:4]):
+            pair[2], pair[3] = edges[second, 0], edges[second, 1]
+            if pair[0] == pair[2] or pair[0] == pair[3] or pair[1] == pair[2] or pair[1] == pair[3]:
+                continue
+            if _near(x, moved, gap, pair, False, room[:4]):
                 if count < len(found):
                     found[count, 0], found[count, 1] = first, second
                 count += 1
@@ -129,13 +129,14 @@ def _pair_edges(f, g, far, sides, edges, owner, ways, room, found, count):  # ty
 
 @_kernel
 def search(  # type: ignore[no-untyped-def]
-    faces, edges, sides, owners, tree, x, moved, gap, facing, crossing
+    faces, edges, sides, owners, tree, around, x, moved, gap, facing, crossing
 ):
     """Pairs that share no vertex and may come nearer than ``gap`` [m] on the straight way from x to ``moved`` (n, 3).
 
-    Of every two triangles near each other, ``sides`` (f, 3) naming their edges, the vertices and edges that are theirs
-    by the ``owners`` (n,), (e,), are paired. They are written into ``facing`` (p, 4) by their vertices and ``crossing``
-    (q, 2) by their edges, as far as there is room. Returns how many there are of each.
+    ``sides`` (f, 3) name the edges of triangles, and ``around`` has the boxes of vertices, edges and triangles. Of
+    every two triangles near each other, the vertices and edges that are theirs by the ``owners`` (n,), (e,), are
+    paired. They are written into ``facing`` (p, 4) by their vertices and ``crossing`` (q, 2) by their edges, as far as
+    there is room. Returns how many there are of each.
     """
     order, begin, end, boxes = tree
     vertex_face, edge_face = owners
@@ -143,7 +144,7 @@ def search(  # type: ignore[no-untyped-def]
     stack[0] = 0
     depth, faced, crossed = 1, 0, 0
     closest = np.empty(4), np.empty((2, 4)), np.empty(3), np.empty((4, 3))
-    room, ways = (*closest, np.empty(4, np.int64), np.empty(6), np.empty(6)), (x, moved, gap)
+    room, ways = (*closest, np.empty(4, np.int64)), (x, moved, gap)
     while depth > 0:
         depth -= 1
         a, b = stack[depth]
@@ -154,7 +155,7 @@ def search(  # type: ignore[no-untyped-def]
                     stack[depth, 0], stack[depth, 1] = first, second
                     depth += 1
             continue
-        if _apart(boxes[a], boxes[b]):
+        if _apart(boxes, a, boxes, b):
             continue
         if alone > 1 or beside > 1:
             if alone < beside:
@@ -164,7 +165,7 @@ def search(  # type: ignore[no-untyped-def]
                 depth += 1
             continue
         f, g = order[begin[a]], order[begin[b]]
-        faced = _pair_vertices(f, g, boxes[b], faces, vertex_face, ways, room, facing, faced)
-        faced = _pair_vertices(g, f, boxes[a], faces, vertex_face, ways, room, facing, faced)
-        crossed = _pair_edges(f, g, boxes[b], sides, edges, edge_face, ways, room, crossing, crossed)
+        faced = _pair_vertices(f, g, faces, vertex_face, around, ways, room, facing, faced)
+        faced = _pair_vertices(g, f, faces, vertex_face, around, ways, room, facing, faced)
+        crossed = _pair_edges(f, g, sides, edges, edge_face, around, ways, room, crossing, crossed)
     return faced, crossed

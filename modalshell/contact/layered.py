@@ -18,8 +18,6 @@ from modalshell.statics.potential import Potential
 
 _SHORT = 0.02
 """Move, in gaps, after which Hessians of pairs are taken whole."""
-_NEAR = 1.25
-"""Distance of pairs, in gaps, up to which a pattern has blocks for them."""
 _TRIES = 3
 """Shorter warped steps that are tried before a straight one."""
 
@@ -79,6 +77,11 @@ class Patterns:
     ----------
     backend : str, optional
         That of factorisations.
+
+    Attributes
+    ----------
+    expected : ndarray of int, shape (p, 4)
+        Pairs that may come near in the step: a new pattern has their blocks, too.
     """
 
     def __init__(self, backend: str | None) -> None:
@@ -88,6 +91,8 @@ class Patterns:
         self._places = np.empty(0, np.int64)
         self._entries = 0
         self._factoriser: Factoriser | None = None
+        self.expected = np.empty((0, 4), np.int64)
+        self._last = self.expected, np.empty((0, 4, 4), np.int64)  # pairs and their slots; what rubs stays for a step
 
     def matrix(self, shell: Shell, data: Array, layers: Layers, x: Array, *, definite: bool) -> sps.csc_array:
         """Hessian of a shell with entries ``data`` on its own pattern, and of its layers at x (n, 3)."""
@@ -97,7 +102,7 @@ class Patterns:
         whole = self._whole
         slots = None if whole is None else self._slots(whole, stencils)
         if whole is None or slots is None:
-            whole, slots = self._grow(shell, [*stencils, layers.stencils(x, _NEAR)[0]])
+            whole, slots = self._grow(shell, [*stencils, layers.near_pairs, self.expected])
         total = np.zeros(whole.size)
         total[self._places] = data[: self._places.size]
         total[whole.indices.size :] = data[self._places.size :]
@@ -106,10 +111,15 @@ class Patterns:
 
     def _slots(self, whole: SparsePattern, stencils: list[Index]) -> list[Index] | None:
         """Where the blocks (p, 4, 4) of pairs begin; None where one has no place."""
-        slots = [block_slots(stencil, stencil, self._blocks, 6, 0, whole.size) for stencil in stencils]
-        for own, stencil in zip(slots, stencils, strict=True):
-            if own.min(initial=0) < 0 or (whole.indices[own] != 3 * stencil[:, None, :]).any():
-                return None
+        slots = []
+        for stencil in stencils:
+            known, own = self._last
+            if stencil is not known:
+                own = block_slots(stencil, stencil, self._blocks, 6, 0, whole.size)
+                if own.min(initial=0) < 0 or (whole.indices[own] != 3 * stencil[:, None, :]).any():
+                    return None
+            slots.append(own)
+        self._last = stencils[-1], slots[-1]
         return slots
 
     def _grow(self, shell: Shell, stencils: list[Index]) -> tuple[SparsePattern, list[Index]]:
@@ -128,6 +138,7 @@ class Patterns:
         self._whole, self._places, self._factoriser = whole, places, Factoriser(self._backend)
         self._blocks = whole.blocks
         self._entries = whole.free_matrix(np.zeros(whole.size)).nnz
+        self._last = stencils[1], slots[2]
         return whole, slots[1:]
 
     def factoriser_of(self, hessian: sps.csc_array, plain: Factoriser) -> Factoriser:

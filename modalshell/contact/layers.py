@@ -107,9 +107,14 @@ class Layers:
             gradient += self._rubbing.energy_gradient(x, self._limit)[1]
         return gradient
 
-    def stencils(self, x: Array, share: float = 1.0) -> list[Index]:
-        """Vertices (p, 4) of the pairs nearer than a share of the gap at x (n, 3), and of those that rub."""
-        at = self._at(x) if share == 1.0 else self._near.barrier(x, share * self.gap)
+    @property
+    def near_pairs(self) -> Index:
+        """Vertices (p, 4) of the pairs on the way that was last looked at."""
+        return self._near.pairs
+
+    def stencils(self, x: Array) -> list[Index]:
+        """Vertices (p, 4) of the pairs nearer than the gap at x (n, 3), and of those that rub."""
+        at = self._at(x)
         return [at.pairs[at.active]] + ([] if self._rubbing is None else [self._rubbing.pairs])
 
     def add_hessian(self, x: Array, slots: list[Index], strides: Index, data: Array, *, definite: bool) -> None:

@@ -124,26 +124,29 @@ class NearPairs:
         self._tree = np.empty(len(faces), np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
         face_tree_kernels.split(corners.mean(axis=1), *self._tree)
         self._boxes, self._room = np.empty((count, 6)), (_ROOM, _ROOM)
-        self._ends: tuple[Array, ...] = ()
+        self._parts = np.arange(len(rest))[:, None], self.edges, self._faces
+        self._way: tuple[Array, Array] | None = None
         self.pairs, self.faced = np.empty((0, 4), np.int64), 0
         self.areas = self.limits = np.empty(0)
 
     def about(self, x: Array, moved: Array | None = None) -> None:
         """See that the pairs are all those on the straight way from x to ``moved``, both (n, 3); or at x."""
         moved = x if moved is None else moved
-        if any(self._covers(end, x) and (moved is x or self._covers(end, moved)) for end in self._ends):
+        if self._covers(x) and (moved is x or self._covers(moved)):
             return
-        if len(self._ends) == 2 and self._covers(self._ends[0], x) and self._covers(self._ends[1], moved):
-            return
-        self._ends = (x.copy(),) if moved is x else (x.copy(), moved.copy())
+        self._way = x.copy(), moved - x
         # Pairs do not change as all vertices move on by the same.
         other = x if moved is x else moved - (moved - x).mean(axis=0)
-        face_tree_kernels.refit(self._faces, *self._tree, x, other, 0.5 * self._reach, self._boxes)
+        around = tuple(np.empty((len(parts), 6)) for parts in self._parts)
+        for parts, boxes in zip(self._parts, around, strict=True):
+            face_tree_kernels.surround(x, other, parts, 0.5 * self._reach, boxes)
+        face_tree_kernels.refit(*self._tree, around[2], self._boxes)
+        triangles = self._faces, self.edges, self._sides
         while True:
             facing, crossing = np.empty((self._room[0], 4), np.int64), np.empty((self._room[1], 2), np.int64)
             tree = *self._tree, self._boxes
             found = face_tree_kernels.search(
-                self._faces, self.edges, self._sides, self._owners, tree, x, other, self._reach, facing, crossing
+                *triangles, self._owners, tree, around, x, other, self._reach, facing, crossing
             )
             if found[0] <= self._room[0] and found[1] <= self._room[1]:
                 break
@@ -178,5 +181,11 @@ class NearPairs:
     def _all(self) -> tuple[Index, int, Array, Array]:
         return self.pairs, self.faced, self.areas, self.limits
 
-    def _covers(self, end: Array, x: Array) -> bool:
-        return bool(np.sum((x - end) ** 2, axis=1).max() <= self._margin**2)
+    def _covers(self, x: Array) -> bool:
+        """Whether x (n, 3) is near the way whose pairs are known; so is then all between two such places."""
+        if self._way is None:
+            return False
+        begin, way = self._way
+        off = x - begin
+        off -= min(max(float(np.vdot(off, way)) / (float(np.vdot(way, way)) or 1.0), 0.0), 1.0) * way
+        return bool(np.sum(off**2, axis=1).max() <= self._margin**2)

@@ -26,6 +26,8 @@ _MOST = 40
 """Iterations at most of a step, before the thick fluid."""
 _AMONG_LAYERS = 20
 """The same with self-contact, whose steps the thick fluid finds the sooner."""
+_PRESSED = 0.5
+"""Residual of where a step among layers begins, over that of a guess, below which it is the better guess."""
 _TURNS, _TURNED = 6, 1e-6
 """Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""
 _SAMPLES = 20_000
@@ -102,10 +104,12 @@ class TouchingSteps:
         """Whether a vertex at x (n, 3) lies inside a collider at ``time`` [s], or layers touch each other."""
         return self._layers_near(x) or bool((self.now.at(time).distances(x) < -self._deep).any())
 
+    def meet(self, x: Array, y: Array) -> bool:
+        """Whether layers meet on the straight way from x to y, both (n, 3)."""
+        return self.layers is not None and self.layers.free_part(x, y) < 1.0
+
     def passed(self, x: Array, y: Array, time: float) -> bool:
-        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s], or a layer."""
-        if self.layers is not None and self.layers.free_part(x, y) < 1.0:
-            return True
+        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s]."""
         least = min((contact.collider.smallest_radius for contact in self.now.contacts), default=np.inf)
         parts = float(np.sqrt(np.sum((y - x) ** 2, axis=1).max())) / least
         if not parts > 1.0:
@@ -136,11 +140,11 @@ class TouchingSteps:
         self.now = before.at(time, problem.shell)
         rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
-            first, free = self._cleared(problem, first)
-            if not free:
-                return problem.origin, False
             layers = self.layers.rubbed(problem.origin)
             problem = replace(problem, further=LayeredEnergy(layers, self._patterns))
+            first, free, stresses = self._begun(problem, first, stresses)
+            if not free:
+                return problem.origin, False
             rules = rules._replace(most=_AMONG_LAYERS)
         start = before, lagged, time - before.time
         rest, turned = self._minimum(problem, start, first, scale, rules, stresses), np.zeros_like(first)
@@ -201,15 +205,27 @@ class TouchingSteps:
     def _layers_near(self, x: Array) -> bool:
         return self.layers is not None and self.layers.near(x)
 
-    def _cleared(self, problem: Potential, first: Array) -> tuple[Array, bool]:
-        """A guess (n, 3) that the shell reaches without layers that meet, what is held in its place; and whether so."""
-        layers, begin = self.layers, problem.origin
+    def _begun(self, problem: Potential, first: Array, stresses: list[Array]) -> tuple[Array, bool, list[Array]]:
+        """A guess (n, 3) that the shell reaches without layers that meet, whether so, and the stresses for it.
+
+        Held vertices are in their places. Where the step begins is better than a guess that presses layers together:
+        the barrier's forces there tell little of how it goes on.
+        """
+        layers, begin, held = self.layers, problem.origin, problem.shell.clamped
         assert layers is not None
-        if (free := layers.free_part(begin, first)) < 1.0:
-            held, guess = problem.shell.clamped, begin + 0.5 * free * (first - begin)
+        guess, still = first, begin.copy()
+        still[held] = first[held]
+        free = layers.free_part(begin, first)
+        self._patterns.expected = layers.near_pairs
+        if free < 1.0:
+            guess = begin + 0.5 * free * (first - begin)
             guess[held] = first[held]
-            return guess, layers.free_part(begin, guess) >= 1.0
-        return first, True
+            free = layers.free_part(begin, guess)
+        pressed = _PRESSED * problem.measure(problem.residual(guess))
+        if free < 1.0 or problem.measure(problem.residual(still)) < pressed:
+            guess, free = still, layers.free_part(begin, still)
+            stresses = problem.shell.predicted_stresses(still, np.zeros_like(still))
+        return guess, free >= 1.0, stresses
 
     def energy(self, x: Array) -> float:
         """Energy [J] of the barrier between layers at x (n, 3)."""

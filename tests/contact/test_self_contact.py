@@ -149,6 +149,26 @@ def test_a_fall_on_a_table_and_on_itself():
     assert run.self_contact.min() < 2e-3
 
 
+def test_a_step_on_whose_straight_ways_layers_would_meet_is_solved():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(48, 8))
+    along = mesh.vertices[:, 0]
+    shell = ms.Shell(mesh, ms.Isotropic(5e6, 0.3, 1e-3, 500.0), clamped=along < 0.45)
+    pulled = np.where(along[:, None] > 0.99, [-0.05, 0.0, 0.06], 0.0)
+    loading = shell.loading((0.0, 0.0, -9.81), None, None)
+    motion = Motion(
+        ms.DiscreteShell(shell), loading, dt=1 / 30, damping=(2.0, 0.0), contacts=[ms.SelfContact(gap=2e-3)]
+    )
+    motion.load = loading.dead + pulled
+    for _ in range(9):
+        motion.advance()
+    before = motion.positions()
+    motion.advance()
+    assert motion.unconverged == 0
+    assert np.abs(motion.positions() - before).max() > 0.05
+    assert crossing_free(shell, motion.positions())
+    assert motion.touched().self_contact == pytest.approx(2e-3)  # it turned past itself without touching
+
+
 def test_a_resumed_motion_has_the_same_bits():
     def motion():
         shell = folded((6, 6))

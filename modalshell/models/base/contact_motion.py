@@ -30,10 +30,11 @@ FreeStep = Callable[[], tuple[MotionState, bool, Array]]
 class ContactMotion:
     """Takes the steps of a full model with contacts.
 
-    While nothing touches, the model's rule steps. While something does, or would have entered, implicit Euler stands in
-    for it, whose steps are minima of a potential, outside the colliders: they find the contact forces exactly, and
-    never gain energy from a collider at rest. A rule of order two is of order one there. After explicit steps, and the
-    one of linear implicit Euler, what entered is put onto its collider and loses its speed inward.
+    While nothing touches, the model's rule steps. While something does, or would have entered, or layers would meet on
+    the straight way of a step or at the rates before it, implicit Euler stands in for it, whose steps are minima of a
+    potential, outside the colliders: they find the contact forces exactly, and never gain energy from a collider at
+    rest. A rule of order two is of order one there. After explicit steps, and the one of linear implicit Euler, what
+    entered is put onto its collider and loses its speed inward.
 
     Parameters
     ----------
@@ -93,14 +94,14 @@ class ContactMotion:
         if PUSHES in state.memory:
             steps.pushes = state.memory[PUSHES].copy()
         steps.let_in(x, begin, dt)
-        if not (steps.touches(x, begin) or steps.enters(x, end)):
+        if not (steps.touches(x, begin) or steps.enters(x, end) or steps.meet(x, x + dt * state.rates)):
             if free is None:
                 euler = steps_of(ShellSteps(model, at, damping), model.free_parts, damping)
                 after, solved = rule.march(euler, state, dt)
                 reached = after.coordinates
             else:
                 after, solved, reached = free()
-            if not steps.enters(reached, end):
+            if not (steps.enters(reached, end) or steps.meet(x, reached)):
                 steps.pushes[:] = 0.0
                 return self._kept(after), solved and not steps.passed(x, reached, end)
         loads = np.zeros_like(x)
