@@ -106,7 +106,7 @@ class ShellCrowd(ABC):
         missed = c.a2 * change
         self.coordinates, self.rates = ahead + missed, rates + c.b2 * change
         violent = np.einsum("bm,bm->b", missed, missed) > self._violent
-        if (stiff := hardly_followed(self.basis.eigenvalues, dt)) < np.inf:
+        if (stiff := hardly_followed(self.basis.eigenvalues, dt)) is not None:
             elastic = pushed[:, self.basis.eigenvalues > 0.0]
             violent |= np.einsum("bm,bm->b", elastic, elastic) > self._violent * stiff**2
         if violent.any():

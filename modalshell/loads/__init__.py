@@ -1,7 +1,7 @@
 """Loads on a shell: point, line and edge loads, pressure, wind, weight, inertia, and their base class."""
 
 from modalshell.loads.applied import AppliedLoad
-from modalshell.loads.base import LOADS, Load
+from modalshell.loads.base import LOADS, LiveLoad, Load
 from modalshell.loads.body import FrameInertia, SelfWeight
 from modalshell.loads.forces import LineForce, PointForce
 from modalshell.loads.loading import Loading
@@ -16,6 +16,7 @@ __all__ = [
     "FollowerForce",
     "FrameInertia",
     "LineForce",
+    "LiveLoad",
     "Load",
     "Loading",
     "PointForce",

@@ -24,8 +24,8 @@ from studies.pages import committed
 from studies.reproduce import studies
 
 SHAPED = {
-    "figure_3", "figure_4", "figure_5", "figure_7", "figure_8", "held_out_snaps", "shell_theory_shapes", "snap",
-    "spring_sheet_speed", "stability_atlas", "strangers_meshes", "tradeoff",
+    "figure_3", "figure_4", "figure_5", "figure_7", "figure_8", "grown_leaf", "held_out_snaps", "shell_theory_shapes",
+    "snap", "spring_sheet_speed", "stability_atlas", "strangers_meshes", "tradeoff",
 }  # fmt: skip
 """Figures that need more than the committed findings: shapes, or keys of older pages."""
 DRAWN = [figure for study in studies().values() for figure in study.FIGURES if figure not in SHAPED]
@@ -142,6 +142,7 @@ STAND_INS = {
     "figure_5": beams,
     "figure_7": led_beam,
     "figure_8": dance,
+    "grown_leaf": lambda: (committed("grown_leaf").findings, Patches()),
     "held_out_snaps": lambda: (
         committed("held_out_snaps").findings,
         Patches(
@@ -172,7 +173,7 @@ def test_no_text_of_a_picture_of_shapes_lies_on_another(figure, saved, tmp_path,
     for name in ("write_film", "film"):
         monkeypatch.setattr(module, name, lambda path, *_, **__: path, raising=False)
     monkeypatch.setattr(module, "body", lambda _: {"#112233": (arrays["positions"], arrays["faces"])}, raising=False)
-    record = {"parameters": {"modes": 12}}
+    record = {"parameters": {"modes": 12, "shown": [0.005, 0.03, 0.15]}}
     monkeypatch.setattr(
         StudyResult, "load", staticmethod(lambda _, study: StudyResult(study, findings, arrays, record))
     )

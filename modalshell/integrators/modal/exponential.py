@@ -45,7 +45,7 @@ class Exponential(ModalIntegrator, key="exponential"):
     def __init__(self, *, turning: bool = False) -> None:
         self.turning = turning
         self._coefficients = turning_flow if turning else flow
-        self._kept: tuple[Array, Array, float, Array, Array, Array, float] | None = None
+        self._kept: tuple[Array, Array, float, Array, Array, Array, float | None] | None = None
 
     def under_turning_forces(self) -> Exponential:
         """The rule whose fast modes take implicit Euler's coefficients."""
@@ -74,7 +74,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         missed, *cost = correct(
             coefficients, reach, lost, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
         )
-        if missed > (VIOLENT * size) ** 2 or (stiff < np.inf and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
+        if missed > (VIOLENT * size) ** 2 or (stiff is not None and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
             pushed = force(ahead, rates, 1.0)
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
@@ -111,13 +111,13 @@ class Exponential(ModalIntegrator, key="exponential"):
         pushed = slope @ ahead
         change = pushed - np.eye(count, 3 * count, 2 * count)
         ahead = ahead + c.a2[:, None] * change
-        again = self.turning and hardly_followed(stiffness, h) < np.inf
+        again = self.turning and hardly_followed(stiffness, h) is not None
         return np.vstack([ahead, rates + c.b2[:, None] * change, slope @ ahead if again else pushed])
 
-    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, float]:
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, float | None]:
         """The coefficients (8, m), errors per curvature of a force and change of rates (m,); kept.
 
-        And the least stiffness that is hardly followed, under forces that turn.
+        And the least stiffness that is hardly followed, under forces that turn, if any is.
 
         A straight force misses ``h^3 p'' / 12`` in the rates. A slow mode keeps that for a while, a stiff one answers a
         force at once, a rigid one moves on. A third of it adds up, as measured: the rest comes and goes, as forces turn
@@ -129,7 +129,7 @@ class Exponential(ModalIntegrator, key="exponential"):
             reach = np.minimum(h / np.sqrt(elastic), 1.0 / elastic) / 36.0
             coefficients = np.array(self._coefficients(stiffness, damp, h))
             lost = np.where(outrun(stiffness, h) & self.turning, 0.5 * h, 0.0)
-            stiff = hardly_followed(stiffness, h) if self.turning else np.inf
+            stiff = hardly_followed(stiffness, h) if self.turning else None
             kept = self._kept = stiffness, damp, h, coefficients, reach, lost, stiff
         return kept[3:]
 

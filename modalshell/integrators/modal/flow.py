@@ -67,9 +67,10 @@ def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> NDArray[n
     return np.asarray(np.square(h) * stiffness > (1.0 + 1e-6) * (2.0 * np.pi / steps) ** 2)
 
 
-def hardly_followed(stiffness: Array, h: ArrayLike) -> float:
-    """Least stiffness [1/s^2] of the modes that are followed with few steps a period; infinite without any."""
-    return float(np.min(stiffness, where=outrun(stiffness, h, FOLLOWED) & ~outrun(stiffness, h), initial=np.inf))
+def hardly_followed(stiffness: Array, h: ArrayLike) -> float | None:
+    """Least stiffness [1/s^2] of the modes that are followed with few steps a period; None without any."""
+    few = stiffness[outrun(stiffness, h, FOLLOWED) & ~outrun(stiffness, h)]
+    return float(few.min()) if few.size else None
 
 
 def turning_flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
@@ -84,7 +85,7 @@ def turning_flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     if not fast.any():
         return exact
     whole = 1.0 + step * drag + step**2 * stiff
-    moved, pushed, share = step**2 / whole, step / whole, 1.0 if hardly_followed(stiff, step) < np.inf else 0.5
+    moved, pushed, share = step**2 / whole, step / whole, 0.5 if hardly_followed(stiff, step) is None else 1.0
     euler = (
         (1.0 + step * drag) / whole, pushed, -stiff * pushed, 1.0 / whole, moved, share * moved, pushed, share * pushed
     )  # fmt: skip

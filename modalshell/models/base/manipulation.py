@@ -25,7 +25,7 @@ _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 """Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
 """Enough for 30 times the shell's size; modes do not reach farther targets."""
-_STALLED = 0.7
+_HARDLY_LESS = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
 
@@ -120,7 +120,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
         z, residual, jacobian = _minimise(evaluate, free, root, z, residual, jacobian, softness * unit)
         size, before = float(np.abs(residual).max()), float(np.abs(reached).max())
         # The first answer is taken as it is: leading may have ended nearer, by more work.
-        if softness == _SOFTEST or size <= _STALLED * before:
+        if softness == _SOFTEST or size <= _HARDLY_LESS * before:
             best, reached, stalls = z, residual, 0
         else:
             stalls += 1
