@@ -126,25 +126,23 @@ def leaf(across: int, exact: float, shapes: dict[str, Any]) -> dict[str, Any]:
 
     flat = made(0.0)
     margins = [edge[np.argsort(flat.rest_positions[edge, 0])] for edge in _margins(flat)]
-    start = flat.rest_positions.copy()
-    uneven = np.random.default_rng(0).standard_normal(len(start))
+    uneven = np.zeros_like(flat.rest_positions)
+    uneven[~flat.clamped, 2] = 1e-3 * THICKNESS * np.random.default_rng(0).standard_normal(len(uneven))[~flat.clamped]
+    start = flat.rest_positions
     shapes[f"faces_{across}"] = flat.mesh.faces
     rows, growth = [], 0.9 * exact * (THICKNESS / HALF) ** 2
     while True:
-        start[~flat.clamped, 2] += 1e-3 * THICKNESS * uneven[~flat.clamped]
-        state = solved(ms.DiscreteShell(made(growth)).equilibrium(start=start))
-        start = state.positions.copy()
+        state = solved(ms.DiscreteShell(made(growth)).equilibrium(start=start + uneven))
+        start = state.positions
         rows.append(
             {"growth": growth, "iterations": state.iterations, **_margin(flat, state.positions, margins, growth)}
         )
         if growth in SHOWN:
-            shapes[f"shape_{across}_{SHOWN.index(growth)}"] = start.copy()
+            shapes[f"shape_{across}_{SHOWN.index(growth)}"] = start
         if growth == GROWTH:
             break
         growth = min([growth * FACTOR] + [shown for shown in SHOWN if shown > growth])
-    start = flat.rest_positions.copy()
-    start[~flat.clamped, 2] += 1e-3 * THICKNESS * uneven[~flat.clamped]
-    outright = ms.DiscreteShell(made(GROWTH)).equilibrium(start=start)
+    outright = ms.DiscreteShell(made(GROWTH)).equilibrium(start=flat.rest_positions + uneven)
     return {
         "cells": across,
         "vertices": len(flat.mesh.vertices),

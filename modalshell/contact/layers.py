@@ -78,6 +78,7 @@ class Layers:
         self._limit = SLIP * shell.size
         self._rubbing: Rubbing | None = None
         self._known: tuple[Array, Barrier] | None = None
+        self._known_slid: tuple[Rubbing, Array, tuple[float, Array]] | None = None
 
     def stiff(self, stiffness: float) -> Self:
         """The same with another stiffness [Pa] of the barrier."""
@@ -97,14 +98,14 @@ class Layers:
         """Energy [J] at x (n, 3); without what friction adds if not ``rubbing``."""
         value = self.stiffness * self._at(x).energy
         if rubbing and self._rubbing is not None:
-            value += self._rubbing.energy_gradient(x, self._limit)[0]
+            value += self._slid(self._rubbing, x)[0]
         return value
 
     def gradient(self, x: Array, *, rubbing: bool = True) -> Array:
         """Its derivatives (n, 3) [N]."""
         gradient = self.stiffness * self._at(x).gradient
         if rubbing and self._rubbing is not None:
-            gradient += self._rubbing.energy_gradient(x, self._limit)[1]
+            gradient += self._slid(self._rubbing, x)[1]
         return gradient
 
     @property
@@ -186,6 +187,13 @@ class Layers:
         if self._known is None or not np.array_equal(self._known[0], x):
             self._known = x.copy(), self._near.barrier(x, self.gap)
         return self._known[1]
+
+    def _slid(self, rubbing: Rubbing, x: Array) -> tuple[float, Array]:
+        """Energy and gradient of friction at x (n, 3); those of the last place are kept, as both are asked for."""
+        known = self._known_slid
+        if known is None or known[0] is not rubbing or not np.array_equal(known[1], x):
+            known = self._known_slid = rubbing, x.copy(), rubbing.energy_gradient(x, self._limit)
+        return known[2]
 
 
 def _library() -> Any:

@@ -1,9 +1,9 @@
 """Sparse factorisation of symmetric matrices, by the fastest suitable back end.
 
-Small and slender matrices go to the profile factorisation of :mod:`modalshell.linalg`, other positive definite ones to
-its multifrontal Cholesky factorisation, and what is left to SciPy's SuperLU. PARDISO was as fast as Cholesky (within
-15 % from 7,500 to 300,000 unknowns, its solves half as fast) and CHOLMOD has no wheels, so that neither is worth a
-dependency.
+Small and slender matrices go to the profile factorisation of :mod:`modalshell.linalg`, others to its multifrontal one,
+which takes pivots of either sign, and those whose pivots vanish to SciPy's SuperLU. PARDISO was as fast as Cholesky
+(within 15 % from 7,500 to 300,000 unknowns, its solves half as fast) and CHOLMOD has no wheels, so that neither is
+worth a dependency.
 """
 
 from __future__ import annotations
