@@ -23,6 +23,8 @@ from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from modalshell.kernels.compiler import njit
+
 _features = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
 if _features is None:
     _features = llvmlite.binding.get_host_cpu_features().flatten()
@@ -101,6 +103,24 @@ def store(typing, array, index, value):  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), code
+
+
+@_intrinsic
+def load_first(typing, array, index, count):  # type: ignore[no-untyped-def]
+    """The ``count`` numbers from ``index`` on, at most a register, and zeros after them; nothing else is read."""
+    kind = Packed(array.dtype)
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        vector, bits, word = context.get_value_type(kind), array.dtype.bitwidth, ir.IntType(32)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
+        places = _indices(list(range(kind.lanes)))
+        wanted = builder.icmp_signed("<", places, _spread(builder, builder.trunc(args[2], word), places.type))
+        made = ir.FunctionType(vector, [pointer.type, word, wanted.type, vector])
+        name = f"llvm.masked.load.v{kind.lanes}f{bits}.p0v{kind.lanes}f{bits}"
+        function = cgutils.get_or_insert_function(builder.module, made, name)  # type: ignore[no-untyped-call]
+        return builder.call(function, [pointer, word(bits // 8), wanted, ir.Constant(vector, None)])
+
+    return kind(array, types.intp, types.intp), code
 
 
 @_intrinsic
@@ -249,3 +269,19 @@ def total(typing, value):  # type: ignore[no-untyped-def]
         return builder.extract_element(rest, ir.Constant(ir.IntType(32), 0))
 
     return value.scalar(value), code
+
+
+@njit(error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)
+def dot(a, i, b, j, count):  # type: ignore[no-untyped-def]
+    """Sum of the products of ``count`` numbers of two flat arrays of float64, from ``i`` and from ``j`` on.
+
+    LLVM would pack a plain loop with "reassoc" too; but a kernel that others call exists in several copies, each
+    optimised again, and which of them runs, and so how it rounds, depends on what was loaded first.
+    """
+    products, lanes = spread(0.0), lane_count(a)
+    whole = count // lanes * lanes
+    for k in range(0, whole, lanes):
+        products = products + load(a, i + k) * load(b, j + k)
+    if whole < count:
+        products = products + load_first(a, i + whole, count - whole) * load_first(b, j + whole, count - whole)
+    return total(products)

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.packed import dot
 from modalshell.linalg.analysis import Panels
 from modalshell.linalg.triangular_solves import solve
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
 class Stop(NamedTuple):
@@ -88,7 +89,7 @@ def solve_near(factor: Preconditioner, matrix: Rows, right: Any, stop: Stop) -> 
     values, size = factor.values, right.size
     found, direction, image, residual = np.zeros(size), np.zeros(size), np.empty(size), right.copy()
     permuted, work = np.zeros(size, values.dtype), np.zeros(factor.height + 64 // values.itemsize, values.dtype)
-    first = np.sqrt(_dot(right, right))
+    first = np.sqrt(dot(right, 0, right, 0, size))
     relative, slope = 1.0, np.inf
     for iteration in range(1, stop.most + 1):
         scale = relative * first  # single precision holds no small numbers
@@ -101,17 +102,17 @@ def solve_near(factor: Preconditioner, matrix: Rows, right: Any, stop: Stop) -> 
         for k in range(size):
             image[factor.order[k]] = permuted[k] * scale
         _turn(factor.axes, image, image, False)
-        last, slope = slope, _dot(residual, image)
+        last, slope = slope, dot(residual, 0, image, 0, size)
         for k in range(size):
             direction[k] = image[k] + (slope / last) * direction[k]
         _multiply(matrix, direction, image)
-        curvature = _dot(direction, image)
+        curvature = dot(direction, 0, image, 0, size)
         if not (curvature > 0.0 and slope > 0.0):
             return found, iteration, False
         for k in range(size):
             found[k] += (slope / curvature) * direction[k]
             residual[k] -= (slope / curvature) * image[k]
-        relative = np.sqrt(_dot(residual, residual)) / first
+        relative = np.sqrt(dot(residual, 0, residual, 0, size)) / first
         if relative <= stop.accuracy or (iteration == stop.most and relative <= stop.serves):
             return found, iteration, True
         if iteration == stop.judged and not relative ** (stop.most / iteration) <= stop.accuracy**0.5:
@@ -134,14 +135,6 @@ def _turn(axes: Any, x: Any, out: Any, back: bool) -> None:
 
 
 @njit(**_options)
-def _dot(a: Any, b: Any) -> float:
-    total = 0.0
-    for k in range(a.size):
-        total += a[k] * b[k]
-    return total
-
-
-@njit(error_model="numpy", fastmath={"contract", "nsz"})
 def _multiply(matrix: Rows, x: Any, out: Any) -> None:
     """Write the product of a matrix with ``x`` into ``out``; sums in packed registers would take longer."""
     starts, columns, data = matrix.starts, matrix.columns, matrix.data

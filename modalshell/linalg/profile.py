@@ -19,14 +19,15 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import BYTES, load, spread, store, total
+from modalshell.kernels.packed import BYTES, load, load_first, spread, store, total
 from modalshell.linalg.cholesky import symmetric_block_graph
 
 LANES = BYTES // 8
 """Numbers in a packed register: rows start, and are padded with zeros, at multiples of it."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-_summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
+# Sums stand in packed registers. LLVM would pack them too with "reassoc"; but a kernel that others call exists in
+# several copies, each optimised again, and which of them runs, and so how it rounds, depends on what was loaded first.
 
 
 @njit(**_options)
@@ -116,7 +117,7 @@ def factorise(values, first, starts, own, pivots):  # type: ignore[no-untyped-de
     return negative
 
 
-@njit(**_summing)
+@njit(**_options)
 def substitute_back(values, first, starts, own, vector):  # type: ignore[no-untyped-def]
     """Solve ``L^T y = vector`` in place; of unit vector k ``y`` has the curvature ``y . A y`` of pivot k."""
     for i in range(first.size - 1, -1, -1):
@@ -131,18 +132,24 @@ def substitute_back(values, first, starts, own, vector):  # type: ignore[no-unty
             vector[begin + k] -= values[x + k] * f0 + values[y + k] * f1 + values[z + k] * f2
 
 
-@njit(**_summing)
+@njit(**_options)
 def solve(values, first, starts, own, pivots, vector):  # type: ignore[no-untyped-def]
     """Solve in place for ``vector`` (3b,), in order of elimination, with what :func:`factorise` left."""
+    zero = spread(0.0)
     for i in range(first.size):
         width = (starts[i + 1] - starts[i]) // 3
         x = starts[i]
         y, z, begin = x + width, x + 2 * width, first[i]
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        for k in range(3 * i - begin):
-            s0 += values[x + k] * vector[begin + k]
-            s1 += values[y + k] * vector[begin + k]
-            s2 += values[z + k] * vector[begin + k]
+        size = 3 * i - begin
+        whole = size // LANES * LANES
+        p0, p1, p2 = zero, zero, zero
+        for k in range(0, whole, LANES):
+            d = load(vector, begin + k)
+            p0, p1, p2 = p0 + load(values, x + k) * d, p1 + load(values, y + k) * d, p2 + load(values, z + k) * d
+        if whole < size:  # the rows go on with zeros
+            d, k = load_first(vector, begin + whole, size - whole), whole
+            p0, p1, p2 = p0 + load(values, x + k) * d, p1 + load(values, y + k) * d, p2 + load(values, z + k) * d
+        s0, s1, s2 = total(p0), total(p1), total(p2)
         f0 = vector[3 * i] - s0
         f1 = vector[3 * i + 1] - s1 - own[i, 0] * f0
         vector[3 * i + 2] -= s2 + own[i, 1] * f0 + own[i, 2] * f1
@@ -152,17 +159,24 @@ def solve(values, first, starts, own, pivots, vector):  # type: ignore[no-untype
     substitute_back(values, first, starts, own, vector)
 
 
-@njit(**_summing)
+@njit(**_options)
 def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-def]
     """Add the product with a matrix that is not factorised yet to ``out`` (3n,), in order of elimination."""
+    zero = spread(0.0)
     for i in range(first.size):
         width = (starts[i + 1] - starts[i]) // 3
         begin = first[i]
+        whole = (3 * i - begin) // LANES * LANES
         for d in range(3):
-            x, mine, total_here = starts[i] + d * width, vector[3 * i + d], 0.0
-            for k in range(3 * i - begin):
+            x, mine, products = starts[i] + d * width, spread(vector[3 * i + d]), zero
+            for k in range(0, whole, LANES):
+                row = load(values, x + k)
+                products = products + row * load(vector, begin + k)
+                store(out, begin + k, load(out, begin + k) + row * mine)
+            total_here = total(products)
+            for k in range(whole, 3 * i - begin):
                 total_here += values[x + k] * vector[begin + k]
-                out[begin + k] += values[x + k] * mine
+                out[begin + k] += values[x + k] * vector[3 * i + d]
             for k in range(3 * i - begin, 3 * i + 3 - begin):
                 total_here += values[x + k] * vector[begin + k]
             out[3 * i + d] += total_here

@@ -1,6 +1,9 @@
 """The profile factorisation against dense algebra and SciPy's SuperLU."""
 
+import os
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -90,3 +93,30 @@ def test_a_factor_is_pickled():
     factor = factorised(matrix)
     right_side = rng.standard_normal(36)
     assert np.array_equal(pickle.loads(pickle.dumps(factor)).solve(right_side), factor.solve(right_side))
+
+
+SOLVED = """
+import modalshell as ms
+import numpy as np
+from linalg.test_cholesky import shell_stiffness
+from modalshell.linalg import ProfileAnalysis
+matrix = shell_stiffness(ms.flat_beam(cells=(12, 3)))
+print(ProfileAnalysis(matrix).factorise(matrix).solve(np.sin(np.arange(matrix.shape[0]))).tobytes().hex())
+"""
+
+
+@pytest.mark.slow
+def test_bits_do_not_depend_on_which_kernels_the_cache_held(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+
+    def solved():
+        command = [sys.executable, "-c", SOLVED]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+    first = solved()
+    assert solved() == first
+    kept = list(tmp_path.rglob("profile.solve-*"))
+    assert kept
+    for file in kept:
+        file.unlink()
+    assert solved() == first  # what it calls comes from the cache now
