@@ -11,45 +11,48 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.packed import BYTES, dot, load, load_first, spread, spread_from, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
-_summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
+LANES = BYTES // 8
+"""Numbers in a packed register."""
 
 
-@njit(**_summing)
+@njit(**_options)
 def _quadratic(form, z, stresses, strains, slopes, hessian):  # type: ignore[no-untyped-def]
     """Write ``d_k`` and their slopes (m, K); add ``sum_k s_k B_k`` to the lower triangle of ``hessian``.
 
     One pass over the numbers, which are what a step reads: sums run over the contiguous k.
     """
-    linear, pairs = form.linear, form.pairs
+    linear, pairs = form.linear, form.pairs.reshape(-1)
     count, modes = linear.shape
-    slopes[:, :modes] = 0.0
+    width = -(-modes // LANES) * LANES
+    rest = modes - (width - LANES)
+    products, known = np.zeros(count * width), np.zeros(width)
+    known[:modes] = stresses[:modes]
     place = 0
     for i in range(count):
-        for j in range(i):
-            total = 0.0
-            for k in range(modes):
-                slopes[i, k] += pairs[place, k] * z[j]
-                slopes[j, k] += pairs[place, k] * z[i]
-                total += pairs[place, k] * stresses[k]
-            hessian[i, j] += total
-            place += 1
-        total = 0.0
-        for k in range(modes):
-            slopes[i, k] += pairs[place, k] * z[i]
-            total += pairs[place, k] * stresses[k]
-        hessian[i, i] += total
-        place += 1
+        here = spread(z[i])
+        for j in range(i + 1):
+            there, p, q, sums = spread(z[j]), i * width, j * width, spread(0.0)
+            for k in range(0, width, LANES):
+                numbers = load(pairs, place + k) if k + LANES <= modes else load_first(pairs, place + k, rest)
+                store(products, p + k, load(products, p + k) + numbers * there)
+                if j < i:
+                    store(products, q + k, load(products, q + k) + numbers * here)
+                sums = sums + numbers * load(known, k)
+            hessian[i, j] += total(sums)
+            place += modes
     strains[:modes] = 0.0
     for i in range(count):
         for k in range(modes):
-            strains[k] += z[i] * (linear[i, k] + 0.5 * slopes[i, k])
-            slopes[i, k] += linear[i, k]
+            slope = products[i * width + k]
+            strains[k] += z[i] * (linear[i, k] + 0.5 * slope)
+            slopes[i, k] = linear[i, k] + slope
 
 
 @njit(**_options)
@@ -62,18 +65,34 @@ def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
             stresses[k] += step[i] * slopes[i, k]
 
 
-@njit(**_summing)
-def _add_squares(slopes, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the slopes' products to the lower triangle of ``matrix`` (m, m)."""
-    for i in range(matrix.shape[0]):
+@njit(**_options)
+def _add_squares(slopes, first, size, factor, matrix):  # type: ignore[no-untyped-def]
+    """Add ``factor`` times the products of ``size`` slopes to the lower triangle of ``matrix`` (m, m)."""
+    count = matrix.shape[0]
+    width = -(-count // LANES) * LANES
+    turned, made = np.zeros(size * width), np.empty(width * width)
+    for i in range(count):
+        for k in range(size):
+            turned[k * width + i] = slopes[i, first + k]
+    for i in range(0, width, 4):
+        for j in range(0, i + 4, LANES):
+            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for at in range(0, size * width, width):
+                row = load(turned, at + j)
+                a = a + spread_from(turned, at + i) * row
+                b = b + spread_from(turned, at + i + 1) * row
+                c = c + spread_from(turned, at + i + 2) * row
+                d = d + spread_from(turned, at + i + 3) * row
+            store(made, i * width + j, a)
+            store(made, (i + 1) * width + j, b)
+            store(made, (i + 2) * width + j, c)
+            store(made, (i + 3) * width + j, d)
+    for i in range(count):
         for j in range(i + 1):
-            total = 0.0
-            for k in range(slopes.shape[1]):
-                total += slopes[i, k] * slopes[j, k]
-            matrix[i, j] += factor * total
+            matrix[i, j] += factor * made[i * width + j]
 
 
-@njit(**_summing)
+@njit(**_options)
 def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
     """Energy [J] of z; writes strains (K + H,), their slopes (m, K + H), the gradient and the Hessian's lower triangle.
 
@@ -83,28 +102,23 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
     """
     count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
     hessian[:] = bending.flat
-    total = 0.0
+    flat, energy = bending.flat.reshape(-1), 0.0
     for i in range(count):
-        bent = 0.0
-        for j in range(count):
-            bent += bending.flat[i, j] * z[j]
+        bent = dot(flat, i * count, z, 0, count)
         gradient[i] = bent
-        total += 0.5 * z[i] * bent
+        energy += 0.5 * z[i] * bent
     _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
     x = hinge_angles(bending, z, first, strains, slopes)
-    _add_squares(slopes, 1.0, hessian)
-    for k in range(strains.size):
-        total += 0.5 * strains[k] * strains[k]
+    _add_squares(slopes, 0, strains.size, 1.0, hessian)
+    energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
+    rows, width = slopes.reshape(-1), slopes.shape[1]
     for i in range(count):
-        pull = 0.0
-        for k in range(strains.size):
-            pull += slopes[i, k] * strains[k]
-        gradient[i] += pull
+        gradient[i] += dot(rows, i * width, strains, 0, strains.size)
     if bending.across.shape[0] > 0:
         others = np.empty((count, bending.across.shape[0]))
-        total += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
+        energy += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
         add_coupled(slopes, first, others, 1.0, hessian)
-    return total
+    return energy
 
 
 @njit(**_options)
@@ -117,30 +131,30 @@ def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     return value, strains, slopes, gradient, hessian
 
 
-@njit(**_summing)
+@njit(**_options)
 def _solve_in_place(matrix, vector):  # type: ignore[no-untyped-def]
     """Solve by ``L D L^T`` in place, no pivots exchanged; the number of negative pivots, or -1 where one is zero."""
     count, negative = vector.size, 0
     for i in range(count):
         for j in range(i):
-            total = 0.0
-            for k in range(j):
-                total += matrix[i, k] * matrix[j, k]
-            matrix[i, j] -= total
-        pivot = matrix[i, i]
-        for j in range(i):
-            scaled = matrix[i, j] / matrix[j, j]
-            pivot -= matrix[i, j] * scaled
-            vector[i] -= scaled * vector[j]
-            matrix[i, j] = scaled
+            matrix[j, i] = matrix[i, j]
+    for k in range(count):  # rows of D L^T above the diagonal, those of L below
+        pivot = matrix[k, k]
         if not 0.0 < abs(pivot) < np.inf:
             return -1
         negative += pivot < 0.0
-        matrix[i, i] = pivot
-    for i in range(count - 1, -1, -1):
+        for i in range(k + 1, count):
+            scaled = matrix[k, i] / pivot
+            matrix[i, k] = scaled
+            for j in range(i, count):
+                matrix[i, j] -= scaled * matrix[k, j]
+            vector[i] -= scaled * vector[k]
+    for i in range(count):
         vector[i] /= matrix[i, i]
-        for k in range(i + 1, count):
-            vector[i] -= matrix[k, i] * vector[k]
+    for i in range(count - 1, 0, -1):
+        last = vector[i]
+        for k in range(i):
+            vector[k] -= matrix[i, k] * last
     return negative
 
 
@@ -273,9 +287,9 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     if viscosity > 0.0:
         factor, bending = viscosity / dt, reduced.bending
         _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
-        _add_squares(slopes[:, :further], factor, outer)
+        _add_squares(slopes, 0, further, factor, outer)
         x = hinge_angles(bending, viscous_at, modes, strains, slopes)
-        _add_squares(slopes[:, modes : modes + bending.angles.size], factor, outer)
+        _add_squares(slopes, modes, bending.angles.size, factor, outer)
         if bending.across.shape[0] > 0:
             others, none = np.empty((count, bending.across.shape[0])), np.zeros(count)
             add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)

@@ -7,22 +7,20 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.packed import dot
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 
 
 @njit(**_options)
 def hinge_angles(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
     """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
-    count = z.size
+    count, modes = z.size, bending.modes.reshape(-1)
     x = bending.rest.copy()
     for v in range(x.shape[0]):
         for axis in range(3):
-            total = 0.0
-            for i in range(count):
-                total += bending.modes[v, axis, i] * z[i]
-            x[v, axis] += total
+            x[v, axis] += dot(modes, (3 * v + axis) * count, z, 0, count)
     local, row = np.empty(9), np.empty(count)
     for h in range(bending.hinges.shape[0]):
         a, b, c, d = bending.hinges[h]
@@ -89,15 +87,13 @@ def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # t
 
     Returns the energy. The normals' turning is in the gradient alone.
     """
-    count, value = z.size, 0.0
+    count, value, across = z.size, 0.0, bending.across.reshape(-1)
     forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
     for h in range(bending.hinges.shape[0]):
         bent = strains[first + h]
         length = _mean_normal(bending, x, h, way, normal)
         for axis in range(3):
-            pull[axis] = 0.0
-            for i in range(count):
-                pull[axis] += bending.across[h, axis, i] * z[i]
+            pull[axis] = dot(across, (3 * h + axis) * count, z, 0, count)
         flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
         for axis in range(3):
             pull[axis] *= bent
@@ -126,9 +122,9 @@ def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # t
 @njit(**_options)
 def add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
     """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
+    flat, width, coupled, size = slopes.reshape(-1), slopes.shape[1], others.reshape(-1), others.shape[1]
     for i in range(matrix.shape[0]):
+        p, r = first + i * width, i * size
         for j in range(i + 1):
-            total = 0.0
-            for h in range(others.shape[1]):
-                total += slopes[i, first + h] * others[j, h] + others[i, h] * slopes[j, first + h]
-            matrix[i, j] += factor * total
+            q, s = first + j * width, j * size
+            matrix[i, j] += factor * (dot(flat, p, coupled, s, size) + dot(coupled, r, flat, q, size))
