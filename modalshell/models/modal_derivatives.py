@@ -17,22 +17,24 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
-from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.implicit_rule import EulerStart, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
 from modalshell.models.base.bars import bar_on_shell
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import ImplicitModel, implicit_rule
+from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.base.model import probes
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
+from modalshell.models.reduction.free_flight import FlyingSteps, ReducedFlight
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
 from modalshell.modes import model_basis
+from modalshell.modes.rigid import rigid_share
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
@@ -60,14 +62,15 @@ class ModalDerivatives(ImplicitModel):
 
     Statics finds a minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from a start; ``residual`` is
     ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted at 1e-7. It says
-    nothing of what the basis cannot hold.
+    nothing of what the basis cannot hold. Parts without supports fly in frames of their own, U bending them there.
 
     Parameters
     ----------
     shell : Shell
-        A shell that its supports hold.
+        A shell, each part of which supports hold or do not touch.
     count : int
-        Number of modes m; with the derivatives there are up to ``m + m (m + 1) / 2`` coordinates.
+        Number of modes, the rigid ones among them; with the derivatives of m elastic modes there are up to
+        ``m + m (m + 1) / 2`` coordinates.
     cubature : bool or int
         Whether to sum the energy over few weighted elements that are found in training: as many as it takes for 0.5 %
         on the training loads, or at most this number.
@@ -87,11 +90,13 @@ class ModalDerivatives(ImplicitModel):
         The energy in use.
     cubature : Cubature or None
         Result of the training, with its error on held-out loads.
+    flight : ReducedFlight or None
+        Frames of the parts that no support holds.
 
     Raises
     ------
     OptionError
-        If the supports leave rigid motions free, or an option is out of range.
+        If supports leave a part some rigid motions, no elastic mode is left, or an option is out of range.
     """
 
     name = "MD-ROM"
@@ -112,7 +117,10 @@ class ModalDerivatives(ImplicitModel):
         self._distortion = Distortion(shell.mesh)
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
-        self.basis = modal_derivatives(model_basis(shell, count, backend=backend), backend=backend)
+        modes = model_basis(shell, count, backend=backend)
+        frames = ReducedFlight.frames_of(modes)
+        self.basis = modal_derivatives(modes, backend=backend)
+        self.flight = None if frames is None else ReducedFlight(self.basis, frames)
         self._vectors = self.basis.vectors
         self._scaling = np.sqrt(self.basis.eigenvalues)
         self.energy = ReducedEnergy(shell, self._vectors)
@@ -122,8 +130,11 @@ class ModalDerivatives(ImplicitModel):
             self.energy = self.cubature.energy
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
-        """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3)."""
-        displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
+        """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3), of free parts in their frames."""
+        given = self.shell.checked_positions(positions)
+        if self.flight is not None:
+            return self.flight.start(given)[self.flight.count :]
+        displacement = given - self.shell.rest_positions
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
@@ -211,13 +222,33 @@ class ModalDerivatives(ImplicitModel):
         return float(scipy.linalg.eigvalsh(self.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest."""
+        """State at rest; with free parts, of the coordinates of their frames and z."""
+        if self.flight is not None:
+            none = np.zeros(self.flight.count + self.basis.size)
+            return self.integrator.at_rest(none if positions is None else self.flight.start(positions))
         z = np.zeros(self.basis.size) if positions is None else self.coordinates_of(positions)
         return self.integrator.at_rest(z)
 
+    def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
+        if self.flight is None:
+            return super().march(state, dt, load_at, damping)
+        steps = steps_of(FlyingSteps(self, (state, dt), load_at, damping), self.flight, damping)
+        return self.integrator.march(steps, state, dt)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error in the coordinates that a step has made, by the integrator's theory."""
+        error = super().local_error(before, after, dt)
+        return error if self.flight is None or error is None else self.flight.local_error(error, before, after)
+
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step of h."""
-        problem, scale = self.step_problem(start, load, damping)
+        return self.pushed_step(start, load.ravel() @ self._vectors, damping)
+
+    def pushed_step(self, start: EulerStart, push: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
+        """Such a step of z under reduced forces (r,); those of the whole step are at least of a ``size``."""
+        problem, scale = self.step_problem(start, push, damping)
+        scale = max(scale, size)
         guess = start.origin + start.dt * start.rates
         stresses = self.energy.predicted_stresses(start.near, guess - start.near)
         answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
@@ -225,13 +256,13 @@ class ModalDerivatives(ImplicitModel):
             answer = problem.descend(start.near, scale)
         return answer.point, answer.converged
 
-    def step_problem(self, start: EulerStart, load: Array, damping: Damping) -> tuple[ReducedPotential, float]:
-        """The potential of such a step, and the size of its forces."""
+    def step_problem(self, start: EulerStart, push: Array, damping: Damping) -> tuple[ReducedPotential, float]:
+        """The potential of such a step under reduced forces (r,), and the size of its forces."""
         z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
         if damping.stiffness_factor:
             quadratic += damping.stiffness_factor / dt * self.energy.hessian(start.viscous_at, GAUSS_NEWTON)[2]
-        push = load.ravel() @ self._vectors + start.rates / dt
+        push = push + start.rates / dt
         scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
         problem = ReducedPotential(push, z, self.energy, scaling, self.basis.edge_change, quadratic=quadratic)
         return problem, problem.scale_at(z)
@@ -247,7 +278,9 @@ class ModalDerivatives(ImplicitModel):
 
     @cached_property
     def _probes(self) -> Array:
-        return probes(self._vectors)
+        if self.flight is None:
+            return probes(self._vectors)
+        return probes(np.hstack([self.basis.modes.modes[:, : self.flight.count], self._vectors]))
 
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
@@ -264,7 +297,25 @@ class ModalDerivatives(ImplicitModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        return self.positions_at(state.coordinates)
+        if self.flight is None:
+            return self.positions_at(state.coordinates)
+        return self.flight.frames.positions(state.coordinates, self.flight.shape)
+
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state; see :meth:`Model.velocities`."""
+        if self.flight is None:
+            return super().velocities(state, own, lead)
+        return self.flight.frames.velocities(state, lead, self.flight.shape)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of the rates, and of the frames of free parts."""
+        if self.flight is None:
+            return super().kinetic_energy(state)
+        return self.flight.frames.kinetic_energy(state, self.flight.shape)
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of a load (n, 3) that moves free parts as rigid bodies."""
+        return rigid_share(self.shell, load) if self.flight is not None and load.any() else 0.0
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
@@ -272,7 +323,7 @@ class ModalDerivatives(ImplicitModel):
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] as the model has it: by cubature if it is on."""
-        return self.energy.value(state.coordinates)
+        return self.energy.value(state.coordinates[0 if self.flight is None else self.flight.count :])
 
     def positions_at(self, z: Array) -> Array:
         """Vertex positions (n, 3) [m] at coordinates z (r,)."""

@@ -140,13 +140,14 @@ class RigidFreeSolver:
         self.factor: Factor = condensed_factor(Factoriser(backend, use="solve").definite(stiffness), internal)
 
     def solve(self, right_side: Array) -> Array:
-        """Solution without rigid part, for (N,) right sides; their rigid part is left out."""
+        """Solution without rigid part, for (N,) or (N, k) right sides; their rigid part is left out."""
         if not self._rigid.shape[1]:
             return self.factor.solve(right_side)
-        balanced = right_side - self._mass * (self._rigid @ (self._rigid.T @ right_side))
+        mass = self._mass.reshape(-1, *[1] * (right_side.ndim - 1))
+        balanced = right_side - mass * (self._rigid @ (self._rigid.T @ right_side))
         solution = np.zeros_like(balanced)
         solution[self._kept] = self.factor.solve(balanced[self._kept])
-        return solution - self._rigid @ (self._rigid.T @ (self._mass * solution))
+        return solution - self._rigid @ (self._rigid.T @ (mass * solution))
 
 
 def rigid_share(shell: Shell, load: Array) -> float:

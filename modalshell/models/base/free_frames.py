@@ -122,7 +122,7 @@ class FreeFrames:
         """Coordinates (..., r) of the rigid modes, or their rates, of frames (..., P, 2, 3)."""
         return np.asarray((self.from_poses @ poses.reshape(*poses.shape[:-3], -1).T).T)
 
-    def _shaped(self, q: Array, shape: Shape) -> Array:
+    def shaped(self, q: Array, shape: Shape) -> Array:
         """Positions of the warp at q (m,) with every free part about its own centre; kept for the last q."""
         kept = self._kept  # read once: another thread may ask for others meanwhile
         elastic = self.elastic(q)
@@ -136,7 +136,7 @@ class FreeFrames:
 
     def positions(self, q: Array, shape: Shape) -> Array:
         """Positions (n, 3) [m] in the world at q (m,)."""
-        x = self._shaped(q, shape).copy()
+        x = self.shaped(q, shape).copy()
         for part, centre, (moved, vector) in zip(self.parts, self.centres, self.poses(q), strict=True):
             x[part.vertices] = x[part.vertices] @ turn_of(vector).T + (centre + moved)
         return x
@@ -153,7 +153,7 @@ class FreeFrames:
             turn, _ = Rotation.align_vectors(x - part.mean(x), self._rest[part.vertices] - centre, part.mass)
             own[part.vertices] = (x - part.mean(x)) @ turn.as_matrix() + centre
         q = self.with_poses(project(own - self._rest), poses)
-        bent = self._shaped(q, shape)
+        bent = self.shaped(q, shape)
         for part, pose in zip(self.parts, poses, strict=True):
             x = positions[part.vertices]
             turn, _ = Rotation.align_vectors(x - part.mean(x), bent[part.vertices], part.mass)
@@ -164,14 +164,14 @@ class FreeFrames:
 
     def pull(self, q: Array, weights: Array, gradient: Gradient, shape: Shape) -> Array:
         """Derivatives (m,) at q of the positions, contracted with weights (n, 3)."""
-        own, forces = self._own(q, weights, shape)
+        own, forces = self.split(q, weights, shape)
         for force, (_, vector) in zip(forces, self.poses(q), strict=True):
             force[1] = left_jacobian(vector).T @ force[1]
         return self._joined(gradient(self.elastic(q), own), forces)
 
     def bending(self, q: Array, load: Array, jacobian: Gradient, shape: Shape) -> Array:
         """Derivatives (m, m) of modal forces by the elastic coordinates, frames resting."""
-        return jacobian(self.elastic(q), self._own(q, load, shape)[0])
+        return jacobian(self.elastic(q), self.split(q, load, shape)[0])
 
     def with_elastic(self, whole: Array, bent: Array) -> Array:
         """A matrix (m, m) with the part of another that belongs to elastic modes."""
@@ -184,9 +184,9 @@ class FreeFrames:
         A load that accelerates every vertex alike does not bend the shape. Inertial loads of the turning frames do, by
         the rates (m,) and a short time [s] over which velocities are differences: ``moving``.
         """
-        own, forces = self._own(q, load, shape)
+        own, forces = self.split(q, load, shape)
         rates, lead = moving
-        spins = self._spins(q, rates)
+        spins = self.spins(q, rates)
         if spins.any() or forces[:, 1].any():
             speed = self._speeds(q, rates, lead, shape) if spins.any() else np.zeros_like(own)
             self._add_inertia(q, spins, speed, forces, own, shape)
@@ -195,7 +195,7 @@ class FreeFrames:
 
     def _add_inertia(self, q: Array, spins: Array, speed: Array, forces: Array, own: Array, shape: Shape) -> None:
         """Add Euler, centrifugal and Coriolis forces to loads (n, 3) in the frames; see :meth:`Pose.shell_load`."""
-        x = self._shaped(q, shape)
+        x = self.shaped(q, shape)
         for part, spin, (_, torque), pose in zip(self.parts, spins, forces, self.poses(q), strict=True):
             arms, v = x[part.vertices], speed[part.vertices]
             inertia = inertia_of(part.moments(arms, arms))
@@ -208,7 +208,7 @@ class FreeFrames:
         """Velocities (n, 3) [m/s] of the warp at q, those of free parts in frames that turn with their mean motion."""
         elastic = self.elastic(q)
         speed = (shape(elastic) - shape(elastic - lead * self.elastic(rates))) / lead
-        x = self._shaped(q, shape)
+        x = self.shaped(q, shape)
         for part in self.parts:
             arms, v = x[part.vertices], speed[part.vertices]
             v = v - part.mean(v)
@@ -220,7 +220,7 @@ class FreeFrames:
         elastic[: self.count] = self.others @ elastic[: self.count] + self.to_poses.T @ forces.ravel()
         return elastic
 
-    def _own(self, q: Array, load: Array, shape: Shape) -> tuple[Array, Array]:
+    def split(self, q: Array, load: Array, shape: Shape) -> tuple[Array, Array]:
         """A load (n, 3) in the frames less its mean acceleration, and forces and torques (P, 2, 3) in the world."""
         own, forces, poses = load.copy(), np.zeros((len(self.parts), 2, 3)), self.poses(q)
         for part, found, (_, vector) in zip(self.parts, forces, poses, strict=True):
@@ -232,14 +232,14 @@ class FreeFrames:
                 continue
             turn = turn_of(vector)
             own[part.vertices] = uneven = uneven @ turn
-            found[1] = turn @ axial(uneven.T @ self._shaped(q, shape)[part.vertices])
+            found[1] = turn @ axial(uneven.T @ self.shaped(q, shape)[part.vertices])
         return own, forces
 
     # ---- patches of vertices
 
     def rows(self, q: Array, vertices: Index, warped: Callable[[Array, Index], Array], shape: Shape) -> Array:
         """Rows (k, 3, m) that take rates to velocities of some vertices; those of frames are angular velocities."""
-        rows, x, labels = warped(self.elastic(q), vertices), self._shaped(q, shape), self.labels[vertices]
+        rows, x, labels = warped(self.elastic(q), vertices), self.shaped(q, shape), self.labels[vertices]
         rows[:, :, : self.count] = rows[:, :, : self.count] @ self.others
         for number, (_, vector) in enumerate(self.poses(q)):
             chosen, turn = labels == number, turn_of(vector)
@@ -307,14 +307,14 @@ class FreeFrames:
 
     # ---- motion
 
-    def _spins(self, q: Array, rates: Array) -> Array:
+    def spins(self, q: Array, rates: Array) -> Array:
         """Angular velocities (P, 3) [rad/s] in the frames' own axes."""
         poses, speeds = self.poses(q), self.poses(rates)
         return np.array([left_jacobian(-vector) @ speed for (_, vector), (_, speed) in zip(poses, speeds, strict=True)])
 
     def fastest_spin(self, state: MotionState) -> float:
         """Largest angular velocity [rad/s] of a frame."""
-        return float(np.linalg.norm(self._spins(state.coordinates, state.rates), axis=1).max())
+        return float(np.linalg.norm(self.spins(state.coordinates, state.rates), axis=1).max())
 
     def predicted(self, q: Array, back: Array, time: float) -> Array:
         """Expected coordinates (..., m): frames also turn ``back`` (..., P, 3) what shapes turn, for a ``time`` [s]."""
@@ -333,27 +333,31 @@ class FreeFrames:
         frame that would turn by more than about a radian in the step has no such turn, and goes by its spin.
         """
         c = free_flow(drag, dt)
-        first, last = ((self.from_poses.T @ end[: self.count]).reshape(-1, 2, 3) for end in ends)
-        x0, x1 = self._shaped(before.coordinates, shape), self._shaped(after.coordinates, shape)
+        start, last = ((self.from_poses.T @ end[: self.count]).reshape(-1, 2, 3) for end in ends)
+        change, momenta = last - start, self.momenta(before.coordinates, before.rates, shape)
+        moved = c.e12 * momenta + c.a1 * start + c.a2 * change
+        return self.landed(before, after, moved, c.e22 * momenta + c.b1 * start + c.b2 * change, dt, shape)
+
+    def landed(
+        self, before: MotionState, after: MotionState, moved: Array, momenta: Array, dt: float, shape: Shape
+    ) -> tuple[MotionState, bool]:
+        """The same by the ``momenta`` (P, 2, 3) at the end, and by their integral ``moved`` (P, 2, 3) over the step."""
+        x0, x1 = self.shaped(before.coordinates, shape), self.shaped(after.coordinates, shape)
         poses, speeds = self.poses(before.coordinates), self.poses(before.rates)
-        spins, back, solved = self._spins(before.coordinates, before.rates), np.zeros((len(poses), 3)), True
+        spins, back, solved = self.spins(before.coordinates, before.rates), np.zeros((len(poses), 3)), True
         for number, part in enumerate(self.parts):
             y0, y1, pose, speed = x0[part.vertices], x1[part.vertices], poses[number], speeds[number]
             turn = turn_of(pose[1])
-            start, change = first[number], last[number] - first[number]
-            momenta = np.array([part.total * speed[0], turn @ inertia_of(part.moments(y0, y0)) @ spins[number]])
-            moved = c.e12 * momenta + c.a1 * start + c.a2 * change
-            momenta = c.e22 * momenta + c.b1 * start + c.b2 * change
-            pose[0] += moved[0] / part.total
-            speed[0] = momenta[0] / part.total
-            impulse = turn.T @ moved[1]
+            pose[0] += moved[number, 0] / part.total
+            speed[0] = momenta[number, 0] / part.total
+            impulse = turn.T @ moved[number, 1]
             guess = np.linalg.solve(inertia_of(part.moments(y0, y0)), impulse)
             step, found = turn_keeping(part.moments(y0, y1), impulse, guess)
             if not found:
                 step, solved = turn_of(guess), False
             turn = turn @ step
             pose[1] = vector_of(turn)
-            spin = np.linalg.solve(inertia_of(part.moments(y1, y1)), turn.T @ momenta[1])
+            spin = np.linalg.solve(inertia_of(part.moments(y1, y1)), turn.T @ momenta[number, 1])
             own = left_jacobian(-pose[1])
             speed[1] = np.linalg.solve(own, spin)
             turned = vector_of(step) / dt - 0.5 * (spins[number] + spin)
@@ -362,11 +366,19 @@ class FreeFrames:
         q, rates = self.with_poses(after.coordinates, poses), self.with_poses(after.rates, speeds)
         return MotionState(q, rates, memory), solved
 
+    def momenta(self, q: Array, rates: Array, shape: Shape) -> Array:
+        """Momenta (P, 2, 3) of the parts, angular ones about their centres, in the world."""
+        x, found = self.shaped(q, shape), self.poses(rates)
+        for part, pose, spin, at in zip(self.parts, self.poses(q), self.spins(q, rates), found, strict=True):
+            inertia = inertia_of(part.moments(x[part.vertices], x[part.vertices]))
+            at[:] = part.total * at[0], turn_of(pose[1]) @ inertia @ spin
+        return found
+
     def velocities(self, state: MotionState, lead: float, shape: Shape) -> Array:
         """Velocities (n, 3) [m/s]: those of the shape with its own angular momentum turned back, and of the frames."""
         q, rates = state.coordinates, state.rates
-        own, found = self._shaped(q, shape), self._speeds(q, rates, lead, shape)
-        spins, poses, speeds = self._spins(q, rates), self.poses(q), self.poses(rates)
+        own, found = self.shaped(q, shape), self._speeds(q, rates, lead, shape)
+        spins, poses, speeds = self.spins(q, rates), self.poses(q), self.poses(rates)
         for part, spin, pose, speed in zip(self.parts, spins, poses, speeds, strict=True):
             turning = found[part.vertices] + crossed(spin, own[part.vertices])
             found[part.vertices] = turning @ turn_of(pose[1]).T + speed[0]
@@ -375,12 +387,11 @@ class FreeFrames:
     def kinetic_energy(self, state: MotionState, shape: Shape) -> float:
         """Kinetic energy [J] of the frames' motion and of the elastic modes in them."""
         q, rates = state.coordinates, state.rates
-        elastic, x = self.elastic(rates), self._shaped(q, shape)
+        elastic, x = self.elastic(rates), self.shaped(q, shape)
         total = 0.5 * float(elastic @ elastic)
-        for part, spin, speed in zip(self.parts, self._spins(q, rates), self.poses(rates), strict=True):
-            arms = x[part.vertices]
-            total += 0.5 * part.total * float(speed[0] @ speed[0])
-            total += 0.5 * float(spin @ inertia_of(part.moments(arms, arms)) @ spin)
+        for part, spin, speed in zip(self.parts, self.spins(q, rates), self.poses(rates), strict=True):
+            inertia = inertia_of(part.moments(x[part.vertices], x[part.vertices]))
+            total = total + 0.5 * part.total * float(speed[0] @ speed[0]) + 0.5 * float(spin @ inertia @ spin)
         return total
 
     def at_rest(self, state: MotionState) -> MotionState:

@@ -49,6 +49,8 @@ class Settled(NamedTuple):
 def reduced_contacts(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
     """The contacts of a model with ``basis.vectors``; OptionError where it cannot take them."""
     given, basis = checked_contacts(contacts), model.basis
+    if model.flight is not None:
+        raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
     for index, contact in enumerate(given):
         if contact.friction or contact.push_out or contact.restitution:
             raise OptionError(
@@ -189,7 +191,7 @@ class _PressedSteps(LoadedSteps):
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
         self._load = self._load_at(start)[0]
-        problem, scale = self._model.step_problem(start, self._load, self._damping)
+        problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
         guess = start.origin + start.dt * start.rates
         stresses = self._model.energy.predicted_stresses(start.near, guess - start.near)
         begin = replace(self.pressed, q=guess, positions=None)

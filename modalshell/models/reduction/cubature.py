@@ -97,25 +97,29 @@ def default_loads(basis: DerivativeBasis) -> list[Array]:
 
     Gravity has a random direction; its size is such that linear modes under the direction that bends the shell most
     turn a vertex by 0.7 or 2.5 rad. Every mode's own load turns a vertex by 0.35 rad times a normal random number over
-    the root of the number of modes. The random numbers are the same every time, along the mesh's own axes.
+    the root of the number of modes. The random numbers are the same every time, along the mesh's own axes. A shell with
+    parts that fall has no such gravity: its modes' own loads turn a vertex by 0.7 or 2.5 rad.
     """
-    shell, modes = basis.shell, basis.modes
+    shell, modes, rigid = basis.shell, basis.modes, basis.modes.rigid_modes
+    elastic, eigenvalues, rotations = modes.modes[:, rigid:], modes.eigenvalues[rigid:], modes.rotations[:, rigid:]
     mass = np.repeat(shell.mass, 3)
-    participation = modes.modes.T @ (mass[:, None] * np.tile(np.eye(3), (len(shell.mass), 1)))
+    participation = elastic.T @ (mass[:, None] * np.tile(np.eye(3), (len(shell.mass), 1)))
 
     def turn(q: Array) -> float:
-        return float(np.linalg.norm((modes.rotations @ q).reshape(-1, 3), axis=1).max())
+        return float(np.linalg.norm((rotations @ q).reshape(-1, 3), axis=1).max())
 
-    strongest = max(turn(column / modes.eigenvalues) for column in (participation @ shell.mesh.axes.T).T)
-    mode_sizes = np.array([1.0 / turn(q) for q in np.eye(modes.count)])
+    strongest = max(turn(column / eigenvalues) for column in (participation @ shell.mesh.axes.T).T)
+    mode_sizes = np.array([1.0 / turn(q) for q in np.eye(eigenvalues.size)])
     random = np.random.default_rng(0)
     loads = []
     for index in range(_LOADS):
         direction = random.standard_normal(3) @ shell.mesh.axes
-        gravity = _GRAVITY_TURNS[index % 2] / strongest * direction / np.linalg.norm(direction)
-        q = _MODE_TURN * mode_sizes * random.standard_normal(modes.count) / np.sqrt(modes.count)
-        further = mass * (modes.modes @ (modes.eigenvalues * q))
-        loads.append(shell.mass[:, None] * gravity + further.reshape(-1, 3))
+        size = _GRAVITY_TURNS[index % 2]
+        q = (size if rigid else _MODE_TURN) * mode_sizes * random.standard_normal(eigenvalues.size)
+        further = (mass * (elastic @ (eigenvalues * (q / np.sqrt(eigenvalues.size))))).reshape(-1, 3)
+        if not rigid:
+            further = shell.mass[:, None] * (size / strongest * direction / np.linalg.norm(direction)) + further
+        loads.append(further)
     return loads
 
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.errors import SolverError
 from modalshell.core.memory import demand_memory
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.modes.basis import Basis
-from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.orthonormal import orthonormal_extension
-from modalshell.modes.rigid import left_free
+from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
 from modalshell.shell import EXACT, Shell
 
 _STEP, _HALVINGS = 0.1, 8
@@ -25,12 +24,12 @@ _EXTRAPOLATED = 1e-6
 @short_repr
 @dataclass(frozen=True)
 class DerivativeBasis:
-    """Modes, their derivatives, and an orthonormal basis of both.
+    """Modes, their derivatives, and an orthonormal basis of both; elastic ones, without rigid motions.
 
     Attributes
     ----------
     modes : Basis
-        The m vibration modes Phi.
+        The vibration modes; m of them, Phi, are elastic.
     derivatives : ndarray, shape (3n, m (m + 1) / 2)
         Psi: psi_ij for i <= j, in the order of ``numpy.triu_indices(m)``; symmetric in i and j [1/kg].
     vectors : ndarray, shape (3n, r)
@@ -71,44 +70,36 @@ _DERIVATIVE_BYTES = 40.0
 
 
 def modal_derivatives(modes: Basis, *, backend: str | None = None) -> DerivativeBasis:
-    """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of modes with one factor of K.
+    """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of elastic modes with one factor of K.
 
-    Along a curved static path ``u(q) = Phi q + sum_ij psi_ij q_i q_j / 2 + O(q^3)`` under the loads ``K Phi q``.
+    Along a curved static path ``u(q) = Phi q + sum_ij psi_ij q_i q_j / 2 + O(q^3)`` under the loads ``K Phi q``. Where
+    supports leave rigid motions free, inertial loads of these balance the right sides, and the answers have no share in
+    them.
 
     Parameters
     ----------
     modes : Basis
-        Vibration modes of a shell that its supports hold.
+        Vibration modes, elastic ones and all rigid ones among them.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Raises
     ------
-    OptionError
-        If the supports leave rigid motions free: K has no inverse, and a turn no straight line of coordinates.
     SolverError
         If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
     size = _DERIVATIVE_BYTES * modes.count**2 * shell.rest_positions.size
     demand_memory(f"the derivatives of {modes.count} modes", size, "take fewer modes")
-    if loose := left_free(shell):
-        raise OptionError(
-            f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "
-            "vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
-        )
-    forces, difference_error, asymmetry = _derivative_forces(modes)
-    # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.
-    data = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2]
-    stiffness, internal = shell.pattern.free_matrix(data), shell.pattern.internal
-    factor = condensed_factor(
-        Factoriser(backend, use="solve").definite(stiffness), 0 if internal is None else internal.count
-    )
-    unknowns, count = shell.unknowns, modes.count
-    solved = factor.solve(-unknowns.restrict(forces))
+    rigid, unknowns = modes.rigid_modes, shell.unknowns
+    forces, difference_error, asymmetry = _derivative_forces(shell, modes.modes[:, rigid:])
+    # At rest the exact Hessian is its Gauss-Newton part, positive definite beside rigid motions.
+    data, mass = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2], unknowns.masses(shell.mass)
+    solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), mass, backend)
+    solved = solver.solve(-unknowns.restrict(forces))
     derivatives = unknowns.prolong(solved)
-    found = orthonormal_extension(unknowns.values(modes.modes), solved, unknowns.masses(shell.mass))
-    vectors = np.asarray(unknowns.prolong(found))
+    found = orthonormal_extension(unknowns.values(modes.modes), solved, mass)
+    vectors, count = np.asarray(unknowns.prolong(found[:, rigid:])), modes.count - rigid
     # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
     new = vectors[:, count:]
     further, turned = np.linalg.eigh(new.T @ shell.pattern.product(data, new))
@@ -118,30 +109,30 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
             "ill-conditioned for them; remesh needles, or make the stiffnesses more alike"
         )
     vectors[:, count:] = new @ turned
-    eigenvalues = np.concatenate([modes.eigenvalues, further])
+    eigenvalues = np.concatenate([modes.eigenvalues[rigid:], further])
     return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
 
 
-def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
+def _derivative_forces(shell: Shell, modes: Array) -> tuple[Array, float, float]:
     """``(dK/dq_j) phi_i`` for i <= j (3n, m (m + 1) / 2), the error of the differences, and their asymmetry.
 
     Central differences of the exact Hessian along each mode at a step, a half and a quarter of it, extrapolated to
     sixth order. Steps are as long as that allows: rounding of the Hessian, over the step, errs in proportion to the
     membrane's stiffness, and the answers to it are those of the bending.
     """
-    shell, count = modes.shell, modes.count
-    fields = modes.modes.reshape(-1, 3, count)
+    count = modes.shape[1]
+    fields = modes.reshape(-1, 3, count)
     steps = _STEP / edge_changes(shell, fields).max(axis=0)
     forces = np.empty((count, count, shell.rest_positions.size))
     error = 0.0
     for j in range(count):
-        slopes = [_stiffness_slope(modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5, 0.25)]
+        slopes = [_stiffness_slope(shell, modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5, 0.25)]
         for halving in range(_HALVINGS + 1):
             coarse, middle, fine = slopes[-3:]
             former, latter = (4.0 * middle - coarse) / 3.0, (4.0 * fine - middle) / 3.0
             if halving == _HALVINGS or _change(former, latter) <= _EXTRAPOLATED:
                 break
-            slopes.append(_stiffness_slope(modes, fields[:, :, j], 0.125 * 0.5**halving * steps[j]))
+            slopes.append(_stiffness_slope(shell, modes, fields[:, :, j], 0.125 * 0.5**halving * steps[j]))
         forces[:, j] = ((16.0 * latter - former) / 15.0).T
         error = max(error, _change(former, latter))
     transposed = forces.swapaxes(0, 1)
@@ -156,13 +147,12 @@ def _change(former: Array, latter: Array) -> float:
     return float((np.linalg.norm(latter - former, axis=0) / np.linalg.norm(latter, axis=0)).max())
 
 
-def _stiffness_slope(modes: Basis, direction: Array, step: float) -> Array:
+def _stiffness_slope(shell: Shell, modes: Array, direction: Array, step: float) -> Array:
     """``(dK/dq) Phi`` (3n, m) along ``direction`` (n, 3)."""
-    shell = modes.shell
     ahead, behind = (
         shell.energy_gradient_hessian(shell.rest_positions + side * step * direction, EXACT)[2] for side in (1.0, -1.0)
     )
-    return (shell.pattern.product(ahead, modes.modes) - shell.pattern.product(behind, modes.modes)) / (2.0 * step)
+    return (shell.pattern.product(ahead, modes) - shell.pattern.product(behind, modes)) / (2.0 * step)
 
 
 def edge_changes(shell: Shell, fields: Array) -> Array:
