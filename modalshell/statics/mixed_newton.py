@@ -23,6 +23,8 @@ import numpy as np
 from numba import types
 from numba.extending import overload, register_jitable
 
+from modalshell.core.typing import Array
+
 GOAL = 1e-10
 """Residual that is aimed at: near what double precision leaves."""
 ACCEPTED = 1e-7
@@ -61,7 +63,8 @@ START: int = np.int64(0)  # type: ignore[assignment]
 BEST: int = np.int64(1)  # type: ignore[assignment]
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
 
-_jitable = register_jitable(error_model="numpy", no_cfunc_wrapper=True)
+_plain: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+_jitable = register_jitable(**_plain)
 
 
 class Rules(NamedTuple):
@@ -165,6 +168,27 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
 # ---- methods
 
 
+def write(values: Array, out: Array) -> None:
+    """Write ``values`` (n, 3) or (n,) to the first ones of ``out``."""
+    out[: len(values)] = values
+
+
+@overload(write, jit_options=_plain, strict=False)  # type: ignore[arg-type]
+def _compiled_write(values: Any, out: Any) -> Any:  # noqa: ARG001
+    """The same by loops: a slice brings the message for shapes that differ, half of what is compiled for a step."""
+
+    def flat(values, out):  # type: ignore[no-untyped-def]
+        for k in range(values.size):
+            out[k] = values[k]
+
+    def rows(values, out):  # type: ignore[no-untyped-def]
+        for v in range(values.shape[0]):
+            for axis in range(3):
+                out[v, axis] = values[v, axis]
+
+    return flat if values.ndim == 1 else rows
+
+
 @_jitable
 def iterate(problem: Any, rules: Rules) -> Solved:
     """Full mixed Newton steps from the iterate with its stresses; gives up when the residual stops falling.
@@ -189,7 +213,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if ended or iteration == rules.most or stalled == STALLED:
                 break
             if found_at == iteration:
-                slots[BEST] = x
+                write(x, slots[BEST])
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
             wanted = min(LINEAR, min(1.0, size / last) ** 2) if last < np.inf else FIRST
             accuracy = max(LINEAR * rules.goal / size, wanted)
@@ -198,7 +222,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             break
         allowed = advance(problem)
     if 0 <= found_at < iteration:
-        x[:] = slots[BEST]
+        write(slots[BEST], x)
     return Solved(best, iteration, solved, 0)
 
 
@@ -215,14 +239,14 @@ def descend(problem: Any, rules: Rules) -> Solved:
     value, size = potential(problem)
     factor, iterations, saddles = first_drag(problem, size), 0, 0
     for _ in range(DESCENT):
-        slots[START] = x
+        write(x, slots[START])
         drag(problem, factor)
         step = iterate(problem, loose)
         iterations += step.iterations
         drag(problem, 0.0)
         reached, out_of_balance = potential(problem) if step.solved else (np.inf, np.inf)
         if not reached <= value:
-            x[:] = slots[START]
+            write(slots[START], x)
             factor *= 4.0
             if not np.isfinite(factor):
                 break
@@ -232,12 +256,12 @@ def descend(problem: Any, rules: Rules) -> Solved:
             factor *= 0.5
         if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
-        slots[START] = x
+        write(x, slots[START])
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
-            x[:] = slots[START]
+            write(slots[START], x)
             continue
         minimum = is_minimum(problem)
         if minimum or saddles == SADDLES:
@@ -255,8 +279,8 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     deepest one.
     """
     x, slots = problem.x, problem.slots
-    slots[START] = x
-    slots[BEST] = x
+    write(x, slots[START])
+    write(x, slots[BEST])
     curvature = point_downhill(problem)
     for sign in (1.0, -1.0):
         last = np.inf
@@ -268,8 +292,8 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
             last = reached
             if reached < value:
                 value = reached
-                slots[BEST] = x
-    x[:] = slots[BEST]
+                write(x, slots[BEST])
+    write(slots[BEST], x)
     return value, 2.0 * abs(curvature)
 
 
@@ -283,6 +307,6 @@ def solve_step(problem: Any, rules: Rules) -> Solved:
     found = iterate(problem, rules)
     if found.solved and is_minimum(problem):
         return found
-    problem.x[:] = problem.slots[START]
+    write(problem.slots[START], problem.x)
     further = descend(problem, rules)
     return Solved(further.residual, found.iterations + further.iterations, further.solved, further.saddles)

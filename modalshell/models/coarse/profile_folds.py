@@ -35,7 +35,7 @@ from modalshell.shell.kernels.split_folds import (
     half_square_rates,
     half_squares,
 )
-from modalshell.statics.mixed_newton import operation_of
+from modalshell.statics.mixed_newton import operation_of, write
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
 
@@ -292,7 +292,7 @@ def _measure(elastic, room, x):  # type: ignore[no-untyped-def]
         for axis in range(3):
             known = known and points[v, axis] == x[v, axis]
     if not known:
-        points[: x.shape[0]] = x
+        write(x, points)
         fold_angles(points, elastic.hinges, elastic.angles, room.angles, room.slopes)
         half_squares(points, elastic.membrane.edges, elastic.membrane.half_squares, room.stretches)
 
@@ -320,7 +320,9 @@ def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
     own = room.elastic
     _measure(elastic, own, x)
     work = _forces(elastic, own, own.points, own.slopes, own.angles, own.stretches)
-    room.gradient[:] = own.forces[: x.shape[0]]
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            room.gradient[v, axis] = own.forces[v, axis]
     return 0.5 * work
 
 
@@ -329,7 +331,7 @@ def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
     """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
     own, values, strides = room.elastic, room.values, body.strides
     elasticity.energy(elastic, room, x)
-    values[:] = elastic.shares
+    write(elastic.shares, values)
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
     add_fold_curvatures(own.points, elastic.hinges, own.couples, elastic.slots, strides, values)
@@ -341,13 +343,16 @@ def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped
     """Write the viscous matrix at ``x``: the first part of the Hessian times the one resistance [s]."""
     own, values, strides = room.elastic, room.viscous, body.strides
     _measure(elastic, own, x)
-    own.viscous_points[:] = own.points
-    own.viscous_slopes[:] = own.slopes
+    write(own.points, own.viscous_points)
+    for hinge in range(own.slopes.shape[0]):
+        for k in range(9):
+            own.viscous_slopes[hinge, k] = own.slopes[hinge, k]
     own.viscosity[0] = resistances[0][0] / dt
-    values[:] = elastic.shares
+    write(elastic.shares, values)
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
-    values *= own.viscosity[0]
+    for k in range(values.size):
+        values[k] *= own.viscosity[0]
 
 
 @operation_of(Folds, elasticity.add_viscous_force, **_options)
@@ -371,7 +376,7 @@ def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
     """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
     own = room.elastic
     _measure(elastic, own, x)
-    own.moved[: x.shape[0]] = room.step
+    write(room.step, own.moved)
     fold_rates(own.moved, elastic.hinges, own.slopes, own.rates)
     half_square_rates(own.points, own.moved, elastic.membrane.edges, own.square_rates)
     for hinge in range(own.rates.size):

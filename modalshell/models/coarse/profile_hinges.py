@@ -72,10 +72,11 @@ def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
 @operation_of(Hinges, elasticity.assemble, **_options)
 def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
     """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
-    strides, stresses, values, gradient = body.strides, room.elastic, room.values, room.gradient
+    s = room.elastic
+    strides, values, gradient = body.strides, room.values, room.gradient
     values[:] = 0.0
     gradient[:] = 0.0
-    t, e, h, s = elastic.triangles, elastic.edges, elastic.hinges, stresses
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
     stretch.add_stiffness(x, t.stencils, t.rest, t.weight, s.triangles, _LINEARISED, t.slots, strides, values, gradient)
     shear.add_stiffness(x, e.stencils, e.rest, e.weight, s.edges, _LINEARISED, e.slots, strides, values, gradient)
     flexure.add_stiffness(x, h.stencils, h.rest, h.weight, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
@@ -86,11 +87,12 @@ def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped
     """Write the viscous matrix at ``x``: the first part of the Hessian, ``resistances`` being its weights."""
     strides, none, values, gradient = body.strides, room.residual[:0], room.viscous, room.gradient
     values[:] = 0.0
-    t, e, h, w = elastic.triangles, elastic.edges, elastic.hinges, resistances
-    stretch.add_stiffness(x, t.stencils, t.rest, w[0], none, _STRETCHING, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, w[1], none, _STRETCHING, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, w[2], none, _STRETCHING, h.slots, strides, values, gradient)
-    values /= dt
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    stretch.add_stiffness(x, t.stencils, t.rest, resistances[0], none, _STRETCHING, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, resistances[1], none, _STRETCHING, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, resistances[2], none, _STRETCHING, h.slots, strides, values, gradient)
+    for k in range(values.size):
+        values[k] /= dt
 
 
 @operation_of(Hinges, elasticity.add_viscous_force, **_options)
@@ -122,7 +124,8 @@ def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
 @operation_of(Hinges, elasticity.predict, **_options)
 def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
     """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
-    t, e, h, step, stresses = elastic.triangles, elastic.edges, elastic.hinges, room.step, room.elastic
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    step, stresses = room.step, room.elastic
     stretch.linear_stress(x, step, t.stencils, t.rest, t.weight, stresses.triangles)
     shear.linear_stress(x, step, e.stencils, e.rest, e.weight, stresses.edges)
     flexure.linear_stress(x, step, h.stencils, h.rest, h.weight, stresses.hinges)

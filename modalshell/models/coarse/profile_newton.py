@@ -16,7 +16,16 @@ from modalshell.kernels.compiler import njit
 from modalshell.linalg.profile import LANES, factorise, solve, substitute_back
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import FIRST_MOVE, LARGEST_TURN, MOST, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import (
+    FIRST_MOVE,
+    LARGEST_TURN,
+    MOST,
+    START,
+    Rules,
+    operation_of,
+    solve_step,
+    write,
+)
 
 _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 """First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
@@ -24,7 +33,10 @@ _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
 _inner = _options | {"no_cpython_wrapper": True}
-"""Those of kernels that Python never calls: reading a record's arrays takes longer to compile than most of them."""
+"""Those of kernels that Python never calls: reading a record's arrays takes longer to compile than most of them.
+
+They are those of the operations too: an operation is compiled once more for callers of other options.
+"""
 
 
 class Body(NamedTuple):
@@ -106,7 +118,8 @@ _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
 @njit(**_inner)
 def _outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
-    value, body, room, x, origin = 0.0, p.body, p.room, p.x, p.origin
+    body, room = p.body, p.room  # more names at once make a tuple: to copy records of arrays takes long to compile
+    value, x, origin = 0.0, p.x, p.origin
     residual, inertia, drag = room.residual, room.numbers[_INERTIA], room.numbers[_DRAG]
     residual[:] = 0.0
     if p.viscous.size:
@@ -144,10 +157,10 @@ def _potential(p):  # type: ignore[no-untyped-def]
 @njit(**_inner)
 def _size(p):  # type: ignore[no-untyped-def]
     """Size of the residual over that of the forces."""
-    total = 0.0
-    for part in p.room.residual:
+    total, room = 0.0, p.room
+    for part in room.residual:
         total += part * part
-    return np.sqrt(total) / p.room.numbers[_SCALE]
+    return np.sqrt(total) / room.numbers[_SCALE]
 
 
 @operation_of(Step, method.solve, **_options)
@@ -187,18 +200,23 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
     rotations.vertex_rotations(x, room.step, body.faces, room.turns)
     angle = rotations.largest_angle(room.turns)
     if angle > LARGEST_TURN:
-        room.step[:] *= LARGEST_TURN / angle
-        room.turns[:] *= LARGEST_TURN / angle
+        for v in range(x.shape[0]):
+            for axis in range(3):
+                room.step[v, axis] *= LARGEST_TURN / angle
+                room.turns[v, axis] *= LARGEST_TURN / angle
     rotations.warp(room.turns, room.step, 1.0, room.moved)
-    room.moved[:] += x
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            room.moved[v, axis] += x[v, axis]
 
 
 @operation_of(Step, method.advance, **_options)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the warped direction."""
-    _warp(p.body, p.room, p.x)
-    elasticity.predict(p.body.elastic, p.room, p.x)
-    p.x[:] = p.room.moved
+    body, room = p.body, p.room
+    _warp(body, room, p.x)
+    elasticity.predict(body.elastic, room, p.x)
+    write(room.moved, p.x)
     return 0.0
 
 
@@ -211,26 +229,29 @@ def _is_minimum(p):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.drag, **_options)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
-    p.room.numbers[_DRAG] = factor
-    p.room.step[:] = 0.0
-    elasticity.predict(p.body.elastic, p.room, p.x)
+    room = p.room
+    room.numbers[_DRAG] = factor
+    room.step[:] = 0.0
+    elasticity.predict(p.body.elastic, room, p.x)
 
 
 @operation_of(Step, method.first_drag, **_options)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]
     """Drag to begin with."""
-    total = 0.0
-    for k in range(p.body.free.size):
-        total += p.body.mass[p.body.free[k]] ** 2
-    return size * p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * p.body.size)
+    total, body = 0.0, p.body
+    for k in range(body.free.size):
+        total += body.mass[body.free[k]] ** 2
+    return size * p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * body.size)
 
 
 @operation_of(Step, method.point_downhill, **_options)
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find a direction in which the potential curves down: that of the smallest pivot of the last factor."""
     body, room, way = p.body, p.room, p.room.way
-    pivots = 1.0 / room.pivots[: way.size]
-    least = np.argmin(pivots)
+    least, smallest = 0, np.inf
+    for k in range(way.size):
+        if 1.0 / room.pivots[k] < smallest:
+            least, smallest = k, 1.0 / room.pivots[k]
     way[:] = 0.0
     way[least] = 1.0
     substitute_back(room.values, body.first, body.starts, room.own, way)
@@ -240,34 +261,40 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
             part = way[3 * body.rows[k] + axis]
             squares += body.mass[body.free[k]] * part**2
             largest = max(largest, abs(part))
-    way *= body.size / largest
-    return pivots[least] / squares
+    for k in range(way.size):
+        way[k] *= body.size / largest
+    return smallest / squares
 
 
 @operation_of(Step, method.step_aside, **_options)
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction, warped."""
-    _spread(p.body, p.room, p.room.way, fraction)
-    _warp(p.body, p.room, p.slots[START])
-    p.x[:] = p.room.moved
+    body, room = p.body, p.room
+    _spread(body, room, room.way, fraction)
+    _warp(body, room, p.slots[START])
+    write(room.moved, p.x)
 
 
 @njit(**_inner)
 def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
-    """Write the push of load and inertia, and the first iterate; returns the scale of forces."""
+    """Write the push of load and inertia, and the first iterate with its stresses; returns the scale of forces."""
     x, push, origin, rates = room.x, room.push, start.origin, start.rates
     forces, displaced = 0.0, 0.0
     for v in range(origin.shape[0]):
         for axis in range(3):
             push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
-    room.slots[START] = start.near
-    x[:] = body.rest
+    write(start.near, room.slots[START])
+    write(body.rest, x)
     for k in range(body.free.size):
         v = body.free[k]
         for axis in range(3):
             x[v, axis] = origin[v, axis] + dt * rates[v, axis]
             forces += push[v, axis] ** 2
             displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            room.step[v, axis] = x[v, axis] - start.near[v, axis]
+    elasticity.predict(body.elastic, room, start.near)
     return max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
 
 
@@ -294,9 +321,6 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
         elasticity.resist(body.elastic, body, room, start.viscous_at, resistances, dt)
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
-    room.step[:] = x
-    room.step[:] -= start.near
-    elasticity.predict(body.elastic, room, start.near)
     step = Step(body, room, start.origin, viscous, x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return x.copy(), found.iterations, found.solved
