@@ -63,7 +63,7 @@ def off(row: dict[str, Any], fewest: int) -> float:
 
 def held(found: dict[str, Any]) -> list[dict[str, Any]]:
     """The worst of each kind against what is aimed at."""
-    damping, free = found["damping"], [row for row in found["free"] if "refused" not in row]
+    damping, free = found["damping"], found["free"]
     plate = {row["steps"]: row["error"] for row in found["plate"] if row["rule"] == "sdirk2"}
     snap = {(row["rung"], row["rule"]): row["error"] for row in found["snap"] if row["divisions"] == 1}
     stiff = [row for row in found["stiff"] if row["rule"] != "implicit_euler"]
@@ -133,8 +133,6 @@ def table(result: StudyResult) -> str:
         "scene | rule | largest energy [start] | energy left | iterations a solution | over implicit Euler's | status"
     )
     rows = [{**row, "divided": f"1/{30 * row['divisions']}"} for row in found["snap"]]
-    kept = [row for row in found["free"] if "refused" not in row]
-    refused = [row for row in found["free"] if "refused" in row and row["scene"] == found["free"][0]["scene"]]
     return paragraphs(
         cost_sentence(found),
         markdown(
@@ -176,9 +174,8 @@ def table(result: StudyResult) -> str:
             "scene | rung | centre | momentum | angular momentum | energy left | largest energy",
             "{scene} | {rung} | {wander:.1e} | {momentum:.1e} | {angular_momentum:.1e} | {energy_left:.3f|-} "
             "| {largest_energy:.3f|-}",
-            kept,
+            found["free"],
         ),
-        "\n".join(f"{row['rung']} refuses a free panel: {row['refused']}." for row in refused),
         "Stiff scenes; energies over the start's, of strips over the work of their weight, plus 1:",
         markdown(
             stiff,
