@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import modalshell as ms
+from modalshell.kernels.packed import dot
 from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError, multifrontal
 from modalshell.modes.factorisation import Factoriser
 
@@ -241,3 +242,11 @@ def test_signed_factors_solve_with_indefinite_matrices(block, negative):
     matrix.data[:] = 0.0
     with pytest.raises(NotPositiveDefiniteError):
         analysis.factorise(matrix, signed=True)
+
+
+def test_dots_of_any_length_and_place():
+    a, b = np.random.default_rng(0).standard_normal((2, 60))
+    for count in range(40):
+        assert dot(a, 3, b, 7, count) == pytest.approx(a[3 : 3 + count] @ b[7 : 7 + count], abs=1e-13)
+    b[7 + 5 :] = np.nan  # nothing beyond is read
+    assert np.isfinite(dot(a, 0, b, 7, 5))
