@@ -37,6 +37,7 @@ BETWEEN_PARTS = {
     "step",
     "march",
     "push",
+    "pushed_step",
     "velocities",
     "velocity_at",
     "growth",
