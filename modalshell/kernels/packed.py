@@ -34,6 +34,9 @@ BYTES = 64 if "+avx512f" in _features.split(",") else 32
 That is this machine's, or the one of numba's ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES``.
 """
 
+LANES = BYTES // 8
+"""Numbers of float64 in a packed register."""
+
 _intrinsic: Any = intrinsic  # its annotations count the typing context as an argument of the call
 
 # Multiplications and additions may be fused; nothing is reordered.
@@ -278,9 +281,8 @@ def dot(a, i, b, j, count):  # type: ignore[no-untyped-def]
     LLVM would pack a plain loop with "reassoc" too; but a kernel that others call exists in several copies, each
     optimised again, and which of them runs, and so how it rounds, depends on what was loaded first.
     """
-    products, lanes = spread(0.0), lane_count(a)
-    whole = count // lanes * lanes
-    for k in range(0, whole, lanes):
+    products, whole = spread(0.0), count // LANES * LANES
+    for k in range(0, whole, LANES):
         products = products + load(a, i + k) * load(b, j + k)
     if whole < count:
         products = products + load_first(a, i + whole, count - whole) * load_first(b, j + whole, count - whole)

@@ -14,11 +14,12 @@ from threadpoolctl import ThreadpoolController
 
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
+from modalshell.kernels.packed import LANES
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS, SINGLE_BLAS
 from modalshell.linalg.conjugate_gradients import Preconditioner, Rows, Stop, solve_near
 from modalshell.linalg.ordering import best_elimination, row_lists
-from modalshell.linalg.triangular_solves import LANES, solve
+from modalshell.linalg.triangular_solves import solve
 
 _PRODUCTS_A_READ = 0.045
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""

@@ -19,15 +19,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import BYTES, load, load_first, spread, store, total
+from modalshell.kernels.packed import LANES, load, load_first, spread, store, total
 from modalshell.linalg.cholesky import symmetric_block_graph
 
-LANES = BYTES // 8
-"""Numbers in a packed register: rows start, and are padded with zeros, at multiples of it."""
-
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-# Sums stand in packed registers. LLVM would pack them too with "reassoc"; but a kernel that others call exists in
-# several copies, each optimised again, and which of them runs, and so how it rounds, depends on what was loaded first.
+# Rows start, and are padded with zeros, at multiples of LANES. Sums stand in packed registers, as in `packed.dot`, and
+# not in loops that LLVM packs by "reassoc": kernels that others call would round by what was loaded first.
 
 
 @njit(**_options)

@@ -1,8 +1,8 @@
 """Triangular solves with a multifrontal factor, compiled: of one right side, or of as many as a register holds.
 
 A solve reads the factor twice and does little else: where it does not fit into a cache, memory sets the pace. Four
-columns are read at once, by whole registers. Those that reach beyond a column's end read what follows there, which
-meets zeros or is not kept. On the narrow panels of shells this is faster than calls of the BLAS.
+columns are read at once, by whole registers. Those that reach beyond a column's end read what follows there: finite
+numbers, which meet zeros or are not kept. On the narrow panels of shells this is faster than calls of the BLAS.
 """
 
 from __future__ import annotations
@@ -10,11 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import BYTES, lane_count, load, spread, spread_from, store, total
+from modalshell.kernels.packed import lane_count, load, spread, spread_from, store, total
 from modalshell.linalg.analysis import Panels
-
-LANES = BYTES // 8
-"""Numbers of a register: right sides at once, and numbers, all finite, that follow a factor's last column."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 

@@ -13,7 +13,8 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
 from modalshell.kernels.compiler import njit
-from modalshell.linalg.profile import LANES, factorise, solve, substitute_back
+from modalshell.kernels.packed import LANES
+from modalshell.linalg.profile import factorise, solve, substitute_back
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import (

@@ -11,15 +11,13 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import BYTES, dot, load, load_first, spread, spread_from, store, total
+from modalshell.kernels.packed import LANES, dot, load, load_first, spread, spread_from, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
-LANES = BYTES // 8
-"""Numbers in a packed register."""
 
 
 @njit(**_options)
