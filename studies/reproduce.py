@@ -66,6 +66,7 @@ def reproduce(
         The files written.
     """
     study = studies()[name]
+    figures.mkdir(parents=True, exist_ok=True)
     result = study.main(quick=quick, on_step=on_step)
     written: list[Path] = result.save(results)
     title = (study.__doc__ or name).strip().splitlines()[0]
