@@ -31,7 +31,8 @@ def _quadratic(form, z, stresses, strains, slopes, hessian):  # type: ignore[no-
     width = -(-modes // LANES) * LANES
     rest = modes - (width - LANES)
     products, known = np.zeros(count * width), np.zeros(width)
-    known[:modes] = stresses[:modes]
+    for k in range(modes):
+        known[k] = stresses[k]
     place = 0
     for i in range(count):
         here = spread(z[i])
@@ -45,7 +46,8 @@ def _quadratic(form, z, stresses, strains, slopes, hessian):  # type: ignore[no-
                 sums = sums + numbers * load(known, k)
             hessian[i, j] += total(sums)
             place += modes
-    strains[:modes] = 0.0
+    for k in range(modes):
+        strains[k] = 0.0
     for i in range(count):
         for k in range(modes):
             slope = products[i * width + k]
@@ -99,9 +101,10 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
     leaves out the second derivatives of the angles and of the normals.
     """
     count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
-    hessian[:] = bending.flat
     flat, energy = bending.flat.reshape(-1), 0.0
     for i in range(count):
+        for j in range(count):
+            hessian[i, j] = bending.flat[i, j]
         bent = dot(flat, i * count, z, 0, count)
         gradient[i] = bent
         energy += 0.5 * z[i] * bent
@@ -187,24 +190,33 @@ def _residual(p):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def _balance(p):  # type: ignore[no-untyped-def]
     p.numbers[_ENERGY] = energy_terms(p.reduced, p.x, p.stresses, p.strains, p.slopes, p.gradient, p.hessian)
-    p.gradient[:] += p.outer @ (p.x - p.origin) - p.push
-    if p.numbers[_DRAG] > 0.0:
-        p.gradient[:] += p.numbers[_DRAG] * (p.x - p.slots[START])
-    return np.sqrt(np.sum(p.gradient * p.gradient)) / p.numbers[_SCALE]
+    count, outer, u = p.x.size, p.outer.reshape(-1), np.empty(p.x.size)
+    for i in range(count):
+        u[i] = p.x[i] - p.origin[i]
+    for i in range(count):
+        p.gradient[i] += dot(outer, i * count, u, 0, count) - p.push[i]
+        p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i])
+    return np.sqrt(dot(p.gradient, 0, p.gradient, 0, count)) / p.numbers[_SCALE]
 
 
 @operation_of(Step, method.potential, **_options)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    size, u = _balance(p), p.x - p.origin
-    return p.numbers[_ENERGY] + np.sum(u * (0.5 * (p.outer @ u) - p.push)), size
+    size, value = _balance(p), p.numbers[_ENERGY]
+    for i in range(p.x.size):
+        move = p.x[i] - p.origin[i]
+        for j in range(p.x.size):
+            value += 0.5 * move * p.outer[i, j] * (p.x[j] - p.origin[j])
+        value -= move * p.push[i]
+    return value, size
 
 
 @operation_of(Step, method.solve, **_options)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction, into the array of the gradient."""
-    p.hessian[:] += p.outer
     for i in range(p.x.size):
+        for j in range(i + 1):
+            p.hessian[i, j] += p.outer[i, j]
         p.hessian[i, i] += p.numbers[_DRAG]
         p.gradient[i] = -p.gradient[i]
     p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient)
@@ -215,7 +227,8 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the direction."""
     _predict(p.slopes, p.gradient, p.strains, p.stresses)
-    p.x[:] += p.gradient
+    for i in range(p.x.size):
+        p.x[i] += p.gradient[i]
     return 0.0
 
 
@@ -230,7 +243,8 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     p.numbers[_DRAG] = factor
     _balance(p)
-    p.stresses[:] = p.strains[: p.stresses.size]
+    for k in range(p.stresses.size):
+        p.stresses[k] = p.strains[k]
 
 
 @operation_of(Step, method.first_drag, **_options)
@@ -243,19 +257,23 @@ def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find the direction in which the potential curves down most."""
     _balance(p)
-    hessian = p.hessian + p.outer
-    for i in range(p.x.size):
-        for j in range(i):
-            hessian[j, i] = hessian[i, j]
-    curvatures, ways = np.linalg.eigh(hessian)
-    p.way[:] = np.sqrt(np.sum(p.x * p.x)) * ways[:, 0]
+    count = p.x.size
+    for i in range(count):
+        for j in range(i + 1):
+            p.hessian[i, j] += p.outer[i, j]
+            p.hessian[j, i] = p.hessian[i, j]
+    curvatures, ways = np.linalg.eigh(p.hessian)
+    size = np.sqrt(dot(p.x, 0, p.x, 0, count))
+    for i in range(count):
+        p.way[i] = size * ways[i, 0]
     return curvatures[0]
 
 
 @operation_of(Step, method.step_aside, **_options)
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction."""
-    p.x[:] = p.slots[START] + fraction * p.way
+    for i in range(p.x.size):
+        p.x[i] = p.slots[START, i] + fraction * p.way[i]
 
 
 @njit(**_options)
@@ -293,27 +311,29 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
             add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
             add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
-            for j in range(i):
+            for j in range(i + 1):
+                outer[i, j] += factor * bending.flat[i, j]
                 outer[j, i] = outer[i, j]
-        outer += bending.flat * factor
+    push, ahead, way, slots = np.empty(count), np.empty(count), np.empty(count), np.empty((2, count))
     for i in range(count):
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
-    push = force + rates / dt
-    scale = max(np.sqrt(np.sum(push * push)), 1e-3 * np.sqrt(np.sum(z * z)) / (dt * dt))
+        push[i] = force[i] + rates[i] / dt
+        ahead[i] = z[i] + dt * rates[i]
+        way[i] = ahead[i] - near[i]
+        slots[START, i] = near[i]
+    scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
-    _predict(slopes, z + dt * rates - near, strains, stresses)
+    _predict(slopes, way, strains, stresses)
     slopes, strains = (
         np.empty((count, modes + reduced.bending.angles.size)),
         np.empty(modes + reduced.bending.angles.size),
     )
-    slots = np.empty((2, count))
-    slots[START] = near
     step = Step(
-        reduced, z, outer, push, z + dt * rates, stresses, strains, slopes, np.empty(count), unused, slots,
-        np.empty(count), np.array([scale, 0.0, 0.0, np.inf]),
+        reduced, z, outer, push, ahead, stresses, strains, slopes, np.empty(count), unused, slots, way,
+        np.array([scale, 0.0, 0.0, np.inf]),
     )  # fmt: skip
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
-    seen = 0.5 * np.sum(strains[:modes] * strains[:modes])
+    seen = 0.5 * dot(strains, 0, strains, 0, modes)
     return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations
