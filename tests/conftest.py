@@ -131,8 +131,10 @@ def pytest_collection_modifyitems(config, items):
         named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
         if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
-    if hasattr(config, "workerinput"):  # studies take longest, then files of many tests: first, to end together
-        sizes = Counter(taken_together(item.nodeid) for item in items)
+    if hasattr(config, "workerinput"):  # studies take longest, then files of many or slow tests: first, to end together
+        sizes: Counter[str] = Counter()
+        for item in items:
+            sizes[taken_together(item.nodeid)] += 20 if item.get_closest_marker("slow") else 1
         items.sort(key=lambda item: (taken_together(item.nodeid) not in studies(), -sizes[taken_together(item.nodeid)]))
 
 
