@@ -41,20 +41,20 @@ _WEIGHT = 0.2
 _PIXELS = 1200
 
 
-def annulus(edge: float = EDGE) -> ms.TriangleMesh:
-    """The cloth between the rim of the discs and its own, with a strip inside the discs; no direction is preferred."""
+def annulus(edge: float = EDGE, cloth: float = CLOTH, discs: float = DISCS) -> ms.TriangleMesh:
+    """A cloth of a radius between the rim of its discs and its own, with a strip inside; no direction is preferred."""
 
     def ring(radius: float) -> Array:
         angles = 2.0 * np.pi * np.arange(round(2.0 * np.pi * radius / edge)) / round(2.0 * np.pi * radius / edge)
         return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
-    count = int(np.pi * CLOTH**2 / (0.87 * edge**2))
+    count = int(np.pi * cloth**2 / (0.87 * edge**2))
     turns = np.arange(count) + 0.5
-    radius, angle = CLOTH * np.sqrt(turns / count), np.pi * (1.0 + 5.0**0.5) * turns
-    inside = (radius < CLOTH - 0.6 * edge) & (radius > DISCS + 0.55 * edge)
+    radius, angle = cloth * np.sqrt(turns / count), np.pi * (1.0 + 5.0**0.5) * turns
+    inside = (radius < cloth - 0.6 * edge) & (radius > discs + 0.55 * edge)
     spiral = (radius * np.stack([np.cos(angle), np.sin(angle)]))[:, inside].T
-    inner = DISCS - 0.9 * edge
-    points = np.concatenate([spiral, ring(DISCS), ring(CLOTH), ring(inner)])
+    inner = discs - 0.9 * edge
+    points = np.concatenate([spiral, ring(discs), ring(cloth), ring(inner)])
     faces = Delaunay(points).simplices.astype(np.int64)
     faces = faces[np.hypot(*points[faces].mean(axis=1).T) > 0.99 * inner]
     first, second = (points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2))
@@ -63,12 +63,12 @@ def annulus(edge: float = EDGE) -> ms.TriangleMesh:
     return ms.TriangleMesh(np.column_stack([points, np.zeros(len(points))]), faces)
 
 
-def cloth(mesh: ms.TriangleMesh, length: float) -> ms.Shell:
-    """The cloth of a bending length [m], held between the discs."""
+def cloth(mesh: ms.TriangleMesh, length: float, discs: float = DISCS) -> ms.Shell:
+    """The cloth of a bending length [m], held between discs of a radius [m]."""
     thickness = length / _THIN
     young = 12.0 * _WEIGHT * GRAVITY * length**3 / thickness**3
     sheet = ms.Isotropic(young=young, poisson=0.0, thickness=thickness, density=_WEIGHT / thickness)
-    return ms.Shell(mesh, sheet, np.hypot(*mesh.vertices[:, :2].T) < 1.0001 * DISCS)
+    return ms.Shell(mesh, sheet, np.hypot(*mesh.vertices[:, :2].T) < 1.0001 * discs)
 
 
 def hung(shell: ms.Shell, start: Array, seed: int = 0) -> ms.Equilibrium:
@@ -78,12 +78,12 @@ def hung(shell: ms.Shell, start: Array, seed: int = 0) -> ms.Equilibrium:
     return ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -GRAVITY), start=uneven)
 
 
-def coefficient(positions: Array, faces: Any) -> float:
+def coefficient(positions: Array, faces: Any, cloth: float = CLOTH, discs: float = DISCS) -> float:
     """Drape coefficient: the area of the shadow beyond the discs, seen from above, over that of the flat cloth."""
-    scale = 0.5 * _PIXELS / (1.02 * CLOTH)
+    scale = 0.5 * _PIXELS / (1.02 * cloth)
     corners = positions[faces][:, :, :2] * scale + 0.5 * _PIXELS
     rows, columns = np.mgrid[0:_PIXELS, 0:_PIXELS] + 0.5
-    shadow = np.hypot(columns - 0.5 * _PIXELS, rows - 0.5 * _PIXELS) < DISCS * scale
+    shadow = np.hypot(columns - 0.5 * _PIXELS, rows - 0.5 * _PIXELS) < discs * scale
     for a, b, c in corners:
         low = np.clip(np.floor(np.min([a, b, c], axis=0)).astype(int), 0, _PIXELS)
         high = np.clip(np.ceil(np.max([a, b, c], axis=0)).astype(int) + 1, 0, _PIXELS)
@@ -94,8 +94,8 @@ def coefficient(positions: Array, faces: Any) -> float:
         if abs(area) > 1e-9:
             u, v = (x * s - y * r) / area, (y * p - x * q) / area
             shadow[window] |= (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
-    discs = np.pi * DISCS**2
-    return float((shadow.sum() / scale**2 - discs) / (np.pi * CLOTH**2 - discs))
+    disc = np.pi * discs**2
+    return float((shadow.sum() / scale**2 - disc) / (np.pi * cloth**2 - disc))
 
 
 def potential(shell: ms.Shell, positions: Array) -> float:

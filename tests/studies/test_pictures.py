@@ -24,8 +24,8 @@ from studies.pages import committed
 from studies.reproduce import studies
 
 SHAPED = {
-    "figure_3", "figure_4", "figure_5", "figure_7", "figure_8", "grown_leaf", "held_out_snaps", "shell_theory_shapes",
-    "snap", "spring_sheet_speed", "stability_atlas", "strangers_meshes", "tradeoff",
+    "fabric_drape", "figure_3", "figure_4", "figure_5", "figure_7", "figure_8", "grown_leaf", "held_out_snaps",
+    "shell_theory_shapes", "snap", "spring_sheet_speed", "stability_atlas", "strangers_meshes", "tradeoff",
 }  # fmt: skip
 """Figures that need more than the committed findings: shapes, or keys of older pages."""
 DRAWN = [figure for study in studies().values() for figure in study.FIGURES if figure not in SHAPED]
@@ -137,6 +137,7 @@ def tradeoffs():
 
 
 STAND_INS = {
+    "fabric_drape": lambda: (committed("fabric_drape").findings, Patches()),
     "figure_3": lambda: (committed("large_mesh").findings | {"modes": 4}, Patches(6, times=np.linspace(0.0, 4.0, 6))),
     "figure_4": lambda: (committed("flat_vs_v_beam").findings, Patches()),
     "figure_5": beams,
@@ -173,7 +174,7 @@ def test_no_text_of_a_picture_of_shapes_lies_on_another(figure, saved, tmp_path,
     for name in ("write_film", "film"):
         monkeypatch.setattr(module, name, lambda path, *_, **__: path, raising=False)
     monkeypatch.setattr(module, "body", lambda _: {"#112233": (arrays["positions"], arrays["faces"])}, raising=False)
-    record = {"parameters": {"modes": 12, "shown": [0.005, 0.03, 0.15]}}
+    record = {"parameters": {"modes": 12, "shown": [0.005, 0.03, 0.15], "sizes": {"Cusick": [0.15, 0.09]}}}
     monkeypatch.setattr(
         StudyResult, "load", staticmethod(lambda _, study: StudyResult(study, findings, arrays, record))
     )

@@ -13,6 +13,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh, remesh
 from modalshell.mesh.closest import closest_points, nearest_on_segments
 from modalshell.mesh.welding import drop_unused
+from modalshell.models.coarse.prolongation import sharp_edges
 from modalshell.models.coarse.taken_over import edges_to_keep
 from modalshell.shell import Shell
 
@@ -27,6 +28,8 @@ _THIN, _TURNED = 0.02, 0.5
 _HEIGHT = 0.1
 """Least height of a held triangle over its edge's length."""
 
+_NARROW = 0.25
+"""Share of the surface in walls of one cell across from which a warning is given."""
 _SAME = 1e-6
 """Relative distance and difference of areas below which a surface is the same."""
 
@@ -37,7 +40,9 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     The part that moves is remeshed alone, so that the line where the clamps end is a boundary of it. Each coarse edge
     there gets a held triangle on its other side, the hinge between them being the clamp. The clamped region itself
     follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
-    points and lines. Junctions, creases and the bounds of regions keep edges along them.
+    points and lines. Junctions, creases and the bounds of regions keep edges along them. Walls between sharp folds or
+    junctions that get one cell across have no shape of their own: a :class:`ModalShellWarning` says how much of the
+    surface they are.
 
     Raises
     ------
@@ -61,12 +66,12 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     places = mesh.vertices[points]
     keep = edges_to_keep(shell)
     if not held.any():
-        return _drawn_to(_remeshed(mesh, triangles, mesh.edges[keep]), places)
+        return _drawn_to(_with_wide_walls(_remeshed(mesh, triangles, mesh.edges[keep])), places)
     if held.all():
         raise SupportError("every triangle of the shell is clamped: nothing is left to remesh")
     moving = _part(mesh, ~held)
     count = max(_FEWEST, round(triangles * moving.area / mesh.area))
-    coarse = _drawn_to(_remeshed(moving, count, _pairs_in(mesh, ~held, keep)), places)
+    coarse = _drawn_to(_with_wide_walls(_remeshed(moving, count, _pairs_in(mesh, ~held, keep))), places)
     edges = _edges_along(coarse, moving, _clamp_line(mesh, held))
     if not len(edges):
         raise SupportError(f"the clamped line is lost on a mesh of {triangles} triangles: ask for more")
@@ -171,6 +176,24 @@ def _part(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:
 def _remeshed(mesh: TriangleMesh, triangles: int, keep: Index) -> TriangleMesh:
     """``mesh`` with edges along pairs ``keep`` (k, 2) of its vertices."""
     return remesh(mesh, triangles, keep=keep) if len(keep) else remesh(mesh, triangles)
+
+
+def _with_wide_walls(mesh: TriangleMesh) -> TriangleMesh:
+    """``mesh``; a warning where walls that begin at a sharp fold or junction have one cell across."""
+    inner, sharp = sharp_edges(mesh)
+    at_fold, at_end = np.zeros((2, len(mesh.vertices)), dtype=bool)
+    at_fold[mesh.edges[inner[sharp]]] = True
+    at_end[mesh.edges[np.delete(np.arange(len(mesh.edges)), inner)]] = True
+    narrow = (at_fold | at_end)[mesh.faces].all(axis=1) & at_fold[mesh.faces].any(axis=1)
+    share = float(mesh.face_areas[narrow].sum() / mesh.area)
+    if share > _NARROW:
+        warnings.warn(
+            f"{100.0 * share:.0f} % of the coarse surface, of {len(mesh.faces)} triangles, lies in walls of one cell "
+            "across, which hardly bend between their edges: ask for more triangles, or give a mesh of two cells across",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+    return mesh
 
 
 def _pairs_in(mesh: TriangleMesh, chosen: NDArray[np.bool_], edges: Index) -> Index:

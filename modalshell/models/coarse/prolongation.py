@@ -137,7 +137,7 @@ def _restrict(load, starts, columns, weights, coarse):  # type: ignore[no-untype
                 coarse[columns[k], axis] += weights[k] * load[i, axis]
 
 
-def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, NDArray[np.bool_]]:
+def sharp_edges(mesh: TriangleMesh) -> tuple[Index, NDArray[np.bool_]]:
     """Edges (e,) of two triangles or more, and which of them are sharp (e,), as all junctions are."""
     inner = np.flatnonzero((mesh.edge_faces >= 0).all(axis=1))
     pairs = mesh.edge_faces[inner]
@@ -147,8 +147,8 @@ def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, NDArray[np.bool_]]:
 
 def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None) -> Index:
     """Number (T,) of the smooth patch of every coarse triangle; a coarse mesh of a smooth surface is one patch."""
-    inner, sharp = _sharp_edges(coarse)
-    if not _sharp_edges(fine)[1].any():
+    inner, sharp = sharp_edges(coarse)
+    if not sharp_edges(fine)[1].any():
         sharp[:] = False
     if folds is not None:
         sharp |= np.isin(inner, folds)

@@ -11,9 +11,9 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import LANES, dot, load, load_first, spread, spread_from, store, total
+from modalshell.kernels.packed import LANES, dot, load, load_first, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles
+from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles, write_products
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -74,19 +74,7 @@ def _add_squares(slopes, first, size, factor, matrix):  # type: ignore[no-untype
     for i in range(count):
         for k in range(size):
             turned[k * width + i] = slopes[i, first + k]
-    for i in range(0, width, 4):
-        for j in range(0, i + 4, LANES):
-            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for at in range(0, size * width, width):
-                row = load(turned, at + j)
-                a = a + spread_from(turned, at + i) * row
-                b = b + spread_from(turned, at + i + 1) * row
-                c = c + spread_from(turned, at + i + 2) * row
-                d = d + spread_from(turned, at + i + 3) * row
-            store(made, i * width + j, a)
-            store(made, (i + 1) * width + j, b)
-            store(made, (i + 2) * width + j, c)
-            store(made, (i + 3) * width + j, d)
+    write_products(turned, turned, width, True, made)
     for i in range(count):
         for j in range(i + 1):
             matrix[i, j] += factor * made[i * width + j]
@@ -116,7 +104,7 @@ def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # t
     for i in range(count):
         gradient[i] += dot(rows, i * width, strains, 0, strains.size)
     if bending.across.shape[0] > 0:
-        others = np.empty((count, bending.across.shape[0]))
+        others = np.empty((bending.across.shape[0], count))
         energy += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
         add_coupled(slopes, first, others, 1.0, hessian)
     return energy
@@ -307,7 +295,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
         x = hinge_angles(bending, viscous_at, modes, strains, slopes)
         _add_squares(slopes, modes, bending.angles.size, factor, outer)
         if bending.across.shape[0] > 0:
-            others, none = np.empty((count, bending.across.shape[0])), np.zeros(count)
+            others, none = np.empty((bending.across.shape[0], count)), np.zeros(count)
             add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
             add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):

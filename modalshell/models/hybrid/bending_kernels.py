@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import dot
+from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
@@ -83,12 +83,13 @@ def _pull_normal(bending, x, h, pull, way, normal, length, forces):  # type: ign
 
 @njit(**_options)
 def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
-    """Add what couples bent hinges to the gradient, and write the ``others`` (m, H) that their slopes are coupled to.
+    """Add what couples bent hinges to the gradient, and write the ``others`` (H, m) that their slopes are coupled to.
 
     Returns the energy. The normals' turning is in the gradient alone.
     """
     count, value, across = z.size, 0.0, bending.across.reshape(-1)
     forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
+    rows = np.ascontiguousarray(slopes[:, first : first + others.shape[0]].T)
     for h in range(bending.hinges.shape[0]):
         bent = strains[first + h]
         length = _mean_normal(bending, x, h, way, normal)
@@ -98,20 +99,18 @@ def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # t
         for axis in range(3):
             pull[axis] *= bent
         _pull_normal(bending, x, h, pull, way, normal, length, forces)
-        for i in range(count):
-            others[i, h] = 0.0
+        others[h] = 0.0
         for place in range(bending.starts[h], bending.starts[h + 1]):
-            other, factor = first + bending.others[place], bending.values[place]
-            coupled += factor * strains[other]
+            other, factor = bending.others[place], bending.values[place]
+            coupled += factor * strains[first + other]
             for i in range(count):
-                others[i, h] += 0.5 * factor * slopes[i, other]
+                others[h, i] += 0.5 * factor * rows[other, i]
         value += bent * (0.5 * coupled + flat)
+        n, o, p = normal
         for i in range(count):
-            turned = 0.0
-            for axis in range(3):
-                turned += bending.across[h, axis, i] * normal[axis]
-            others[i, h] += turned
-            gradient[i] += slopes[i, first + h] * (coupled + flat) + bent * turned
+            turned = bending.across[h, 0, i] * n + bending.across[h, 1, i] * o + bending.across[h, 2, i] * p
+            others[h, i] += turned
+            gradient[i] += rows[h, i] * (coupled + flat) + bent * turned
     for v in range(x.shape[0]):
         for axis in range(3):
             for i in range(count):
@@ -120,11 +119,34 @@ def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # t
 
 
 @njit(**_options)
+def write_products(left, right, width, lower, made):  # type: ignore[no-untyped-def]
+    """Write sums of products of rows of ``left`` and ``right`` of length ``width`` into ``made``, or its lower half."""
+    for i in range(0, width, 4):
+        for j in range(0, i + 4 if lower else width, LANES):
+            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for at in range(0, left.size, width):
+                row = load(right, at + j)
+                a = a + spread_from(left, at + i) * row
+                b = b + spread_from(left, at + i + 1) * row
+                c = c + spread_from(left, at + i + 2) * row
+                d = d + spread_from(left, at + i + 3) * row
+            store(made, i * width + j, a)
+            store(made, (i + 1) * width + j, b)
+            store(made, (i + 2) * width + j, c)
+            store(made, (i + 3) * width + j, d)
+
+
+@njit(**_options)
 def add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
     """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
-    flat, width, coupled, size = slopes.reshape(-1), slopes.shape[1], others.reshape(-1), others.shape[1]
-    for i in range(matrix.shape[0]):
-        p, r = first + i * width, i * size
+    size, count = others.shape
+    width = -(-count // LANES) * LANES
+    left, right, made = np.zeros(size * width), np.zeros(size * width), np.empty(width * width)
+    for i in range(count):
+        for h in range(size):
+            left[h * width + i] = slopes[i, first + h]
+            right[h * width + i] = others[h, i]
+    write_products(left, right, width, False, made)
+    for i in range(count):
         for j in range(i + 1):
-            q, s = first + j * width, j * size
-            matrix[i, j] += factor * (dot(flat, p, coupled, s, size) + dot(coupled, r, flat, q, size))
+            matrix[i, j] += factor * (made[i * width + j] + made[j * width + i])
