@@ -131,7 +131,8 @@ def table(result: StudyResult) -> str:
     ]
     rows = [row | {"wants": row["wants"]["folds"], "over": "yes" if row["overlaps"] else "no"} for row in rows]
     return paragraphs(
-        "Measured [matsudaira2015]; the friction is that of bending over the moment of a strip's weight at its clamp:",
+        "Measured [matsudaira2015], by a transcription of the paper's tables, which has neither shear nor the discs' "
+        "size; the friction is that of bending over the moment of a strip's weight at its clamp:",
         markdown(
             "fabric | bending [µN m] | weight [kg/m²] | bending length [mm] | friction [%] | drape coefficient [%] | "
             "folds",
