@@ -153,13 +153,13 @@ class _Step:
         active, stresses = self._solver.near(x), None
         sticks = active & (self._friction > 0.0) & ~(before.sets.active & ~before.sets.sticks)
         sets = replace(before.sets, active=active, sticks=sticks)
-        size, best, repeated, solved = np.inf, np.inf, False, False
+        size, best, allowed, repeated, solved = np.inf, np.inf, 0.0, False, False
         for iteration in range(most + 1):
             gradient, hessian = self._problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
             gradient = gradient - self._on_unknowns(sets.drag)
             equations, normals, rows = self._equations(x, gradient, hessian, sets, pushes)
             size = float(np.linalg.norm(equations.unbalanced(gradient))) / self._solver.scale(pushes)
-            solved = repeated and size <= accepted
+            solved = repeated and size <= max(accepted, allowed)
             least = accepted > method.ACCEPTED or size <= method.GOAL or size > 0.5 * best  # of rounding
             if (solved and least) or not np.isfinite(size) or iteration == most:
                 break
@@ -173,11 +173,13 @@ class _Step:
             if far:
                 message = SLIDES
                 break
-            x, share, _, stresses = self._solver.moved(x, hessian, direction, rows)
+            x, share, allowed, stresses = self._solver.moved(x, hessian, direction, rows)
             last = sets
             sets, pushes = self._next(x, sets, (equations.frames.rows, found), normals, diagonal)
+            allowed /= self._solver.scale(pushes)
             repeated = share > 0.999 and sets.same(last)
-        rest = Rest(x, sets.active, np.where(sets.active, pushes, 0.0), size, iteration, solved)
+        limited = size > method.ACCEPTED
+        rest = Rest(x, sets.active, np.where(sets.active, pushes, 0.0), size, iteration, solved, limited=limited)
         if accepted > method.ACCEPTED:
             return Rubbed(replace(rest, stable=solved), self._on_vertices(sets.drag), message, sets)
         return self._settled(rest, sets, message)

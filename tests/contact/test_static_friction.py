@@ -107,6 +107,21 @@ def test_the_answer_obeys_the_law_and_stays_where_it_is(collider):
     np.testing.assert_allclose(again.positions, state.positions, atol=1e-9)
 
 
+def test_stick_and_slip_settle_under_a_load_that_rounding_nearly_hides():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 500.0), clamped=mesh.vertices[:, 0] < 1e-9)
+    outcomes = []
+    for pull, depth in ((1e-2, 0.1), (1e-4, 3e-3)):  # a tenth of it, the first step, does not reach the table
+        floor = ms.Contact(ms.Plane(offset=-depth), friction=0.3)
+        state = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -pull), contacts=[floor])
+        pushed = np.linalg.norm(state.contact_forces[:, :2], axis=1)
+        assert 3 <= state.in_contact.sum() <= 8
+        assert (pushed <= 0.3 * state.contact_forces[:, 2] * (1.0 + 1e-6)).all()
+        assert state.residual < 1e-5
+        outcomes.append(state.outcome)
+    assert outcomes == [ms.Outcome.CONVERGED, ms.Outcome.ROUNDING_LIMITED]
+
+
 def test_without_a_coefficient_the_way_there_is_not_asked_for(loose):
     shell = ms.Shell(loose.mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, density=DENSITY), clamped="x < 1e-6")
     state = ms.DiscreteShell(shell).equilibrium(
