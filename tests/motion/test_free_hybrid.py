@@ -1,10 +1,13 @@
 """The hybrid without supports: what it does in its frames, and what it hands over to its coarse shell."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from test_free_shells import GRAVITY, MATERIALS, arms_of, centres, couple, model_of, run_of, shell_of
+from test_free_shells import GRAVITY, MATERIALS, arms_of, centres, couple, model_of, momenta, run_of, shell_of, stepped
 
 import modalshell as ms
+from modalshell.integrators.state import MotionState
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:no basis")]
 
@@ -25,6 +28,30 @@ def states_under(model, load, steps=30, dt=1.0 / 60.0, damping=(0.0, 0.0)):
         assert solved
         states.append(state)
     return states
+
+
+def tumbling(model, spin, velocity):
+    """State at rest whose frame is set in motion."""
+    state = model.start_motion()
+    rates = model.flight.frames.with_poses(state.rates, np.array([[velocity, spin]]))
+    return MotionState(state.coordinates, rates, state.memory)
+
+
+def test_a_tumbling_hybrid_keeps_its_momenta(flying):
+    shell, model, _ = flying
+    frames, _ = stepped(model, tumbling(model, (1.0, 0.4, 3.0), (0.3, 0.0, 0.1)), 1.0 / 60.0, 60)
+    found, scale = momenta(shell, frames, 1.0 / 60.0)
+    np.testing.assert_allclose(found, found[:1].repeat(len(found), axis=0), rtol=0, atol=1e-6 * scale)
+    moved = centres(shell, frames) - centres(shell, frames[:1])
+    np.testing.assert_allclose(moved, np.arange(61)[:, None] / 60.0 * [0.3, 0.0, 0.1], rtol=0, atol=1e-9)
+
+
+def test_tumbling_of_a_hybrid_is_of_second_order():
+    model = model_of("hinges", "hybrid")
+    ends = [stepped(model, tumbling(model, (1.0, 0.4, 3.0), (0.0, 0.0, 0.0)), 0.5 / n, n) for n in (10, 20, 40, 80)]
+    assert all(state.coordinates.ndim == 1 for _, state in ends)  # not handed over
+    errors = [np.linalg.norm(a[-1] - b[-1]) for (a, _), (b, _) in pairwise(ends)]
+    np.testing.assert_allclose(np.log2([a / b for a, b in pairwise(errors)]), 2.0, rtol=0, atol=0.2)
 
 
 def test_a_hybrid_turns_by_itself_as_its_coarse_shell(flying):
