@@ -65,7 +65,7 @@ class ShellCrowd(ABC):
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)
         self.forces = np.full_like(self.coordinates, np.nan)
-        frames = FreeFrames.of(basis)
+        frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
         self.free = None if frames is None else FreeInstances(frames, float(factors[0]))
         self.turn_back = np.zeros((self.count, 0 if frames is None else len(frames.parts), 3))
         self._kept_flow: tuple[float, Flow] | None = None

@@ -197,8 +197,12 @@ class CoarseDiscreteShell(OnCoarse):
 
     def sampled(self, positions: Array) -> Array:
         """Coarse positions (k, 3) [m] where the fine surface has its displacement there."""
-        moved = (positions - self.shell.rest_positions)[self.shell.mesh.faces[self._above]]
-        return self.coarse.shell.rest_positions + np.einsum("kc,kcx->kx", self._shares, moved)
+        return self.sampled_from(positions - self.shell.rest_positions)
+
+    def sampled_from(self, moved: Array) -> Array:
+        """The same by displacements (n, 3) [m] of the fine surface."""
+        corners = moved[self.shell.mesh.faces[self._above]]
+        return self.coarse.shell.rest_positions + np.einsum("kc,kcx->kx", self._shares, corners)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""

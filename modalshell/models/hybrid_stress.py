@@ -11,7 +11,6 @@ from typing import Any, Self, final
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind
@@ -21,7 +20,6 @@ from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import PRESSED, MotionState
-from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import LoadAt, implicit_rule
@@ -30,11 +28,13 @@ from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
+from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
+from modalshell.models.hybrid.compliance import LinearCompliance
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
-from modalshell.models.hybrid.training import Trained, Training, train
+from modalshell.models.hybrid.training import SMALL, Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.damping import Damping
@@ -43,12 +43,8 @@ from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict
 from modalshell.supports.constraints import Constraint
 
-_MISSED, _OFF = 0.02, 0.05
-"""Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
 _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
-_LEFT = 0.01
-"""Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
 
 
 @final
@@ -71,8 +67,8 @@ class HybridStress(OnCoarse):
     membrane the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back
     when they may be. So are states that a contact presses on: training knows no contact forces. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
-    far are damped most. ``residual`` of statics is the reduced gradient over the load's, each coordinate's over the
-    root of its stiffness.
+    far are damped most. Parts without supports fly in frames of their own, trained on their shapes in these.
+    ``residual`` of statics is the reduced gradient over the load's, each coordinate's over the root of its stiffness.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -89,8 +85,7 @@ class HybridStress(OnCoarse):
     ------
     OptionError
         If the coarse shell has further energies than its material's.
-    SupportError
-        If the shell has no supports.
+        If supports leave a part some rigid motions and not all.
     """
 
     name = "hybrid"
@@ -109,7 +104,7 @@ class HybridStress(OnCoarse):
         at_origin = measures_of(coarse.centred()[0])
         self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
-        stiffness = sps.csc_array(coarse.stiffness())
+        self._about()
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes = self._reduced.membrane.linear.shape
         hinges, bending = len(self._reduced.bending.hinges), self._reduced.bending
@@ -119,12 +114,15 @@ class HybridStress(OnCoarse):
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
-        self._compliances = [np.linalg.inv(self._basis.T @ (stiffness @ self._basis)), scipy.linalg.pinvh(own)]
         self._last_load = PerThread(_LastLoad)
-        self._free = coarse.free_unknowns
-        part = sps.csc_array(stiffness[self._free][:, self._free])
-        part.sort_indices()
-        self._factor = ProfileAnalysis(part).factorise(part)
+        little = 2.0 * SMALL * trained.energy if self.flight.count else None
+        self._compliance = LinearCompliance(coarse, trained.basis, own, little)
+
+    def _about(self) -> None:
+        """Make what knows where the shells are."""
+        self._shape = CoarseShape(self.coarse, self._basis, self._weighted)
+        self._states = states_of(self._shape)
+        self.flight = self._states.flight
 
     @classmethod
     def trained(
@@ -205,26 +203,17 @@ class HybridStress(OnCoarse):
             return self, origin
         model = copy.copy(self)
         model.shell, model.coarse = coarse.shell, coarse
+        model._about()
         return model, origin
 
     def refusal(self, load: Array) -> str:
         """Why a coarse load (k, 3) [N] is handed over, by its linear compliance; empty where it is not."""
-        push = load.ravel()[self._free]
-        whole = float(push @ self._factor.solve(push))
-        reduced = load.ravel() @ self._basis
-        if whole == 0.0:
-            return ""
-        missed, off = (1.0 - float(reduced @ matrix @ reduced) / whole for matrix in self._compliances)
-        if missed > _MISSED:
-            return f"the basis misses {100 * missed:.1f} % of the load's compliance"
-        return f"the assumed stresses are {100 * abs(off):.1f} % off the load's compliance" if abs(off) > _OFF else ""
+        return self._compliance.refusal(load)
 
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
         count_elements(self._measures.evaluated)
-        return (
-            self._trained.unseen(self._measures, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
-        )
+        return self._trained.unseen(self._measures, self._shape.under(z), energy, seen) <= self._trained.strain_limit
 
     def _sees_state(self, z: Array) -> bool:
         """The same, of any state."""
@@ -239,24 +228,17 @@ class HybridStress(OnCoarse):
         count_read(evaluations * self._bytes)
         count_products(evaluations * self._products)
 
-    def _coarse_positions(self, z: Array) -> Array:
-        count_read(self._basis.nbytes)
-        return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
-
-    def _coordinates_of(self, coarse_positions: Array) -> Array:
-        return np.asarray(self._weighted @ (coarse_positions - self.coarse.coarse.shell.rest_positions).ravel())
-
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
         if reason := self.refusal(down):
             return self._handed_over(load, start, reason)
         problem = self._statics(down.ravel() @ self._basis)
-        found = equilibrium(problem, None if start is None else self._coordinates_of(self.coarse.sampled(start)))
+        found = equilibrium(problem, None if start is None else self.flight.start(start)[self.flight.count :])
         z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
         ended = verdict(found.residual, True, note=stated(self._trained, next_to_snap(problem, z, found.jumps)))
-        positions = self._fine(self._coarse_positions(z))
+        positions = self._shape.fine(self._shape.under(z))
         return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
     def _statics(self, push: Array) -> StressPotential:
@@ -264,7 +246,7 @@ class HybridStress(OnCoarse):
 
     def _edge_change(self, z: Array) -> float:
         """Largest relative change of an edge vector of the coarse shell by z."""
-        return float(edge_changes(self.coarse.coarse.shell, (self._basis @ z).reshape(-1, 3, 1)).max())
+        return float(edge_changes(self.coarse.coarse.shell, self._shape.moved(z)[:, :, None]).max())
 
     def _handed_over(self, load: Array, start: Array | None, reason: str) -> Equilibrium:
         answer = self.coarse.equilibrium(force=load, start=start)
@@ -296,7 +278,7 @@ class HybridStress(OnCoarse):
         """
         z = dead_state(state)[0]
         small = self.coarse.coarse.shell
-        columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
+        columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z)
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
         constants = forces_by_constants(measures_of(small), self._reduced, self._trained.stresses, self._basis, z)
@@ -310,18 +292,26 @@ class HybridStress(OnCoarse):
         return float(scipy.linalg.eigvalsh(self._hessian(answer.coordinates), subset_by_index=(0, 0))[0])
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest, of coordinates (m,)."""
-        z = np.zeros(self._basis.shape[1])
-        if positions is not None:
-            z = self._coordinates_of(self.coarse.sampled(self.shell.checked_positions(positions)))
-        return self.integrator.at_rest(z)
+        """State at rest, of coordinates (m,), those of frames of free parts before them.
+
+        Of a shell with free parts it is one of the coarse shell where the basis does not hold the start.
+        """
+        flight = self.flight
+        if positions is None:
+            return self.integrator.at_rest(flight.whole(np.zeros(self._basis.shape[1])))
+        given = self.shell.checked_positions(positions)
+        q = flight.start(given)
+        if flight.count and not (self._shape.near(given, q, flight) and self._sees_state(q[flight.count :])):
+            return self.coarse.start_motion(given)
+        return self.integrator.at_rest(q)
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
         if (reduced := self._taken_back(state)) is not None:
-            after, solved = super().march(reduced, dt, load_at, damping)
+            steps = self.flight.steps(self, (reduced, dt), load_at, damping)
+            after, solved = self.integrator.march(steps, reduced, dt)
             if solved:
-                return after, True
+                return self._states.landed(state, reduced, after), True
         return self.coarse.march(self.as_coarse(state), dt, load_at, damping)
 
     @property
@@ -333,7 +323,7 @@ class HybridStress(OnCoarse):
         """A state in positions (k, 3) [m] of the coarse vertices."""
         if state.coordinates.ndim == 2:
             return state
-        return state.mapped(self._coarse_positions, lambda vector: (self._basis @ vector).reshape(-1, 3))
+        return self._states.as_coarse(state)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
@@ -343,8 +333,8 @@ class HybridStress(OnCoarse):
         free = partial(self._solve_untouched, loading, start)
         return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)
 
-    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
-        """Coordinates after a step of implicit Euler; not solved where the trained model does not hold it."""
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
+        """Coordinates z (m,) after a step of implicit Euler; not solved where the trained model does not hold it."""
         last = self._last_load()
         if not np.array_equal(last.load, load):
             down = self.coarse.restrict(load)
@@ -361,32 +351,44 @@ class HybridStress(OnCoarse):
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (m,) of the coordinates."""
-        return self.coarse.turn(self._coarse_positions(coordinates), (self._basis @ move).reshape(-1, 3))
+        return self.coarse.turn(self._shape.under(coordinates), self._shape.moved(move))
 
     def _taken_back(self, state: MotionState) -> MotionState | None:
         """The coordinates of a state; None where the basis does not hold a coarse one."""
         if state.coordinates.ndim == 1:
             return state
-        z, shell = self._coordinates_of(state.coordinates), self.coarse.coarse.shell
-        outside = state.coordinates - self._coarse_positions(z)
-        displacement = state.coordinates - shell.rest_positions
-        mass = shell.mass[:, None]
-        if np.sum(mass * outside**2) > _LEFT**2 * np.sum(mass * displacement**2) or not self._sees_state(z):
-            return None
-        return state.mapped(lambda _: z, lambda vectors: self._weighted @ vectors.ravel())
+        z, held = self._shape.nearest(self._states.local(state.coordinates))
+        return self._states.reduced(state) if held and self._sees_state(z) else None
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""
         x = state.coordinates
-        return self._fine(x if x.ndim == 2 else self._coarse_positions(x))
+        return self._shape.fine(x) if x.ndim == 2 else self.flight.positions(x)
 
-    def _fine(self, coarse_positions: Array) -> Array:
-        return self.coarse.positions(MotionState(coarse_positions, coarse_positions))
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state; see :meth:`Model.velocities`."""
+        known = self.coarse if state.coordinates.ndim == 2 else self.flight
+        return known.velocities(state, own, lead)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of the rates, and of the frames of free parts."""
+        return (self.coarse if state.coordinates.ndim == 2 else self.flight).kinetic_energy(state)
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of a load (n, 3) that moves free parts as rigid bodies."""
+        return self.flight.rigid_load(load)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error in the coordinates that a step has made, by the integrator's theory; none where these changed."""
+        error = super().local_error(before, after, dt)
+        if error is None or {part.shape for part in (before.coordinates, after.coordinates)} != {error.shape}:
+            return error
+        return error if error.ndim == 2 else self.flight.local_error(error, before, after)
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J], of the assumed stresses where the state is one of coordinates."""
         x = state.coordinates
-        return self.coarse.elastic_energy(state) if x.ndim == 2 else self._energy(x)[0]
+        return self.coarse.elastic_energy(state) if x.ndim == 2 else self._energy(x[self.flight.count :])[0]
 
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of coordinates (m,), or of coarse vectors (k, 3) in the norm of their mass."""
@@ -394,4 +396,4 @@ class HybridStress(OnCoarse):
 
     def largest_move(self, change: Array) -> float:
         """Largest displacement [m] of a coarse vertex by a small ``change``."""
-        return super().largest_move(change if change.ndim == 2 else (self._basis @ change).reshape(-1, 3))
+        return super().largest_move(change if change.ndim == 2 else self._states.moved(change))

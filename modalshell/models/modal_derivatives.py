@@ -12,12 +12,11 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind
-from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
-from modalshell.integrators.full.implicit_rule import EulerStart, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
@@ -30,11 +29,10 @@ from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
-from modalshell.models.reduction.free_flight import FlyingSteps, ReducedFlight
+from modalshell.models.reduction.free_flight import Anchored, LinearShape, ReducedFlight, frames_of
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
 from modalshell.modes import model_basis
-from modalshell.modes.rigid import rigid_share
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
@@ -90,7 +88,7 @@ class ModalDerivatives(ImplicitModel):
         The energy in use.
     cubature : Cubature or None
         Result of the training, with its error on held-out loads.
-    flight : ReducedFlight or None
+    flight : Anchored or ReducedFlight
         Frames of the parts that no support holds.
 
     Raises
@@ -118,10 +116,15 @@ class ModalDerivatives(ImplicitModel):
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         modes = model_basis(shell, count, backend=backend)
-        frames = ReducedFlight.frames_of(modes)
+        frames = frames_of(shell, modes.modes[:, : modes.rigid_modes], "ask for more modes")
+        if modes.rigid_modes == modes.count:
+            raise OptionError(
+                f"modal derivatives need elastic modes (got {modes.count} rigid ones): ask for more modes"
+            )
         self.basis = modal_derivatives(modes, backend=backend)
-        self.flight = None if frames is None else ReducedFlight(self.basis, frames)
         self._vectors = self.basis.vectors
+        self._shape = shape = LinearShape(shell, self._vectors)
+        self.flight = Anchored(shape) if frames is None else ReducedFlight(shape, frames)
         self._scaling = np.sqrt(self.basis.eigenvalues)
         self.energy = ReducedEnergy(shell, self._vectors)
         self.cubature: Cubature | None = None
@@ -131,11 +134,7 @@ class ModalDerivatives(ImplicitModel):
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3), of free parts in their frames."""
-        given = self.shell.checked_positions(positions)
-        if self.flight is not None:
-            return self.flight.start(given)[self.flight.count :]
-        displacement = given - self.shell.rest_positions
-        return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
+        return self.flight.start(self.shell.checked_positions(positions))[self.flight.count :]
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         problem = self.statics_of(load)
@@ -223,31 +222,25 @@ class ModalDerivatives(ImplicitModel):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest; with free parts, of the coordinates of their frames and z."""
-        if self.flight is not None:
-            none = np.zeros(self.flight.count + self.basis.size)
-            return self.integrator.at_rest(none if positions is None else self.flight.start(positions))
-        z = np.zeros(self.basis.size) if positions is None else self.coordinates_of(positions)
-        return self.integrator.at_rest(z)
+        if positions is None:
+            return self.integrator.at_rest(self.flight.whole(np.zeros(self.basis.size)))
+        return self.integrator.at_rest(self.flight.start(self.shell.checked_positions(positions)))
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
-        if self.flight is None:
-            return super().march(state, dt, load_at, damping)
-        steps = steps_of(FlyingSteps(self, (state, dt), load_at, damping), self.flight, damping)
-        return self.integrator.march(steps, state, dt)
+        return self.integrator.march(self.flight.steps(self, (state, dt), load_at, damping), state, dt)
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
         """Error in the coordinates that a step has made, by the integrator's theory."""
         error = super().local_error(before, after, dt)
-        return error if self.flight is None or error is None else self.flight.local_error(error, before, after)
+        return None if error is None else self.flight.local_error(error, before, after)
 
-    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
-        """Minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step of h."""
-        return self.pushed_step(start, load.ravel() @ self._vectors, damping)
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
+        """Minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step of h of z.
 
-    def pushed_step(self, start: EulerStart, push: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
-        """Such a step of z under reduced forces (r,); those of the whole step are at least of a ``size``."""
-        problem, scale = self.step_problem(start, push, damping)
+        Forces of the whole step, to which the residual relates, are at least of a ``size``.
+        """
+        problem, scale = self.step_problem(start, load.ravel() @ self._vectors, damping)
         scale = max(scale, size)
         guess = start.origin + start.dt * start.rates
         stresses = self.energy.predicted_stresses(start.near, guess - start.near)
@@ -278,8 +271,6 @@ class ModalDerivatives(ImplicitModel):
 
     @cached_property
     def _probes(self) -> Array:
-        if self.flight is None:
-            return probes(self._vectors)
         return probes(np.hstack([self.basis.modes.modes[:, : self.flight.count], self._vectors]))
 
     def dragged(
@@ -297,25 +288,19 @@ class ModalDerivatives(ImplicitModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        if self.flight is None:
-            return self.positions_at(state.coordinates)
-        return self.flight.frames.positions(state.coordinates, self.flight.shape)
+        return self.flight.positions(state.coordinates)
 
     def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state; see :meth:`Model.velocities`."""
-        if self.flight is None:
-            return super().velocities(state, own, lead)
-        return self.flight.frames.velocities(state, lead, self.flight.shape)
+        return self.flight.velocities(state, own, lead)
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J] of the rates, and of the frames of free parts."""
-        if self.flight is None:
-            return super().kinetic_energy(state)
-        return self.flight.frames.kinetic_energy(state, self.flight.shape)
+        return self.flight.kinetic_energy(state)
 
     def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) that moves free parts as rigid bodies."""
-        return rigid_share(self.shell, load) if self.flight is not None and load.any() else 0.0
+        return self.flight.rigid_load(load)
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
@@ -323,9 +308,8 @@ class ModalDerivatives(ImplicitModel):
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] as the model has it: by cubature if it is on."""
-        return self.energy.value(state.coordinates[0 if self.flight is None else self.flight.count :])
+        return self.energy.value(state.coordinates[self.flight.count :])
 
     def positions_at(self, z: Array) -> Array:
         """Vertex positions (n, 3) [m] at coordinates z (r,)."""
-        count_read(self._vectors.nbytes)
-        return self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3)
+        return self._shape.at(z)

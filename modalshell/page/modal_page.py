@@ -121,7 +121,7 @@ def live_model(
         "held": np.flatnonzero(shell.clamped).tolist(),
         "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
     }
-    if (frames := FreeFrames.of(basis)) is not None:
+    if (frames := FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])) is not None:
         data["frames"] = _frames(frames, len(shell.mass))
     if reduced is not None:
         data["reduced"] = dict(zip(("shapes", "amounts", "turns"), map(encoded_columns, reduced), strict=True))

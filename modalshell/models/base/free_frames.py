@@ -30,8 +30,8 @@ from modalshell.integrators.free_parts import (
 )
 from modalshell.integrators.modal.flow import free_flow
 from modalshell.integrators.state import MotionState
-from modalshell.modes import Basis
 from modalshell.modes.modal_rotation import cross_matrices
+from modalshell.shell import Shell
 
 _EVEN = 1e-13
 """Share of a load that is rounding where the rest of it is the same acceleration of every vertex."""
@@ -46,16 +46,16 @@ Patch = Callable[[Array, Index], tuple[Array, Array]]
 
 @final
 class FreeFrames:
-    """Frames of all free parts of a basis; see the module.
+    """Frames of all free parts of a shell; see the module.
 
     Parameters
     ----------
-    basis : Basis
-        Modes of the shell; all six rigid ones of every free part are among them.
+    rest : ndarray, shape (n, 3)
+        Positions of the shell at rest [m].
     parts : FreeParts
         The free parts.
     to_poses : ndarray, shape (6 P, r)
-        What takes the coordinates of rigid modes to displacements and rotation vectors of the P frames.
+        What takes the coordinates of all rigid modes to displacements and rotation vectors of the P frames.
 
     Attributes
     ----------
@@ -73,8 +73,8 @@ class FreeFrames:
         Projection of the rigid coordinates on motions that parts with supports are left.
     """
 
-    def __init__(self, basis: Basis, parts: FreeParts, to_poses: Array) -> None:
-        self._rest, self.parts, self.count = basis.shell.rest_positions, parts.parts, basis.rigid_modes
+    def __init__(self, rest: Array, parts: FreeParts, to_poses: Array) -> None:
+        self._rest, self.parts, self.count = rest, parts.parts, to_poses.shape[1]
         self.to_poses, self.from_poses = to_poses, np.linalg.pinv(to_poses)
         self.others = np.eye(self.count) - self.from_poses @ to_poses
         self._all_free = len(to_poses) == self.count
@@ -85,20 +85,20 @@ class FreeFrames:
         self._kept: tuple[Array, Array] | None = None
 
     @classmethod
-    def of(cls, basis: Basis) -> FreeFrames | None:
-        """The frames; None without free parts, or with fewer rigid modes than these have."""
-        parts = FreeParts.of(basis.shell) if basis.rigid_modes else None
+    def of(cls, shell: Shell, rigid: Array) -> FreeFrames | None:
+        """The frames by rigid modes (3n, r); None without free parts, or with fewer rigid modes than these have."""
+        parts = FreeParts.of(shell) if rigid.shape[1] else None
         if parts is None:
             return None
-        modes, rows = basis.modes[:, : basis.rigid_modes].reshape(-1, 3, basis.rigid_modes), []
+        modes, rows = rigid.reshape(-1, 3, rigid.shape[1]), []
         for part in parts.parts:
-            own, x = modes[part.vertices], basis.shell.rest_positions[part.vertices]
+            own, x = modes[part.vertices], shell.rest_positions[part.vertices]
             arms = x - part.mean(x)
             moment = np.einsum("n,nij,njr->ir", part.mass, cross_matrices(arms), own)
             rows += [np.tensordot(part.mass / part.total, own, 1)]
             rows += [np.linalg.solve(inertia_of(part.moments(arms, arms)), moment)]
-        to_poses = np.vstack(rows)
-        return cls(basis, parts, to_poses) if np.linalg.matrix_rank(to_poses) == len(to_poses) else None
+        found = cls(shell.rest_positions, parts, np.vstack(rows))
+        return found if np.linalg.matrix_rank(found.to_poses) == len(found.to_poses) else None
 
     # ---- coordinates and positions
 

@@ -68,7 +68,7 @@ class ModalMotion(ModalShape, FrameModel):
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
         self.integrator = self._rule(integrator)
-        self.frames = FreeFrames.of(basis)
+        self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
         self._mass = np.repeat(self.shell.mass, 3)

@@ -48,6 +48,11 @@ class ProlongedParts:
         matched = FreeParts(tuple(under.parts[number] for number in order))
         return cls(fine, matched, surface, (np.asarray(coarse.mass), np.asarray(weights.T @ shell.mass)))
 
+    @property
+    def under(self) -> FreeParts:
+        """The parts of the coarse shell, in the order of those of the fine one."""
+        return self._coarse
+
     def balanced(self, load: Array, down: Array) -> Array:
         """The coarse load ``down`` (k, 3) [N] of a ``load`` (n, 3), whose uniform share accelerates all alike.
 

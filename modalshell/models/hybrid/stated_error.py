@@ -39,9 +39,9 @@ def coarse_errors(model: CoarseDiscreteShell, load: Array, frames: int) -> Array
 
     The coarse shell follows the load from rest; DS begins at its answer. An error of 1 says that DS has no stable state
     near. There are fewer loads the larger the fine shell and the fewer ``frames`` of training, but one at least; none
-    where the shell is its own coarse one.
+    where the shell is its own coarse one, or has parts that fall.
     """
-    if model.coarse.shell is model.shell:
+    if model.coarse.shell is model.shell or model.free_parts is not None:
         return np.empty((0, 2))
     start, answers = None, {}
     for share in SHARES:

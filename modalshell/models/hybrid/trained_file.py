@@ -11,6 +11,7 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
 from modalshell.models.hybrid.assumed_stress import measures_of
+from modalshell.models.hybrid.coarse_states import flying_frames
 from modalshell.models.hybrid.training import Trained
 from modalshell.shell import Shell
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -52,8 +53,7 @@ def trainable(coarse: Shell) -> Shell:
         )
     if coarse.has_dashpots:
         raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
-    if not coarse.clamped.any():
-        raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
+    flying_frames(coarse)  # refuses what is held in part
     return coarse
 
 

@@ -24,8 +24,8 @@ from modalshell.models.hybrid.assumed_stress import (
     stress_modes,
 )
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.fitted_frames import FittedFrames, TrainingLoads
 from modalshell.models.hybrid.measures import Measures
-from modalshell.modes import lowest_modes
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
@@ -54,7 +54,7 @@ _MOST_FRAMES = 900
 """Snapshots at most."""
 _EVEN, _LEAST = 0.5, 1e-3
 """Power of its size by which a snapshot is divided, so that states before a snap count, and the least size for it."""
-_SMALL = 0.02
+SMALL = 0.02
 """Share of the largest energy in training that counts as small."""
 
 
@@ -99,7 +99,7 @@ class Trained:
 
         ``seen`` [J] is that of the assumed stresses.
         """
-        return abs(measures.energy(x) - seen) / (energy + _SMALL * self.energy)
+        return abs(measures.energy(x) - seen) / (energy + SMALL * self.energy)
 
 
 @final
@@ -151,18 +151,24 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     With an ``error``, the basis is the first of :meth:`Training.sizes` that meets it on the held-out motions, or else
     the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
     """
-    if not load.any():
+    loads = TrainingLoads(coarse, load, _STRESSED)
+    if not (load.any() or loads.rigid):
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
     sizes = training.sizes(coarse.free_unknowns.size)
-    runs = _random_motions(coarse, load, training, on_step)
+    runs = _random_motions(coarse, load, loads, training, on_step)
     frames, held_out = [frames for _, _, frames in runs[: training.motions]], runs[training.motions :]
     resultant = float(np.linalg.norm(load.sum(axis=0)))
-    description = f"{training.motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {resultant:.3g} N"
+    sizes_of_loads = f"loads of {_SIZES[0]} to {_SIZES[1]} times {resultant:.3g} N"
+    if loads.rigid:
+        sizes_of_loads = f"loads in flight that turn a vertex by about {loads.size:.2g} rad"
+    description = f"{training.motions} motions under {sizes_of_loads}"
     tried: list[Trained] = []
     measures = measures_of(coarse)
     for size in sizes:
-        found, reduced = _reduce(measures, frames, size)
-        errors, unseen = zip(*(_held_out(found, reduced, measures, *run) for run in held_out), strict=True)
+        found, reduced = _reduce(measures, loads, frames, size)
+        errors, unseen = zip(
+            *(_held_out(found, reduced, measures, loads.frames, *run) for run in held_out), strict=True
+        )
         right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
         limit = max(1.0, 2.0 * max(right, default=0.0))
         missed = float(np.quantile(errors, 0.9))
@@ -181,28 +187,30 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
 
 
 def _random_motions(
-    coarse: Shell, load: Array, training: Training, on_step: Progress | None
+    coarse: Shell, load: Array, loads: TrainingLoads, training: Training, on_step: Progress | None
 ) -> list[tuple[Array, Damping, Array]]:
     """Load, damping and frames of the motions to train on, and of those held out after them."""
     rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse, integrator=RULE)
     runs, total = [], training.motions + _HELD_OUT
     for done in range(total):
-        runs.append(motion_under(model, random_load(coarse, load, rng), random_damping(rng)))
+        drawn = loads.drawn(random_load(coarse, load, rng), rng)
+        runs.append(motion_under(model, drawn, random_damping(rng), loads.frames))
         if on_step is not None:
             on_step(done + 1, total)
     return runs
 
 
-def _reduce(measures: Measures, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
+def _reduce(
+    measures: Measures, loads: TrainingLoads, motions: list[Array], modes: int
+) -> tuple[Trained, ReducedStress]:
     """Basis, as many stress modes, and half as many viscous ones, of motions (f, k, 3)."""
     coarse, rest = measures.shell, measures.shell.rest_positions
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
-    linear = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0]
-    lowest, none = linear.modes, np.zeros_like(rest)
+    lowest, none = loads.lowest, np.zeros_like(rest)
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
-    leading[:, np.sum(measures.scaled(leading) ** 2, axis=0) <= _UNSTRETCHED * linear.eigenvalues] = 0.0
+    leading[:, np.sum(measures.scaled(leading) ** 2, axis=0) <= _UNSTRETCHED * loads.eigenvalues] = 0.0
     elastic = np.array([measures.state(frame, none) for frame in frames]).T
     rates = np.array([measures.state(x, step) - measures.state(x, none) for x, step in steps]).T
     moves = (frames - rest).reshape(len(frames), -1).T
@@ -252,14 +260,20 @@ def random_damping(rng: np.random.Generator) -> Damping:
     return Damping(drag, viscosity if rng.random() < 0.5 else 0.0)
 
 
-def motion_under(model: CoarseDiscreteShell, load: Array, damping: Damping) -> tuple[Array, Damping, Array]:
-    """The load, the damping and the frames (f, k, 3) of a motion under the load and after it."""
+def motion_under(
+    model: CoarseDiscreteShell, load: Array, damping: Damping, parts: FittedFrames
+) -> tuple[Array, Damping, Array]:
+    """The load, the damping and the frames (f, k, 3) of a motion under the load and after it, of free parts in theirs.
+
+    The load turns with the frames of free parts, and leaves them at rest.
+    """
     state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
     for frame in range(LOADED + RELEASED):
-        state, solved = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
+        push = parts.felt(state.coordinates, load) if frame < LOADED else np.zeros_like(load)
+        state, solved = model.step(state, DT, push, damping)
         if not solved or not np.isfinite(state.coordinates).all():
             raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
-        frames.append(state.coordinates)
+        frames.append(parts.local(state.coordinates))
     return load, damping, np.array(frames)
 
 
@@ -287,14 +301,21 @@ class _ReducedSteps(EulerSteps):
 
 
 def _held_out(
-    found: Trained, reduced: ReducedStress, measures: Measures, load: Array, damping: Damping, truth: Array
+    found: Trained,
+    reduced: ReducedStress,
+    measures: Measures,
+    parts: FittedFrames,
+    load: Array,
+    damping: Damping,
+    truth: Array,
 ) -> tuple[float, float]:
     """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
-    push, coarse = load.ravel() @ found.basis, measures.shell
-    steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros_like(push))
+    coarse = measures.shell
+    steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros(found.basis.shape[1]))
     frames, unseen = [], 0.0
     for frame in range(LOADED + RELEASED):
-        steps.push = push if frame < LOADED else np.zeros_like(push)
+        felt = parts.felt(steps.positions(state.coordinates), load).ravel() @ found.basis
+        steps.push = felt if frame < LOADED else np.zeros_like(felt)
         state, solved = RULE.march(steps, state, DT)
         if not solved:
             return 1.0, unseen

@@ -49,7 +49,7 @@ class Settled(NamedTuple):
 def reduced_contacts(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
     """The contacts of a model with ``basis.vectors``; OptionError where it cannot take them."""
     given, basis = checked_contacts(contacts), model.basis
-    if model.flight is not None:
+    if model.flight.count:
         raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
     for index, contact in enumerate(given):
         if contact.friction or contact.push_out or contact.restitution:

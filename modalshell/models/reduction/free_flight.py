@@ -1,24 +1,121 @@
-"""Free parts of a shell whose shape is linear in few coordinates, in frames of their own."""
+"""Free parts of a shell whose shape follows from few coordinates, in frames of their own."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 
+from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import axial, inertia_of, left_jacobian, turn_of, vector_of
-from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, LoadedSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.implicit import LoadAt
+from modalshell.models.base.implicit import LoadAt, ModelSteps
 from modalshell.models.base.stepper import LEAD
-from modalshell.models.reduction.derivatives import DerivativeBasis
-from modalshell.modes import Basis
-from modalshell.modes.rigid import left_free
+from modalshell.modes.rigid import left_free, rigid_share
+from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
+
+
+class ReducedShape(Protocol):
+    """Shapes of a shell in few coordinates z (s,), of free parts in their frames."""
+
+    @property
+    def shell(self) -> Shell:
+        """The shell, of n vertices."""
+
+    def at(self, z: Array) -> Array:
+        """Positions (n, 3) [m]."""
+
+    def flow(self, z: Array, rates: Array) -> Array:
+        """Velocities (n, 3) [m/s]."""
+
+    def project(self, moved: Array) -> Array:
+        """Coordinates (s,) of displacements (n, 3) [m], small ones of elastic modes."""
+
+
+@final
+class LinearShape:
+    """Shapes ``X + U z``, U (3n, s) mass-orthonormal."""
+
+    def __init__(self, shell: Shell, vectors: Array) -> None:
+        self.shell, self._vectors = shell, vectors
+
+    def at(self, z: Array) -> Array:
+        """Positions (n, 3) [m]."""
+        count_read(self._vectors.nbytes)
+        return self.shell.rest_positions + self.flow(z, z)
+
+    def flow(self, z: Array, rates: Array) -> Array:
+        """Velocities (n, 3) [m/s]."""
+        return np.asarray(self._vectors @ rates).reshape(-1, 3)
+
+    def project(self, moved: Array) -> Array:
+        """Coordinates (s,) of the mass-weighted projection of displacements (n, 3) [m]."""
+        return np.asarray((self.shell.mass[:, None] * moved).ravel() @ self._vectors)
+
+
+def frames_of(shell: Shell, rigid: Array, advice: str) -> FreeFrames | None:
+    """Frames of the parts that no support holds, by rigid modes (3n, r); None where all are held.
+
+    OptionError with an ``advice`` where supports leave a part some rigid motions, or the modes lack one.
+    """
+    loose = left_free(shell)
+    if not loose:
+        return None
+    frames = FreeFrames.of(shell, rigid)
+    if frames is None or rigid.shape[1] != 6 * len(frames.parts):
+        raise OptionError(
+            f"parts of a shell must be held by their supports, or have none, but {loose}: a linear basis cannot turn; "
+            f"hold more vertices with clamped=, {advice}, or use DiscreteShell, RigidShell or ModalWarping"
+        )
+    return frames
+
+
+@final
+class Anchored:
+    """Coordinates z (s,) of a shell that its supports hold: no frames, of what :class:`ReducedFlight` gives."""
+
+    count = 0
+
+    def __init__(self, shape: ReducedShape) -> None:
+        self._shape = shape
+
+    def whole(self, z: Array) -> Array:
+        """Coordinates z (s,) themselves."""
+        return z
+
+    def start(self, positions: Array) -> Array:
+        """Coordinates (s,) of positions (n, 3) [m]."""
+        return self._shape.project(positions - self._shape.shell.rest_positions)
+
+    def positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] at q (s,)."""
+        return self._shape.at(q)
+
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state at ``own`` (n, 3), over a short time ``lead`` [s]."""
+        return np.asarray((own - self._shape.at(state.coordinates - lead * state.rates)) / lead)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of a state."""
+        return 0.5 * float(np.sum(state.rates**2))
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of a load (n, 3) that moves free parts as rigid bodies."""
+        return 0.0
+
+    def local_error(self, error: Array, before: MotionState, after: MotionState) -> Array:
+        """Errors (s,) of a step, as they are."""
+        return error
+
+    def steps(self, model: Any, begin: tuple[MotionState, float], load_at: LoadAt, damping: Damping) -> EulerSteps:
+        """Steps of implicit Euler of a model."""
+        return ModelSteps(model, load_at, damping)
 
 
 @final
@@ -27,33 +124,14 @@ class ReducedFlight:
 
     Parameters
     ----------
-    basis : DerivativeBasis
-        The vectors U of z, without rigid motions.
+    shape : ReducedShape
+        What z, which has no rigid motions, makes of the shell.
     frames : FreeFrames
         Frames of the free parts.
     """
 
-    def __init__(self, basis: DerivativeBasis, frames: FreeFrames) -> None:
-        self.frames, self.count, self._basis = frames, frames.count, basis
-
-    @staticmethod
-    def frames_of(modes: Basis) -> FreeFrames | None:
-        """Frames of the parts that no support holds; None where all are held.
-
-        OptionError where supports leave a part some rigid motions, or the modes lack one of these or any other.
-        """
-        loose = left_free(modes.shell)
-        if not loose:
-            return None
-        frames = FreeFrames.of(modes)
-        if frames is None or not modes.rigid_modes == 6 * len(frames.parts) < modes.count:
-            raise OptionError(
-                "modal derivatives need parts that their supports hold, or that have none and elastic modes with all "
-                f"six rigid ones, but {loose} (got {modes.count} modes, {modes.rigid_modes} of them rigid): a linear "
-                "basis cannot turn; hold more vertices with clamped=, ask for more modes, or use DiscreteShell, "
-                "RigidShell or ModalWarping"
-            )
-        return frames
+    def __init__(self, shape: ReducedShape, frames: FreeFrames) -> None:
+        self.frames, self.count, self._of_z = frames, frames.count, shape
 
     def whole(self, z: Array) -> Array:
         """Coordinates or rates (r + s,) of z (s,), frames at rest."""
@@ -61,18 +139,27 @@ class ReducedFlight:
 
     def shape(self, q: Array) -> Array:
         """Positions (n, 3) [m] in the frames at q (r + s,)."""
-        return self._basis.shell.rest_positions + (self._basis.vectors @ q[self.count :]).reshape(-1, 3)
-
-    def force(self, q: Array, load: Array) -> Array:
-        """Reduced forces (r + s,) of a load (n, 3) [N] in the frames."""
-        return self.whole(load.ravel() @ self._basis.vectors)
+        return self._of_z.at(q[self.count :])
 
     def start(self, positions: Array) -> Array:
         """Coordinates (r + s,) of positions (n, 3) [m]."""
-        mass = self._basis.shell.mass[:, None]
-        return self.frames.coordinates_of(
-            positions, self.shape, lambda moved: self.whole((mass * moved).ravel() @ self._basis.vectors)
-        )
+        return self.frames.coordinates_of(positions, self.shape, lambda moved: self.whole(self._of_z.project(moved)))
+
+    def positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] in the world at q (r + s,)."""
+        return self.frames.positions(q, self.shape)
+
+    def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state, those in the frames over a short time ``lead`` [s]."""
+        return self.frames.velocities(state, lead, self.shape)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J] of a state, that of its frames with it."""
+        return self.frames.kinetic_energy(state, self.shape)
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of a load (n, 3) that moves free parts as rigid bodies."""
+        return rigid_share(self._of_z.shell, load) if load.any() else 0.0
 
     def local_error(self, error: Array, before: MotionState, after: MotionState) -> Array:
         """Errors (r + s,) of a step without false ones of frames whose rotation vectors jump at half a turn."""
@@ -81,6 +168,10 @@ class ReducedFlight:
         if max(np.abs(self.frames.poses(move)[:, 1]).max() for move in moves) > 0.5 * np.pi:
             error = self.frames.elastic(error)
         return error
+
+    def steps(self, model: Any, begin: tuple[MotionState, float], load_at: LoadAt, damping: Damping) -> EulerSteps:
+        """Steps of implicit Euler of a model within one step of a rule from a state over a time [s]: ``begin``."""
+        return steps_of(FlyingSteps(model, begin, load_at, damping), self, damping)
 
     # ---- momenta, as of :class:`modalshell.integrators.full.implicit_rule.Floating`
 
@@ -99,7 +190,7 @@ class ReducedFlight:
     def foreseen(self, state: MotionState, load: Array, time: float) -> tuple[Array, Array]:
         """Frames and their rates (P, 2, 3) a ``time`` [s] after a state under a load (n, 3) [N], to second order."""
         q, rates, frames = state.coordinates, state.rates, self.frames
-        x, flow = frames.shaped(q, self.shape), (self._basis.vectors @ rates[self.count :]).reshape(-1, 3)
+        x, flow = frames.shaped(q, self.shape), self._of_z.flow(q[self.count :], rates[self.count :])
         poses, speeds, spins = frames.poses(q), frames.poses(rates), frames.spins(q, rates)
         for part, pose, speed, spin, wrench in zip(
             frames.parts, poses, speeds, spins, self.wrenches(q, load), strict=True
@@ -138,10 +229,16 @@ class FlyingSteps(LoadedSteps):
         self._load = load
         seen = self._seen(start, *flight.foreseen(self._begin, load, time)).guess
         ahead = np.concatenate([seen.coordinates[:r], start.guess_ahead[r:]])
-        push = frames.push(ahead, load, flight.force, flight.shape, (seen.rates, LEAD * self._dt))
+        own = np.zeros_like(load)
+
+        def kept(q: Array, balanced: Array) -> Array:
+            own[:] = balanced
+            return np.zeros_like(q)
+
+        push = frames.push(ahead, load, kept, flight.shape, (seen.rates, LEAD * self._dt))[:r]
         elastic = self._elastic(start)
-        size = float(np.linalg.norm(start.dt * push[:r] + seen.rates[:r]))  # of the rigid modes' forces and inertia
-        z, solved = self._model.pushed_step(elastic, push[r:], self._damping, size)
+        size = float(np.linalg.norm(start.dt * push + seen.rates[:r]))  # of the rigid modes' forces and inertia
+        z, solved = self._model.euler_step(elastic, own, self._damping, size)
         after = elastic.after(z)
         if drag is not None:
             vertices, slopes = drag
