@@ -8,7 +8,7 @@ of the other slots.
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_at
+from modalshell.contact.gap_kernels import gap_at, gaps_of
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients, rotate, slopes
 
@@ -86,14 +86,43 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
     flat[:] = 0.0
     least = _NONE * np.abs(pushes).max() if pushes.size else 0.0
     for k in range(slots.size):
+        shapes = store[slots[k]].reshape(3, -1)
+        if np.abs(pushes[k]).min() > least:
+            a, b, c = pushes[k]
+            for j in range(flat.size):
+                flat[j] += a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j]
+            continue
         for i in range(3):
             push = pushes[k, i]
             if abs(push) > least:
-                shape = store[slots[k], i].reshape(-1)
                 for j in range(flat.size):
-                    flat[j] += push * shape[j]
+                    flat[j] += push * shapes[i, j]
     if turns.size:
         rotate(turns, out, 1.0, out)
+
+
+@_kernel
+def ended(store, slots, pushes, turns, base, rows_of, bodies, local, gaps):  # type: ignore[no-untyped-def]
+    """A :func:`local_shape` into ``local`` (n, 3), and ``gaps`` (r,) of all rows at ``base + local``; the least one."""
+    local_shape(store, slots, pushes, turns, local)
+    return gaps_of(bodies, rows_of[0], rows_of[1], base + local, gaps)
+
+
+@_kernel
+def implicit_euler(q, rates, force, compliance, eigenvalues, dt, free, ahead):  # type: ignore[no-untyped-def]
+    """Coordinates ``free`` (m,) after a step of implicit Euler, by G (m,), and those ``ahead`` by the rates alone."""
+    for k in range(q.size):
+        free[k] = q[k] + compliance[k] * (rates[k] / dt + force[k] - eigenvalues[k] * q[k])
+        ahead[k] = q[k] + dt * rates[k]
+
+
+@_kernel
+def reach_of(before, after, size):  # type: ignore[no-untyped-def]
+    """How far [m] a vertex may go between coordinates (m,), by how far (m,) [m] each of these moves one."""
+    reach = 0.0
+    for k in range(size.size):
+        reach += abs(after[k] - before[k]) * size[k]
+    return reach
 
 
 @_kernel
@@ -298,3 +327,106 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
     for i in range(count):
         pushed[rows[i]] = forces[i]
     return rows, slots, q, pushed, pushes, energy, solved and move <= far
+
+
+@_kernel
+def gaps_and_normals(bodies, vertices, contact_of, base, local, gap, normals):  # type: ignore[no-untyped-def]
+    """Gaps (k,) [m] and normals (k, 3) of some vertices at positions ``base + local``, both (n, 3) [m]."""
+    for i in range(vertices.size):
+        v, c = vertices[i], contact_of[i]
+        x, y, z = base[v, 0] + local[v, 0], base[v, 1] + local[v, 1], base[v, 2] + local[v, 2]
+        gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
+
+
+@_kernel
+def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
+    """Small problem of candidates whose derivatives ``moves`` (k, 3, m) are known.
+
+    Parameters
+    ----------
+    moves : ndarray, shape (k, 3, m)
+        As above.
+    frame : tuple
+        Gaps (k,) [m], normals (k, 3), vertices (k,), and displacements (n, 3) [m] beyond the modes.
+    given : tuple
+        How far the coordinates without contacts are from those of the gaps (m,), and forces (k,) [N] before, about
+        which the problem is softened: repeated problems close the gaps.
+    turns : ndarray, shape (n, 3)
+        Rotation vectors [rad] of vertices; (0, 3) where they do not turn.
+    blocks, slots : ndarray
+        Shapes beyond the modes.
+    compliance : ndarray, shape (m,) or (m, m)
+        G.
+    out : tuple
+        Columns (k, k), compliance (k, k) beyond the modes, ``J G`` (k, m) and gaps (k,) [m] without forces; and the
+        normals (k, 3) in the axes at rest.
+    """
+    gap, normals, vertices, local = frame
+    ahead, forces = given
+    count, size = moves.shape[0], moves.shape[2]
+    (columns, beyond, softened, offset, own), along, trace = out, np.empty((count, size)), 0.0
+    offset[:], own[:] = gap, normals
+    for i in range(count):
+        n, v = normals[i], vertices[i]
+        for k in range(size):
+            along[i, k] = n[0] * moves[i, 0, k] + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
+            offset[i] += along[i, k] * ahead[k]
+        offset[i] -= n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2]
+        if turns.size:
+            w = turns[v]
+            c1, c2, _ = coefficients(w[0], w[1], w[2])
+            own[i, 0], own[i, 1], own[i, 2] = _turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+    if compliance.ndim == 1:
+        softened[:] = along * compliance
+    else:
+        softened[:] = along @ np.ascontiguousarray(compliance.T)
+    residual_compliance(blocks, slots, own, beyond)
+    for j in range(count):
+        for i in range(count):
+            value = beyond[j, i]
+            for k in range(size):
+                value += softened[j, k] * along[i, k]
+            columns[j, i] = value
+        trace += columns[j, j]
+    for i in range(count):
+        columns[i, i] += _LOADED * trace / count
+        offset[i] -= _LOADED * trace / count * forces[i]
+
+
+@_kernel
+def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no-untyped-def]
+    """Solve a :func:`row_problem` from ``forces`` (k,), in place; the elastic energy [J] beyond the modes.
+
+    ``out`` are coordinates (m,), forces (k, 3) in the axes at rest, and the gaps (k,) that the problem expects.
+    """
+    columns, beyond, softened, offset, own = problem
+    complementary(columns, offset, forces, accuracy, symmetric)
+    (q, pushes, expected), energy = out, 0.0
+    q[:], expected[:] = free, offset
+    for j in range(forces.size):
+        for i in range(3):
+            pushes[j, i] = forces[j] * own[j, i]
+        if forces[j] > 0.0:
+            for k in range(q.size):
+                q[k] += softened[j, k] * forces[j]
+            for i in range(forces.size):
+                expected[i] += columns[j, i] * forces[j]
+                energy += 0.5 * forces[j] * beyond[j, i] * forces[i]
+    return energy
+
+
+@_kernel
+def row_gaps(gaps, rows, forces, moves, change):  # type: ignore[no-untyped-def]
+    """How far [m] candidates are off their gaps, of all gaps (r,), and their move [m] by a ``change`` (m,)."""
+    off, move = 0.0, 0.0
+    for i in range(rows.size):
+        gap = gaps[rows[i]]
+        off = max(off, abs(gap) if forces[i] > 0.0 else -gap)
+        if not gap > -np.inf:
+            off = np.inf
+        for axis in range(3):
+            way = 0.0
+            for k in range(change.size):
+                way += moves[i, axis, k] * change[k]
+            move = max(move, abs(way))
+    return off, move

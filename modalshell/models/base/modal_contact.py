@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -127,6 +128,10 @@ def _settle(
     return None, change, count
 
 
+TAKEN = "derivatives_at"
+"""Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
+
+
 @final
 class ModalContactMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
@@ -148,7 +153,9 @@ class ModalContactMotion(PressedMotion):
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
-        self._reach = np.abs(model.basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
+        if self._pressing.asks:
+            self._none[TAKEN] = np.full(model.basis.count, np.inf)
+        self._ended: tuple[Array, Array] | None = None
 
     @staticmethod
     def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
@@ -168,27 +175,38 @@ class ModalContactMotion(PressedMotion):
         return gaps if self._pressing.touched(gaps) else None
 
     def follow(
-        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, own: Array
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
         """The end of a step under a modal ``force`` (m,); ``when`` it ends, and how long it is [s].
 
-        ``gaps`` (r,) [m] are those near its end, of positions ``own`` (n, 3) [m] at its beginning if they are not
-        known. Also returns whether the contacts were solved, and its positions without what is beyond the modes, if
-        they are known.
+        ``gaps`` (r,) [m] are those near its end, of its beginning if they are not known; ``base`` (n, 3) [m] are the
+        positions at its beginning without what is beyond the modes. Also returns whether the contacts were solved, and
+        such positions of its end, if they are known.
         """
         model, pressing, (time, dt) = self._model, self._pressing, when
         if gaps is None:
             pressing.at(time)
-            gaps = pressing.gaps(own)
+            gaps = self._gaps(before, base)
         q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
-        free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
-        ahead = dt * rates
-        kept = before.memory[LOCAL], before.memory[PUSHES], float(np.abs(ahead) @ self._reach)
-        pressed = pressing.press(free, compliance, q + ahead, gaps, kept)
+        free, ahead = np.empty(q.size), np.empty(q.size)
+        implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, free, ahead)
+        kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
+        pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
         memory = self._memory(pressed)
+        if pressed.at is not None:
+            memory[TAKEN] = pressed.at
+        if pressed.gaps is not None and not pressing.moving:
+            self._ended = pressed.q, pressed.gaps
         alone = MotionState(free, (free - q) / dt)
         memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
+
+    def _gaps(self, state: MotionState, base: Array) -> Array:
+        """Gaps (r,) [m] of a state, whose positions without what is beyond the modes are ``base`` (n, 3) [m]."""
+        ended = self._ended
+        if ended is not None and ended[0] is state.coordinates:
+            return ended[1]
+        return self._pressing.gaps(base + self.local(state))
 
     def _compliance(self, dt: float) -> Array:
         """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
