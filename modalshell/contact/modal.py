@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
+from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.contact import Contact
 from modalshell.contact.gap_kernels import gaps_of
 from modalshell.contact.local_shapes import LocalShapes
@@ -91,7 +92,7 @@ class ModalContacts:
     contacts : sequence of Contact
         The contacts.
     basis : Basis
-        Its modes; its shell is held by supports.
+        Its modes.
     positions : callable
         Positions (n, 3) [m] at coordinates (m,).
     rows : callable
@@ -107,6 +108,8 @@ class ModalContacts:
         The contacts at the time that is looked at.
     moving : bool
         Whether a collider moves.
+    shapes : LocalShapes
+        What the shell gives way beyond its modes.
     """
 
     def __init__(
@@ -120,9 +123,9 @@ class ModalContacts:
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
-        self._basis, self._positions, self._rows, self._turns = basis, positions, rows, turns
+        self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
         self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
-        self._shapes = LocalShapes(basis, CANDIDATES)
+        self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._bodies = self.touching.packed()
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
@@ -176,20 +179,20 @@ class ModalContacts:
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
-    def _rotation_vectors(self, q: Array) -> Array:
+    def turns(self, q: Array) -> Array:
         """Rotation vectors (n, 3) [rad] of the vertices at q."""
-        if not self._turns:
+        if not self._turning:
             return _NO_TURNS
         kept = self._turned
         if kept is not None and kept[0] is q:
             return kept[1]
-        turns = self._turns(q) if callable(self._turns) else np.asarray(self._spin @ q).reshape(-1, 3)
+        turns = self._turning(q) if callable(self._turning) else np.asarray(self._spin @ q).reshape(-1, 3)
         self._turned = q, turns
         return turns
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
-        near, kept = min(reach, _NEAR * self.touching.size), self._shapes.most
+        near, kept = min(reach, _NEAR * self.touching.size), self.shapes.most
         most = CANDIDATES if reach < np.inf else kept
         return np.asarray(kernels.candidates(gaps, pushes, near, most, kept))
 
@@ -227,7 +230,7 @@ class ModalContacts:
         reach = kernels.reach_of(q, start, self._reach)
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
-        touching, size, shapes = self.touching, self.touching.size, self._shapes
+        touching, size, shapes = self.touching, self.touching.size, self.shapes
         near = min(reach, _NEAR * size)
         limits = near, CANDIDATES, shapes.most, _SETTLED * size, _MOVED * size, 1e-12 * size
         step = free, compliance, start
@@ -250,7 +253,7 @@ class ModalContacts:
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
-        touching, store, turns, base = self.touching, self._shapes.store, self._rotation_vectors(q), self._positions(q)
+        touching, store, turns, base = self.touching, self.shapes.store, self.turns(q), self._positions(q)
         local = np.empty(base.shape)
         if self._bodies is not None:
             rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
@@ -308,7 +311,7 @@ class ModalContacts:
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
-        vertices, turns = self.touching.vertices[rows], self._rotation_vectors(q)
+        vertices, turns = self.touching.vertices[rows], self.turns(q)
         normals = self.touching.gaps(base, rows)[1]
         own = np.array(normals)
         if turns.size:
@@ -317,8 +320,8 @@ class ModalContacts:
 
     def _shape_under(self, vertices: Index, forces: Array, turns: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes under forces (k, 3) [N] in the axes at rest, turned."""
-        local, slots = np.empty_like(self._basis.shell.rest_positions), self._shapes.slots(vertices)
-        kernels.local_shape(self._shapes.store, slots, forces, turns, local)
+        local, slots = np.empty_like(self._basis.shell.rest_positions), self.shapes.slots(vertices)
+        kernels.local_shape(self.shapes.store, slots, forces, turns, local)
         return local
 
     def _moves(self, q: Array, vertices: Index) -> Array:
@@ -341,20 +344,20 @@ class ModalContacts:
             gap, normals, _ = touching.gaps(base + begin.local, rows)
         else:
             contact_of, gap, normals = touching.contact_of[rows], np.empty(rows.size), np.empty((rows.size, 3))
-            kernels.gaps_and_normals(self._bodies, vertices, contact_of, base, begin.local, gap, normals)
-        moves, slots, symmetric = self._moves(at, vertices), self._shapes.slots(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros_like(begin.pushes), self._rotation_vectors(q)
+            rows_by.gaps_and_normals(self._bodies, vertices, contact_of, base, begin.local, gap, normals)
+        moves, slots, symmetric = self._moves(at, vertices), self.shapes.slots(vertices), compliance.ndim == 1
+        forces, pushes, turns = begin.pushes[rows], np.zeros_like(begin.pushes), self.turns(q)
         frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
         square = rows.size, rows.size
         problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))
-        kernels.row_problem(moves, frame, given, turns, self._shapes.blocks, slots, compliance, problem)
+        rows_by.row_problem(moves, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
         turned, expected = np.empty(normals.shape), np.empty(rows.size)
         for _ in range(corrections):
             after = np.empty(q.size)
             out = after, turned, expected
-            energy = kernels.row_end(problem, forces, free, 1e-12 * size, symmetric, out)
+            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, out)
             base, local, gaps, least = self._ended(after, slots, turned)
-            off, move = kernels.row_gaps(gaps, rows, forces, moves, after - at)
+            off, move = rows_by.row_gaps(gaps, rows, forces, moves, after - at)
             if not _SETTLED * size < off < np.inf:
                 break
             problem[3][:] += gaps[rows] - expected

@@ -18,14 +18,14 @@ _PASSES = 6
 """Linearisations at most."""
 _NONE = 1e-14
 """Component of a force, as a share of the largest, that rounding explains."""
-_LOADED = 1e-9
+LOADED = 1e-9
 """Share of the mean diagonal that is added to it."""
 
 _kernel = njit(error_model="numpy", fastmath=False)
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
-def _turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
+def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
     """``v + second w x v + third w x (w x v)``, w = (a, b, c)."""
     p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
     return (
@@ -76,7 +76,7 @@ def response(along, compliance, out):  # type: ignore[no-untyped-def]
         for b in range(a):
             out[b, a] = out[a, b]
     for a in range(count):
-        out[a, a] += _LOADED * trace / count
+        out[a, a] += LOADED * trace / count
 
 
 @_kernel
@@ -148,18 +148,21 @@ def candidates(gaps, pushes, near, most, kept):  # type: ignore[no-untyped-def]
     for row in range(gaps.size):
         count += gaps[row] < near
         inner += gaps[row] < 0.0
-    most = max(most, min(inner, kept))
+    most, edge, ties = max(most, min(inner, kept)), near, 0
     if count > most:
         inside, place = np.empty(count), 0
         for row in range(gaps.size):
             if gaps[row] < near:
                 inside[place] = gaps[row]
                 place += 1
-        near = np.nextafter(np.partition(inside, most - 1)[most - 1], np.inf)
-    rows, place, left = np.empty(gaps.size, np.int64), 0, most
+        edge, ties = np.partition(inside, most - 1)[most - 1], most
+        for gap in inside:
+            ties -= gap < edge
+    rows, place = np.empty(gaps.size, np.int64), 0
     for row in range(gaps.size):
-        nearest = gaps[row] < near and left > 0
-        left -= nearest
+        nearest = gaps[row] < edge
+        if gaps[row] == edge and ties > 0:
+            nearest, ties = True, ties - 1
         if nearest or pushes[row] != 0.0:
             rows[place] = row
             place += 1
@@ -180,15 +183,15 @@ def _linearised(shape, near, bodies, q, local, frame):  # type: ignore[no-untype
         if turns:
             _combined(rotations, v, q, w)
             c1, c2, c3 = coefficients(w[0], w[1], w[2])
-            x, y, z = _turned(w[0], w[1], w[2], c2, c3, x, y, z)
+            x, y, z = turned(w[0], w[1], w[2], c2, c3, x, y, z)
         for j, part in enumerate((x, y, z)):
             at[i, j] = rest[v, j] + part + local[i, j]
         gap[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], at[i, 0], at[i, 1], at[i, 2], n)
         own[i] = n
         a, b, c = n[0], n[1], n[2]
         if turns:
-            own[i, 0], own[i, 1], own[i, 2] = _turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
-            a, b, c = _turned(w[0], w[1], w[2], -c2, c3, n[0], n[1], n[2])  # Rt(w)^T n
+            own[i, 0], own[i, 1], own[i, 2] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+            a, b, c = turned(w[0], w[1], w[2], -c2, c3, n[0], n[1], n[2])  # Rt(w)^T n
             warp_slope(w, u, n, out)
             for k in range(q.size):
                 along[i, k] = out[0] * rotations[3 * v, k] + out[1] * rotations[3 * v + 1, k]
@@ -229,8 +232,8 @@ def _reached(shape, near, bodies, q, local, begin):  # type: ignore[no-untyped-d
         if turns:
             _combined(rotations, v, q, w)
             c1, c2, c3 = coefficients(w[0], w[1], w[2])
-            x, y, z = _turned(w[0], w[1], w[2], c2, c3, x, y, z)
-            a, b, c = _turned(w[0], w[1], w[2], c1, c2, a, b, c)
+            x, y, z = turned(w[0], w[1], w[2], c2, c3, x, y, z)
+            a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
         local[i, 0], local[i, 1], local[i, 2] = a, b, c
         x, y, z = rest[v, 0] + x + a, rest[v, 1] + y + b, rest[v, 2] + z + c
         gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
@@ -327,106 +330,3 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
     for i in range(count):
         pushed[rows[i]] = forces[i]
     return rows, slots, q, pushed, pushes, energy, solved and move <= far
-
-
-@_kernel
-def gaps_and_normals(bodies, vertices, contact_of, base, local, gap, normals):  # type: ignore[no-untyped-def]
-    """Gaps (k,) [m] and normals (k, 3) of some vertices at positions ``base + local``, both (n, 3) [m]."""
-    for i in range(vertices.size):
-        v, c = vertices[i], contact_of[i]
-        x, y, z = base[v, 0] + local[v, 0], base[v, 1] + local[v, 1], base[v, 2] + local[v, 2]
-        gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
-
-
-@_kernel
-def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
-    """Small problem of candidates whose derivatives ``moves`` (k, 3, m) are known.
-
-    Parameters
-    ----------
-    moves : ndarray, shape (k, 3, m)
-        As above.
-    frame : tuple
-        Gaps (k,) [m], normals (k, 3), vertices (k,), and displacements (n, 3) [m] beyond the modes.
-    given : tuple
-        How far the coordinates without contacts are from those of the gaps (m,), and forces (k,) [N] before, about
-        which the problem is softened: repeated problems close the gaps.
-    turns : ndarray, shape (n, 3)
-        Rotation vectors [rad] of vertices; (0, 3) where they do not turn.
-    blocks, slots : ndarray
-        Shapes beyond the modes.
-    compliance : ndarray, shape (m,) or (m, m)
-        G.
-    out : tuple
-        Columns (k, k), compliance (k, k) beyond the modes, ``J G`` (k, m) and gaps (k,) [m] without forces; and the
-        normals (k, 3) in the axes at rest.
-    """
-    gap, normals, vertices, local = frame
-    ahead, forces = given
-    count, size = moves.shape[0], moves.shape[2]
-    (columns, beyond, softened, offset, own), along, trace = out, np.empty((count, size)), 0.0
-    offset[:], own[:] = gap, normals
-    for i in range(count):
-        n, v = normals[i], vertices[i]
-        for k in range(size):
-            along[i, k] = n[0] * moves[i, 0, k] + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
-            offset[i] += along[i, k] * ahead[k]
-        offset[i] -= n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2]
-        if turns.size:
-            w = turns[v]
-            c1, c2, _ = coefficients(w[0], w[1], w[2])
-            own[i, 0], own[i, 1], own[i, 2] = _turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
-    if compliance.ndim == 1:
-        softened[:] = along * compliance
-    else:
-        softened[:] = along @ np.ascontiguousarray(compliance.T)
-    residual_compliance(blocks, slots, own, beyond)
-    for j in range(count):
-        for i in range(count):
-            value = beyond[j, i]
-            for k in range(size):
-                value += softened[j, k] * along[i, k]
-            columns[j, i] = value
-        trace += columns[j, j]
-    for i in range(count):
-        columns[i, i] += _LOADED * trace / count
-        offset[i] -= _LOADED * trace / count * forces[i]
-
-
-@_kernel
-def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no-untyped-def]
-    """Solve a :func:`row_problem` from ``forces`` (k,), in place; the elastic energy [J] beyond the modes.
-
-    ``out`` are coordinates (m,), forces (k, 3) in the axes at rest, and the gaps (k,) that the problem expects.
-    """
-    columns, beyond, softened, offset, own = problem
-    complementary(columns, offset, forces, accuracy, symmetric)
-    (q, pushes, expected), energy = out, 0.0
-    q[:], expected[:] = free, offset
-    for j in range(forces.size):
-        for i in range(3):
-            pushes[j, i] = forces[j] * own[j, i]
-        if forces[j] > 0.0:
-            for k in range(q.size):
-                q[k] += softened[j, k] * forces[j]
-            for i in range(forces.size):
-                expected[i] += columns[j, i] * forces[j]
-                energy += 0.5 * forces[j] * beyond[j, i] * forces[i]
-    return energy
-
-
-@_kernel
-def row_gaps(gaps, rows, forces, moves, change):  # type: ignore[no-untyped-def]
-    """How far [m] candidates are off their gaps, of all gaps (r,), and their move [m] by a ``change`` (m,)."""
-    off, move = 0.0, 0.0
-    for i in range(rows.size):
-        gap = gaps[rows[i]]
-        off = max(off, abs(gap) if forces[i] > 0.0 else -gap)
-        if not gap > -np.inf:
-            off = np.inf
-        for axis in range(3):
-            way = 0.0
-            for k in range(change.size):
-                way += moves[i, axis, k] * change[k]
-            move = max(move, abs(way))
-    return off, move

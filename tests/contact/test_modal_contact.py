@@ -205,7 +205,7 @@ def test_what_modal_models_do_not_take_is_refused_by_name(shell, basis):
     with pytest.raises(ms.OptionError, match=r"vertex \d+ begins .* inside contact 0"):
         model.equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), 0.1))])
     free = ms.Shell(shell.mesh, shell.material)
-    with pytest.raises(ms.OptionError, match="takes contacts of shells that supports hold"):
+    with pytest.raises(ms.OptionError, match="statics of MWTS take contacts of shells that supports hold"):
         ms.ModalWarping(ms.solve_modes(free, count=12)).equilibrium(contacts=[FLOOR])
     with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
         ms.RigidShell(shell).equilibrium(contacts=[FLOOR])

@@ -250,7 +250,10 @@ class ModalStepper(ContactStepper):
         if setup.contacts:
             from modalshell.models.base.modal_contact import ModalContactMotion  # not without contacts
 
-            self._contacts, self._presses = ModalContactMotion(model, setup), True
+            motion = ModalContactMotion
+            if model.frames is not None:
+                from modalshell.models.base.free_contact import FreeContactMotion as motion
+            self._contacts, self._presses = motion(model, setup), True
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
 
 import numpy as np
 
@@ -34,8 +33,11 @@ _LONGEST = 0.5
 def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
     """The contacts of a modal model; OptionError where it cannot take them."""
     given = checked_contacts(contacts)
-    if model.frames is not None or model.basis.rigid_modes:
-        raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
+    if model.frames is None and model.basis.rigid_modes:
+        raise OptionError(
+            f"{model.name} takes contacts of parts that their supports hold, or that have none and all six rigid modes "
+            f"(got {model.basis.rigid_modes} rigid modes): hold more vertices, ask for more modes, or take DS"
+        )
     for index, contact in enumerate(given):
         if contact.friction or contact.push_out:
             raise OptionError(f"contact {index} has friction or push_out, which {model.name} does not take: take DS")
@@ -62,6 +64,11 @@ def equilibrium_on_modal_contacts(
     """
     if constraints:
         raise OptionError("contacts and constraints do not go together yet")
+    if model.frames is not None:
+        raise OptionError(
+            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, or let simulate "
+            "bring a free shell to rest with damping"
+        )
     pressing = modal_contacts(model, contacts)
     rest = model.shell.rest_positions
     pressing.touching.refuse_inside(rest if start is None else start)
@@ -132,7 +139,6 @@ TAKEN = "derivatives_at"
 """Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
 
 
-@final
 class ModalContactMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
@@ -153,7 +159,7 @@ class ModalContactMotion(PressedMotion):
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
-        if self._pressing.asks:
+        if self._pressing.asks and model.frames is None:
             self._none[TAKEN] = np.full(model.basis.count, np.inf)
         self._ended: tuple[Array, Array] | None = None
 
