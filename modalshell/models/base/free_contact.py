@@ -18,7 +18,7 @@ from modalshell.contact import row_kernels as rows_by
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of
 from modalshell.integrators.state import PUSHES, MotionState
-from modalshell.models.base.modal_contact import ModalContactMotion
+from modalshell.models.base.modal_contact import ModalPressedMotion
 from modalshell.models.base.pressed_motion import BEYOND, LOCAL
 from modalshell.modes.modal_rotation import cross_matrices
 
@@ -43,13 +43,13 @@ class _End(NamedTuple):
 
 
 @final
-class FreeContactMotion(ModalContactMotion):
+class FreeContactMotion(ModalPressedMotion):
     """What follows each step of a modal model with free parts and contacts."""
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
-        """The end of a step; see :meth:`ModalContactMotion.follow`."""
+        """The end of a step; see :meth:`ModalPressedMotion.follow`."""
         pressing, (time, dt) = self._pressing, when
         size = pressing.touching.size
         if gaps is None:

@@ -248,11 +248,10 @@ class ModalStepper(ContactStepper):
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
         if setup.contacts:
-            from modalshell.models.base.modal_contact import ModalContactMotion  # not without contacts
+            from modalshell.models.base.free_contact import FreeContactMotion  # not without contacts
+            from modalshell.models.base.modal_contact import ModalContactMotion
 
-            motion = ModalContactMotion
-            if model.frames is not None:
-                from modalshell.models.base.free_contact import FreeContactMotion as motion
+            motion = ModalContactMotion if model.frames is None else FreeContactMotion
             self._contacts, self._presses = motion(model, setup), True
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None

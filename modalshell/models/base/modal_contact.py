@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 
@@ -139,11 +141,10 @@ TAKEN = "derivatives_at"
 """Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
 
 
-class ModalContactMotion(PressedMotion):
+class ModalPressedMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
-    Where a vertex touches, or would, a step of implicit Euler is taken in the step's place, and its end is the nearest
-    one, in the norm of inertia and stiffness, outside the colliders.
+    Where a vertex touches, or would, a step of implicit Euler is taken in the step's place.
 
     Parameters
     ----------
@@ -159,8 +160,6 @@ class ModalContactMotion(PressedMotion):
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
-        if self._pressing.asks and model.frames is None:
-            self._none[TAKEN] = np.full(model.basis.count, np.inf)
         self._ended: tuple[Array, Array] | None = None
 
     @staticmethod
@@ -180,6 +179,7 @@ class ModalContactMotion(PressedMotion):
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
 
+    @abstractmethod
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
@@ -189,6 +189,37 @@ class ModalContactMotion(PressedMotion):
         positions at its beginning without what is beyond the modes. Also returns whether the contacts were solved, and
         such positions of its end, if they are known.
         """
+
+    def _gaps(self, state: MotionState, base: Array) -> Array:
+        """Gaps (r,) [m] of a state, whose positions without what is beyond the modes are ``base`` (n, 3) [m]."""
+        ended = self._ended
+        if ended is not None and ended[0] is state.coordinates:
+            return ended[1]
+        return self._pressing.gaps(base + self.local(state))
+
+    def _compliance(self, dt: float) -> Array:
+        """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
+        if self._impulse[0] != dt:
+            self._impulse = dt, EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
+        return self._impulse[1]
+
+
+@final
+class ModalContactMotion(ModalPressedMotion):
+    """Steps of a modal model whose supports hold it: the nearest ends outside the colliders.
+
+    They are the nearest in the norm of inertia and stiffness.
+    """
+
+    def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
+        super().__init__(model, setup)
+        if self._pressing.asks:
+            self._none[TAKEN] = np.full(model.basis.count, np.inf)
+
+    def follow(
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+    ) -> tuple[MotionState, bool, Array | None]:
+        """The end of a step; see :meth:`ModalPressedMotion.follow`."""
         model, pressing, (time, dt) = self._model, self._pressing, when
         if gaps is None:
             pressing.at(time)
@@ -206,16 +237,3 @@ class ModalContactMotion(PressedMotion):
         alone = MotionState(free, (free - q) / dt)
         memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
-
-    def _gaps(self, state: MotionState, base: Array) -> Array:
-        """Gaps (r,) [m] of a state, whose positions without what is beyond the modes are ``base`` (n, 3) [m]."""
-        ended = self._ended
-        if ended is not None and ended[0] is state.coordinates:
-            return ended[1]
-        return self._pressing.gaps(base + self.local(state))
-
-    def _compliance(self, dt: float) -> Array:
-        """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
-        if self._impulse[0] != dt:
-            self._impulse = dt, EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
-        return self._impulse[1]
