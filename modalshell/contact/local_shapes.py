@@ -10,6 +10,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Basis, Factoriser, condensed_factor
+from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON
 
 _KEPT = 2e8
@@ -22,10 +23,12 @@ _MOST = 512
 class LocalShapes:
     """Shapes ``(K^-1 - Phi Lambda^-1 Phi^T) e`` of the shell at rest under unit forces on some vertices.
 
+    Where supports leave rigid motions, inertial forces balance the unit ones, and shapes have no share in them.
+
     Parameters
     ----------
     basis : Basis
-        The modes; the shell is held by supports.
+        The modes.
     least : int
         Vertices that there is room for at least.
 
@@ -82,15 +85,19 @@ class LocalShapes:
         loads = np.zeros((shell.rest_positions.size, 3))
         loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
         whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
-        by_modes = basis.modes @ ((basis.modes.T @ loads) / basis.eigenvalues[:, None])
+        modes, eigenvalues = basis.modes[:, basis.rigid_modes :], basis.eigenvalues[basis.rigid_modes :]
+        by_modes = modes @ ((modes.T @ loads) / eigenvalues[:, None])
         return np.asarray((whole - by_modes).T.reshape(3, -1, 3))
 
 
 def _static_solver(basis: Basis) -> Callable[[Array], Array]:
-    """Static solutions of a shell at rest under forces on its free unknowns."""
+    """Static solutions of a shell at rest under forces on its free unknowns, without rigid motions."""
     shell = basis.shell
     data = shell.energy_gradient_hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)[2]
     internal = shell.pattern.internal
+    if basis.rigid_modes:
+        mass = shell.unknowns.masses(shell.mass)
+        return RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), mass).solve
     try:
         factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
     except SolverError as error:

@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
-from modalshell.contact.complementarity import complementary
+from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.contact import Contact
 from modalshell.contact.gap_kernels import gaps_of
 from modalshell.contact.local_shapes import LocalShapes
@@ -34,11 +34,11 @@ _MOVED = 1e-3
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
 _PASSES = 12
 """Linearisations of a frame at most."""
-_SOFT = 1e-9
-"""Compliance added, as a share of the mean one: more vertices may touch than the modes can move apart."""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
 _NO_TURNS = np.empty((0, 3))
+_STILL = 1e-5
+"""Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
 _RENEWED = 12
 """Times that vertices are taken in which a frame's end would leave inside."""
 
@@ -67,6 +67,10 @@ class Pressed:
         Positions [m] at q, without what is beyond the modes, where they are known.
     energy : float
         Elastic energy [J] of what is beyond the modes.
+    at : ndarray, shape (m,), or None
+        Where the positions' derivatives were taken, if they were asked for.
+    gaps : ndarray or None, shape (r,)
+        Gaps [m] of all rows, where they are known.
     """
 
     q: Array
@@ -75,6 +79,8 @@ class Pressed:
     solved: bool
     positions: Array | None = None
     energy: float = 0.0
+    at: Array | None = None
+    gaps: Array | None = None
 
 
 @final
@@ -86,7 +92,7 @@ class ModalContacts:
     contacts : sequence of Contact
         The contacts.
     basis : Basis
-        Its modes; its shell is held by supports.
+        Its modes.
     positions : callable
         Positions (n, 3) [m] at coordinates (m,).
     rows : callable
@@ -100,6 +106,10 @@ class ModalContacts:
     ----------
     touching : Touching
         The contacts at the time that is looked at.
+    moving : bool
+        Whether a collider moves.
+    shapes : LocalShapes
+        What the shell gives way beyond its modes.
     """
 
     def __init__(
@@ -113,11 +123,19 @@ class ModalContacts:
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
-        self._basis, self._positions, self._rows, self._turns = basis, positions, rows, turns
+        self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
         self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
-        self._shapes = LocalShapes(basis, CANDIDATES)
-        self._moving = any(contact.motion is not None for contact in self.touching.contacts)
+        self.shapes = LocalShapes(basis, CANDIDATES)
+        self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._bodies = self.touching.packed()
+        self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
+        self._taken: tuple[Array, Index, Array] | None = None
+        self._turned: tuple[Array, Array] | None = None
+
+    @property
+    def asks(self) -> bool:
+        """Whether frames ask for derivatives, so that these may be kept."""
+        return self._shape is None or self._bodies is None
 
     @property
     def no_pushes(self) -> Array:
@@ -126,9 +144,9 @@ class ModalContacts:
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
-        if self._moving or self._bodies is None:
+        if self.moving or self._bodies is None:
             self.touching = self.touching.at(time)
-        if self._moving:
+        if self.moving:
             self._bodies = self.touching.packed()
 
     def positions(self, q: Array) -> Array:
@@ -161,25 +179,20 @@ class ModalContacts:
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
-    def _rotation_vectors(self, q: Array) -> Array:
+    def turns(self, q: Array) -> Array:
         """Rotation vectors (n, 3) [rad] of the vertices at q."""
-        if callable(self._turns):
-            return self._turns(q)
-        if not self._turns:
+        if not self._turning:
             return _NO_TURNS
-        return np.asarray(self._spin @ q).reshape(-1, 3)
-
-    def _own(self, vertices: Index, normals: Array, turns: Array) -> Array:
-        """Normals (k, 3) in the axes of their vertices at rest."""
-        if not self._turns:
-            return normals
-        own = np.empty(normals.shape)
-        rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)
-        return own
+        kept = self._turned
+        if kept is not None and kept[0] is q:
+            return kept[1]
+        turns = self._turning(q) if callable(self._turning) else np.asarray(self._spin @ q).reshape(-1, 3)
+        self._turned = q, turns
+        return turns
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
-        near, kept = min(reach, _NEAR * self.touching.size), self._shapes.most
+        near, kept = min(reach, _NEAR * self.touching.size), self.shapes.most
         most = CANDIDATES if reach < np.inf else kept
         return np.asarray(kernels.candidates(gaps, pushes, near, most, kept))
 
@@ -188,26 +201,36 @@ class ModalContacts:
         return bool((gaps <= EXACT_GAP * self.touching.size).any())
 
     def press(
-        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array, float]
+        self,
+        free: Array,
+        compliance: Array,
+        begin: tuple[Array, Array, Array],
+        gaps: Array,
+        before: tuple[Array, Array, Array | None],
     ) -> Pressed:
         """The coordinates nearest to ``free`` (m,), in the norm of the stiffness, that leave every vertex outside.
 
-        ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about ``start`` (m,)
+        ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about a guess (m,)
         and again where that leads. ``compliance`` is G, (m,).
 
         Parameters
         ----------
-        free, compliance, start : ndarray, shape (m,)
+        free, compliance : ndarray, shape (m,)
             As above.
+        begin : tuple
+            The guess (m,), the coordinates (m,) before, and the positions (n, 3) [m] there without what is beyond the
+            modes.
         gaps : ndarray, shape (r,)
             Gaps [m] of all rows before, which choose the candidates.
         before : tuple
-            Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; how far a vertex may go [m].
+            Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; and where derivatives were taken.
         """
-        local, pushes, reach = before
-        if self._shape is None or self._bodies is None:
-            return self._press_by_rows(free, compliance, start, gaps, before)
-        touching, size, shapes = self.touching, self.touching.size, self._shapes
+        local, pushes, at = before
+        start, q = begin[:2]
+        reach = kernels.reach_of(q, start, self._reach)
+        if self.asks:
+            return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
+        touching, size, shapes = self.touching, self.touching.size, self.shapes
         near = min(reach, _NEAR * size)
         limits = near, CANDIDATES, shapes.most, _SETTLED * size, _MOVED * size, 1e-12 * size
         step = free, compliance, start
@@ -219,27 +242,52 @@ class ModalContacts:
                     break
                 shapes.slots(touching.vertices[found[0]])
             _, slots, q, pushes, forces, energy, solved = found
-            shape, turns = np.empty_like(local), self._rotation_vectors(q)
-            kernels.local_shape(shapes.store, slots, forces, turns, shape)
-            base = self._positions(q)
-            after = self.gaps(base + shape)
-            if not solved or after.min() >= -limits[3]:
+            base, shape, after, least = self._ended(q, slots, forces)
+            if not solved or least >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
-        return Pressed(q, shape, pushes, bool(solved and after.min() >= -limits[3]), base, energy)
+        return Pressed(q, shape, pushes, bool(solved and least >= -limits[3]), base, energy, None, after)
+
+    def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
+        """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
+
+        ``forces`` (k, 3) [N] are in the axes at rest.
+        """
+        touching, store, turns, base = self.touching, self.shapes.store, self.turns(q), self._positions(q)
+        local = np.empty(base.shape)
+        if self._bodies is not None:
+            rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
+            least = kernels.ended(store, slots, forces, turns, base, rows, self._bodies, local, gaps)
+            return base, local, gaps, least
+        kernels.local_shape(store, slots, forces, turns, local)
+        gaps = touching.distances(base + local)
+        return base, local, gaps, float(gaps.min())
 
     def _press_by_rows(
-        self, free: Array, compliance: Array, start: Array, gaps: Array, before: tuple[Array, Array, float]
+        self,
+        free: Array,
+        compliance: Array,
+        begin: tuple[Array, Array, Array],
+        gaps: Array,
+        before: tuple[Array, Array, float, Array | None],
     ) -> Pressed:
-        """The same of models and colliders whose frames are not compiled: their gaps and rows are asked for."""
-        local, pushes, reach = before
-        pressed = Pressed(start, local, pushes, False, self._positions(start))
+        """The same of models and colliders whose frames are not compiled: their derivatives are asked for.
+
+        Those of earlier frames serve as long as the shell is almost where they were taken.
+        """
+        start, q, base = begin
+        local, pushes, reach, at = before
+        still = at is not None and kernels.reach_of(at, start, self._reach) <= _STILL * self.touching.size
+        if at is None or not still:
+            at, q, base = start, start, self._positions(start)
+        pressed = Pressed(q, local, pushes, False, base, at=at)
         for _ in range(_PASSES):
             rows = self.candidates(gaps, pressed.pushes, reach)
-            pressed, after = self._newton(free, compliance, pressed, rows, _CORRECTIONS)
+            pressed = self._newton(free, compliance, pressed, rows, _CORRECTIONS, at)
+            assert pressed.gaps is not None
             if pressed.solved:
                 break
-            gaps = np.minimum(gaps, after)  # what entered is taken in, too
+            gaps, at = np.minimum(gaps, pressed.gaps), pressed.q  # what entered is taken in, too
         return pressed
 
     def press_once(self, free: Array, compliance: Array, q: Array, pushes: Array) -> Pressed:
@@ -253,7 +301,7 @@ class ModalContacts:
         """The same about a :meth:`state`."""
         assert begin.positions is not None
         rows = self.candidates(self.gaps(begin.positions + begin.local), begin.pushes)
-        return self._newton(free, compliance, begin, rows, 1)[0]
+        return self._newton(free, compliance, begin, rows, 1, begin.q)
 
     def state(self, q: Array, pushes: Array, local: Array | float) -> Pressed:
         """What forces (r,) [N] press in at q (m,), along the normals where ``local`` (n, 3) [m] was pressed in."""
@@ -263,50 +311,56 @@ class ModalContacts:
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
-        vertices, turns = self.touching.vertices[rows], self._rotation_vectors(q)
-        own = self._own(vertices, self.touching.gaps(base, rows)[1], turns)
+        vertices, turns = self.touching.vertices[rows], self.turns(q)
+        normals = self.touching.gaps(base, rows)[1]
+        own = np.array(normals)
+        if turns.size:
+            rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)
         return self._shape_under(vertices, pushes[rows, None] * own, turns)
 
     def _shape_under(self, vertices: Index, forces: Array, turns: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes under forces (k, 3) [N] in the axes at rest, turned."""
-        local, slots = np.empty_like(self._basis.shell.rest_positions), self._shapes.slots(vertices)
-        kernels.local_shape(self._shapes.store, slots, forces, turns, local)
+        local, slots = np.empty_like(self._basis.shell.rest_positions), self.shapes.slots(vertices)
+        kernels.local_shape(self.shapes.store, slots, forces, turns, local)
         return local
 
+    def _moves(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions at q (m,); those of the last ones are kept."""
+        kept = self._taken
+        if kept is not None and (kept[0] is q or np.array_equal(kept[0], q)) and np.array_equal(kept[1], vertices):
+            return kept[2]
+        moves = np.ascontiguousarray(self._rows(q, vertices))
+        self._taken = q, vertices, moves
+        return moves
+
     def _newton(
-        self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int
-    ) -> tuple[Pressed, Array]:
-        """The problem of some rows linearised at ``begin``, corrected by the gaps it leads to; and these gaps (r,)."""
-        touching, size, q = self.touching, self.touching.size, begin.q
-        vertices, base = touching.vertices[rows], self._positions(q) if begin.positions is None else begin.positions
-        gap, normals, _ = touching.gaps(base + begin.local, rows)
-        moves = self._rows(q, vertices)
-        along = (normals[:, None, :] @ moves)[:, 0]
-        softened = along * compliance if compliance.ndim == 1 else along @ compliance.T
-        own = self._own(vertices, np.ascontiguousarray(normals), self._rotation_vectors(q))
-        slots, matrix = self._shapes.slots(vertices), np.empty((rows.size, rows.size))
-        kernels.residual_compliance(self._shapes.blocks, slots, own, matrix)
-        beyond = matrix.copy()
-        matrix += along @ softened.T
-        soft = _SOFT * np.trace(matrix) / max(rows.size, 1)
-        matrix[np.diag_indices(rows.size)] += soft
-        columns = np.ascontiguousarray(matrix.T)
-        offset = gap - np.sum(normals * begin.local[vertices], axis=1) + along @ (free - q)
-        forces, pushes = begin.pushes[rows], np.zeros_like(begin.pushes)
-        offset -= soft * forces  # softened about the forces before, so that repeated problems close the gaps
+        self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int, at: Array
+    ) -> Pressed:
+        """The problem of some rows linearised at ``begin``, by derivatives at ``at`` (m,), corrected by its gaps."""
+        touching, size, q, base = self.touching, self.touching.size, begin.q, begin.positions
+        assert base is not None
+        vertices = touching.vertices[rows]
+        if self._bodies is None:
+            gap, normals, _ = touching.gaps(base + begin.local, rows)
+        else:
+            contact_of, gap, normals = touching.contact_of[rows], np.empty(rows.size), np.empty((rows.size, 3))
+            rows_by.gaps_and_normals(self._bodies, vertices, contact_of, base, begin.local, gap, normals)
+        moves, slots, symmetric = self._moves(at, vertices), self.shapes.slots(vertices), compliance.ndim == 1
+        forces, pushes, turns = begin.pushes[rows], np.zeros_like(begin.pushes), self.turns(q)
+        frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
+        square = rows.size, rows.size
+        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))
+        rows_by.row_problem(moves, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
+        turned, expected = np.empty(normals.shape), np.empty(rows.size)
         for _ in range(corrections):
-            complementary(columns, offset, forces, 1e-12 * size, compliance.ndim == 1)
-            after = free + softened.T @ forces
-            local = self._shape_under(vertices, forces[:, None] * own, self._rotation_vectors(after))
-            base = self._positions(after)
-            gaps = self.gaps(base + local)
-            held = float(np.abs(gaps[rows[forces > 0.0]]).max(initial=0.0))
-            near = max(held, -float(gaps[rows].min(initial=0.0)))
-            if not _SETTLED * size < near < np.inf:
+            after = np.empty(q.size)
+            out = after, turned, expected
+            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, out)
+            base, local, gaps, least = self._ended(after, slots, turned)
+            off, move = rows_by.row_gaps(gaps, rows, forces, moves, after - at)
+            if not _SETTLED * size < off < np.inf:
                 break
-            offset = offset + gaps[rows] - (offset + matrix @ forces)
+            problem[3][:] += gaps[rows] - expected
         pushes[rows] = forces
-        move = float(np.abs(moves @ (after - q)).max(initial=0.0))
-        met = max(near, -float(gaps.min(initial=0.0))) <= _SETTLED * size
-        energy = 0.5 * float(forces @ beyond @ forces)
-        return Pressed(after, local, pushes, met and move <= _MOVED * size, base, energy), gaps
+        solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
+        return Pressed(after, local, pushes, solved, base, energy, at, gaps)

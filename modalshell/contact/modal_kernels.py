@@ -8,7 +8,7 @@ of the other slots.
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_at
+from modalshell.contact.gap_kernels import gap_at, gaps_of
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients, rotate, slopes
 
@@ -18,14 +18,14 @@ _PASSES = 6
 """Linearisations at most."""
 _NONE = 1e-14
 """Component of a force, as a share of the largest, that rounding explains."""
-_LOADED = 1e-9
+LOADED = 1e-9
 """Share of the mean diagonal that is added to it."""
 
 _kernel = njit(error_model="numpy", fastmath=False)
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
-def _turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
+def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
     """``v + second w x v + third w x (w x v)``, w = (a, b, c)."""
     p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
     return (
@@ -76,7 +76,7 @@ def response(along, compliance, out):  # type: ignore[no-untyped-def]
         for b in range(a):
             out[b, a] = out[a, b]
     for a in range(count):
-        out[a, a] += _LOADED * trace / count
+        out[a, a] += LOADED * trace / count
 
 
 @_kernel
@@ -86,14 +86,43 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
     flat[:] = 0.0
     least = _NONE * np.abs(pushes).max() if pushes.size else 0.0
     for k in range(slots.size):
+        shapes = store[slots[k]].reshape(3, -1)
+        if np.abs(pushes[k]).min() > least:
+            a, b, c = pushes[k]
+            for j in range(flat.size):
+                flat[j] += a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j]
+            continue
         for i in range(3):
             push = pushes[k, i]
             if abs(push) > least:
-                shape = store[slots[k], i].reshape(-1)
                 for j in range(flat.size):
-                    flat[j] += push * shape[j]
+                    flat[j] += push * shapes[i, j]
     if turns.size:
         rotate(turns, out, 1.0, out)
+
+
+@_kernel
+def ended(store, slots, pushes, turns, base, rows_of, bodies, local, gaps):  # type: ignore[no-untyped-def]
+    """A :func:`local_shape` into ``local`` (n, 3), and ``gaps`` (r,) of all rows at ``base + local``; the least one."""
+    local_shape(store, slots, pushes, turns, local)
+    return gaps_of(bodies, rows_of[0], rows_of[1], base + local, gaps)
+
+
+@_kernel
+def implicit_euler(q, rates, force, compliance, eigenvalues, dt, free, ahead):  # type: ignore[no-untyped-def]
+    """Coordinates ``free`` (m,) after a step of implicit Euler, by G (m,), and those ``ahead`` by the rates alone."""
+    for k in range(q.size):
+        free[k] = q[k] + compliance[k] * (rates[k] / dt + force[k] - eigenvalues[k] * q[k])
+        ahead[k] = q[k] + dt * rates[k]
+
+
+@_kernel
+def reach_of(before, after, size):  # type: ignore[no-untyped-def]
+    """How far [m] a vertex may go between coordinates (m,), by how far (m,) [m] each of these moves one."""
+    reach = 0.0
+    for k in range(size.size):
+        reach += abs(after[k] - before[k]) * size[k]
+    return reach
 
 
 @_kernel
@@ -119,18 +148,21 @@ def candidates(gaps, pushes, near, most, kept):  # type: ignore[no-untyped-def]
     for row in range(gaps.size):
         count += gaps[row] < near
         inner += gaps[row] < 0.0
-    most = max(most, min(inner, kept))
+    most, edge, ties = max(most, min(inner, kept)), near, 0
     if count > most:
         inside, place = np.empty(count), 0
         for row in range(gaps.size):
             if gaps[row] < near:
                 inside[place] = gaps[row]
                 place += 1
-        near = np.nextafter(np.partition(inside, most - 1)[most - 1], np.inf)
-    rows, place, left = np.empty(gaps.size, np.int64), 0, most
+        edge, ties = np.partition(inside, most - 1)[most - 1], most
+        for gap in inside:
+            ties -= gap < edge
+    rows, place = np.empty(gaps.size, np.int64), 0
     for row in range(gaps.size):
-        nearest = gaps[row] < near and left > 0
-        left -= nearest
+        nearest = gaps[row] < edge
+        if gaps[row] == edge and ties > 0:
+            nearest, ties = True, ties - 1
         if nearest or pushes[row] != 0.0:
             rows[place] = row
             place += 1
@@ -151,15 +183,15 @@ def _linearised(shape, near, bodies, q, local, frame):  # type: ignore[no-untype
         if turns:
             _combined(rotations, v, q, w)
             c1, c2, c3 = coefficients(w[0], w[1], w[2])
-            x, y, z = _turned(w[0], w[1], w[2], c2, c3, x, y, z)
+            x, y, z = turned(w[0], w[1], w[2], c2, c3, x, y, z)
         for j, part in enumerate((x, y, z)):
             at[i, j] = rest[v, j] + part + local[i, j]
         gap[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], at[i, 0], at[i, 1], at[i, 2], n)
         own[i] = n
         a, b, c = n[0], n[1], n[2]
         if turns:
-            own[i, 0], own[i, 1], own[i, 2] = _turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
-            a, b, c = _turned(w[0], w[1], w[2], -c2, c3, n[0], n[1], n[2])  # Rt(w)^T n
+            own[i, 0], own[i, 1], own[i, 2] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+            a, b, c = turned(w[0], w[1], w[2], -c2, c3, n[0], n[1], n[2])  # Rt(w)^T n
             warp_slope(w, u, n, out)
             for k in range(q.size):
                 along[i, k] = out[0] * rotations[3 * v, k] + out[1] * rotations[3 * v + 1, k]
@@ -200,8 +232,8 @@ def _reached(shape, near, bodies, q, local, begin):  # type: ignore[no-untyped-d
         if turns:
             _combined(rotations, v, q, w)
             c1, c2, c3 = coefficients(w[0], w[1], w[2])
-            x, y, z = _turned(w[0], w[1], w[2], c2, c3, x, y, z)
-            a, b, c = _turned(w[0], w[1], w[2], c1, c2, a, b, c)
+            x, y, z = turned(w[0], w[1], w[2], c2, c3, x, y, z)
+            a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
         local[i, 0], local[i, 1], local[i, 2] = a, b, c
         x, y, z = rest[v, 0] + x + a, rest[v, 1] + y + b, rest[v, 2] + z + c
         gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)

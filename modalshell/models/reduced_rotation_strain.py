@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple, Self, final
 
 import numpy as np
@@ -219,6 +220,20 @@ class ReducedRotationStrain(TurnedTriangles):
         kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
         amounts = np.concatenate([q, self._map @ sampled[0]])
         return np.asarray(self._expansion @ amounts).reshape(-1, 3)
+
+    def contact_rows(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions by the coordinates."""
+        columns, regression = self._by_triangle
+        slopes, expansion = np.empty(columns.shape), self._patch_rows(self._expansion, vertices)
+        kernel.deformation_rows(columns, q, slopes)
+        return expansion[:, :, : q.size] + expansion[:, :, q.size :] @ (regression @ slopes.reshape(-1, q.size))
+
+    @cached_property
+    def _by_triangle(self) -> tuple[Array, Array]:
+        """Turns and strains (T, 6, m) of the sampled triangles, and the amounts (r, 6 T) of shapes by their numbers."""
+        warp, count = self.on_page(), len(self.triangles)
+        columns, amounts = (part.reshape(6, count, -1).swapaxes(0, 1) for part in (warp.turns, warp.amounts))
+        return np.ascontiguousarray(columns), np.ascontiguousarray(amounts.reshape(6 * count, -1).T)
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
         return self._of_amounts(load.copy(), load.ravel() @ self._expansion)

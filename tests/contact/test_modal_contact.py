@@ -129,8 +129,12 @@ def test_compiled_frames_are_those_that_ask_for_gaps_and_rows(basis, name):
     np.testing.assert_allclose(compiled.positions, asked.positions, atol=1e-7)
 
 
-def test_rotation_strain_knows_its_derivatives_at_contacts(basis):
-    model, q = ms.RotationStrain(basis), np.array([0.1, -0.02, 0.01, 0.03, -0.01, 0.0, 0.005, 0.002])
+@pytest.mark.parametrize("reduced", [False, True])
+def test_rotation_strain_knows_its_derivatives_at_contacts(basis, reduced):
+    model = ms.RotationStrain(basis)
+    if reduced:
+        model = ms.ReducedRotationStrain.trained(model, [GRAVITY], mixtures=40)
+    q = np.array([0.1, -0.02, 0.01, 0.03, -0.01, 0.0, 0.005, 0.002])
     chosen = np.array([40, 90, 104, 90])
     rows = model.contact_rows(q, chosen)
     direction = np.array([0.3, -0.2, 0.1, 0.4, 0.2, -0.1, 0.05, 0.3])
@@ -158,6 +162,29 @@ def test_a_resumed_modal_motion_has_the_same_bits(shell, basis):
     assert whole.positions().tobytes() == second.positions().tobytes()
 
 
+@pytest.mark.parametrize("frames", [40, 120])
+def test_a_resumed_motion_takes_derivatives_where_the_whole_one_did(shell, basis, frames):
+    """As it falls, and at rest, where derivatives of earlier frames serve."""
+
+    def motion():
+        loading = shell.loading(GRAVITY, None, None)
+        return Motion(ms.RotationStrain(basis), loading, dt=1 / 60, damping=(8.0, 0.0), contacts=[FLOOR])
+
+    whole, second = motion(), motion()
+    for _ in range(frames):
+        whole.advance()
+    second.restore(whole.snapshot())
+    taken = [whole.state.memory["derivatives_at"]]
+    for _ in range(5):
+        for one in (whole, second):
+            one.advance()
+        taken.append(whole.state.memory["derivatives_at"])
+    assert whole.touched().touches.any()
+    assert np.array_equal(taken[0], taken[-1]) == (frames == 120)
+    assert whole.positions().tobytes() == second.positions().tobytes()
+    assert whole.state.memory["derivatives_at"].tobytes() == second.state.memory["derivatives_at"].tobytes()
+
+
 def test_a_moving_collider_pushes_a_modal_model(shell, basis):
     path = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.2)])
     table = ms.Contact(ms.Plane((0, 0, 1), -0.05), sel="x > 0.5", motion=path)
@@ -178,7 +205,7 @@ def test_what_modal_models_do_not_take_is_refused_by_name(shell, basis):
     with pytest.raises(ms.OptionError, match=r"vertex \d+ begins .* inside contact 0"):
         model.equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), 0.1))])
     free = ms.Shell(shell.mesh, shell.material)
-    with pytest.raises(ms.OptionError, match="takes contacts of shells that supports hold"):
+    with pytest.raises(ms.OptionError, match="statics of MWTS take contacts of shells that supports hold"):
         ms.ModalWarping(ms.solve_modes(free, count=12)).equilibrium(contacts=[FLOOR])
     with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
         ms.RigidShell(shell).equilibrium(contacts=[FLOOR])

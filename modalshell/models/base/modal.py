@@ -242,13 +242,17 @@ class ModalStepper(ContactStepper):
     """Steps under loads at few points where these serve, and onto constraints."""
 
     model: ModalModel
+    _steady: Array | None = None
+    """Dead load (n, 3) [N] under which the last pressed step ended, if no other force changes in time."""
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
         if setup.contacts:
-            from modalshell.models.base.modal_contact import ModalContactMotion  # not without contacts
+            from modalshell.models.base.free_contact import FreeContactMotion  # not without contacts
+            from modalshell.models.base.modal_contact import ModalContactMotion
 
-            self._contacts, self._presses = ModalContactMotion(model, setup), True
+            motion = ModalContactMotion if model.frames is None else FreeContactMotion
+            self._contacts, self._presses = motion(model, setup), True
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
@@ -276,7 +280,7 @@ class ModalStepper(ContactStepper):
             return pushed
 
         if contacts is not None and contacts.touched(state):
-            return self._pressed(state, force, (begin, dt))
+            return self._pressed(state, force, (begin, dt), load)
         (after, solved), rule = model.march(state, dt, force, damping), model.integrator
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
@@ -290,19 +294,24 @@ class ModalStepper(ContactStepper):
         if contacts is not None:
             after = contacts.clear(after)
             if (gaps := contacts.enters(self.loaded_positions(after), begin + dt)) is not None:
-                return self._pressed(state, force, (begin, dt), gaps)
+                return self._pressed(state, force, (begin, dt), load, gaps)
         return after, solved
 
     def _pressed(
-        self, state: MotionState, force: ForceInTime, when: tuple[float, float], gaps: Array | None = None
+        self, state: MotionState, force: ForceInTime, when: tuple[float, float], load: Array, gaps: Array | None = None
     ) -> tuple[MotionState, bool]:
         """The end of a step that contacts press on, of implicit Euler in the place of the rule's."""
-        pushed = force(state.coordinates, state.rates, 1.0)
-        after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, self.own_positions(state))
+        if gaps is None and load is self._steady:  # the state is the end of a pressed step under the same force
+            pushed = state.memory["force"]
+        else:
+            pushed = force(state.coordinates, state.rates, 1.0)
+        base = self.loaded_positions(state)
+        after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
         if own is not None:
             self._known = [*self._known[-1:], (after, own)]
         if "force" in after.memory:
             after.memory["force"] = force(after.coordinates, after.rates, 1.0)
+            self._steady = load if self._frame is None and not self.setup.loading.live else None
         return after, solved
 
     def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:

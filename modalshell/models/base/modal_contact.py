@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import final
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -33,8 +35,11 @@ _LONGEST = 0.5
 def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
     """The contacts of a modal model; OptionError where it cannot take them."""
     given = checked_contacts(contacts)
-    if model.frames is not None or model.basis.rigid_modes:
-        raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
+    if model.frames is None and model.basis.rigid_modes:
+        raise OptionError(
+            f"{model.name} takes contacts of parts that their supports hold, or that have none and all six rigid modes "
+            f"(got {model.basis.rigid_modes} rigid modes): hold more vertices, ask for more modes, or take DS"
+        )
     for index, contact in enumerate(given):
         if contact.friction or contact.push_out:
             raise OptionError(f"contact {index} has friction or push_out, which {model.name} does not take: take DS")
@@ -61,6 +66,11 @@ def equilibrium_on_modal_contacts(
     """
     if constraints:
         raise OptionError("contacts and constraints do not go together yet")
+    if model.frames is not None:
+        raise OptionError(
+            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, or let simulate "
+            "bring a free shell to rest with damping"
+        )
     pressing = modal_contacts(model, contacts)
     rest = model.shell.rest_positions
     pressing.touching.refuse_inside(rest if start is None else start)
@@ -127,12 +137,14 @@ def _settle(
     return None, change, count
 
 
-@final
-class ModalContactMotion(PressedMotion):
+TAKEN = "derivatives_at"
+"""Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
+
+
+class ModalPressedMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
-    Where a vertex touches, or would, a step of implicit Euler is taken in the step's place, and its end is the nearest
-    one, in the norm of inertia and stiffness, outside the colliders.
+    Where a vertex touches, or would, a step of implicit Euler is taken in the step's place.
 
     Parameters
     ----------
@@ -148,7 +160,7 @@ class ModalContactMotion(PressedMotion):
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
-        self._reach = np.abs(model.basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
+        self._ended: tuple[Array, Array] | None = None
 
     @staticmethod
     def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
@@ -167,31 +179,61 @@ class ModalContactMotion(PressedMotion):
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
 
+    @abstractmethod
     def follow(
-        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, own: Array
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
         """The end of a step under a modal ``force`` (m,); ``when`` it ends, and how long it is [s].
 
-        ``gaps`` (r,) [m] are those near its end, of positions ``own`` (n, 3) [m] at its beginning if they are not
-        known. Also returns whether the contacts were solved, and its positions without what is beyond the modes, if
-        they are known.
+        ``gaps`` (r,) [m] are those near its end, of its beginning if they are not known; ``base`` (n, 3) [m] are the
+        positions at its beginning without what is beyond the modes. Also returns whether the contacts were solved, and
+        such positions of its end, if they are known.
         """
-        model, pressing, (time, dt) = self._model, self._pressing, when
-        if gaps is None:
-            pressing.at(time)
-            gaps = pressing.gaps(own)
-        q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
-        free = q + compliance * (rates / dt + force - model.basis.eigenvalues * q)  # of implicit Euler
-        ahead = dt * rates
-        kept = before.memory[LOCAL], before.memory[PUSHES], float(np.abs(ahead) @ self._reach)
-        pressed = pressing.press(free, compliance, q + ahead, gaps, kept)
-        memory = self._memory(pressed)
-        alone = MotionState(free, (free - q) / dt)
-        memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
-        return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
+
+    def _gaps(self, state: MotionState, base: Array) -> Array:
+        """Gaps (r,) [m] of a state, whose positions without what is beyond the modes are ``base`` (n, 3) [m]."""
+        ended = self._ended
+        if ended is not None and ended[0] is state.coordinates:
+            return ended[1]
+        return self._pressing.gaps(base + self.local(state))
 
     def _compliance(self, dt: float) -> Array:
         """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
         if self._impulse[0] != dt:
             self._impulse = dt, EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
         return self._impulse[1]
+
+
+@final
+class ModalContactMotion(ModalPressedMotion):
+    """Steps of a modal model whose supports hold it: the nearest ends outside the colliders.
+
+    They are the nearest in the norm of inertia and stiffness.
+    """
+
+    def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
+        super().__init__(model, setup)
+        if self._pressing.asks:
+            self._none[TAKEN] = np.full(model.basis.count, np.inf)
+
+    def follow(
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+    ) -> tuple[MotionState, bool, Array | None]:
+        """The end of a step; see :meth:`ModalPressedMotion.follow`."""
+        model, pressing, (time, dt) = self._model, self._pressing, when
+        if gaps is None:
+            pressing.at(time)
+            gaps = self._gaps(before, base)
+        q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
+        free, ahead = np.empty(q.size), np.empty(q.size)
+        implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, free, ahead)
+        kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
+        pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
+        memory = self._memory(pressed)
+        if pressed.at is not None:
+            memory[TAKEN] = pressed.at
+        if pressed.gaps is not None and not pressing.moving:
+            self._ended = pressed.q, pressed.gaps
+        alone = MotionState(free, (free - q) / dt)
+        memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
+        return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions

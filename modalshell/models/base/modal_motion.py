@@ -260,7 +260,7 @@ class ModalMotion(ModalShape, FrameModel):
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
-        return position_rows(self.raw_displacement, q, vertices, self.basis.rotations)
+        return position_rows(self.warped, q, vertices, self.basis.rotations)
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse ratios that are not those of the modes."""

@@ -270,6 +270,47 @@ def add_curvature(modal, adjoint, q, work, blocks, hessian):  # type: ignore[no-
 
 
 @njit(error_model="numpy", fastmath=False)
+def _slopes_of(columns, q, by_a, by_b):  # type: ignore[no-untyped-def]
+    """Derivatives (6, 3) of the columns of F by turn and strain of a triangle with ``columns`` (6, m), at q (m,)."""
+    value, spin, turn, first, second = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    for i in range(6):
+        total = 0.0
+        for k in range(q.size):
+            total += columns[i, k] * q[k]
+        value[i] = total
+    x, y, z = value[0], value[1], value[2]
+    c1, c2, c3 = coefficients(x, y, z)
+    _matrix(x, y, z, c1, c2, turn)
+    _matrix(x, y, z, c2, c3, spin)
+    for j in range(3):
+        by_a[3, j], by_a[4, j], by_a[5, j] = turn[j, 0], 0.0, turn[j, 1]
+        by_b[3, j], by_b[4, j], by_b[5, j] = 0.0, turn[j, 1], turn[j, 0]
+        first[j] = turn[j, 0] * (1.0 + value[3]) + turn[j, 1] * value[5]
+        second[j] = turn[j, 0] * value[5] + turn[j, 1] * (1.0 + value[4])
+    for i in range(3):
+        for j in range(3):
+            n, p = (j + 1) % 3, (j + 2) % 3
+            by_a[i, j] = spin[n, i] * first[p] - spin[p, i] * first[n]
+            by_b[i, j] = spin[n, i] * second[p] - spin[p, i] * second[n]
+
+
+@njit(error_model="numpy", fastmath=False)
+def deformation_rows(columns, q, out):  # type: ignore[no-untyped-def]
+    """Derivatives ``out`` (T, 6, m) of :func:`deformations` by q (m,), of triangles with ``columns`` (T, 6, m)."""
+    by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
+    for t in range(columns.shape[0]):
+        own = columns[t]
+        _slopes_of(own, q, by_a, by_b)
+        for j in range(3):
+            for k in range(q.size):
+                out[t, j, k] = out[t, 3 + j, k] = 0.0
+            for i in range(6):
+                for k in range(q.size):
+                    out[t, j, k] += by_a[i, j] * own[i, k]
+                    out[t, 3 + j, k] += by_b[i, j] * own[i, k]
+
+
+@njit(error_model="numpy", fastmath=False)
 def spread_rows(columns, frames, sides, corners, q, out):  # type: ignore[no-untyped-def]
     """Derivatives ``out`` (N + 1, 3, m) of the right side of :func:`spread` by the coordinates q (m,).
 
@@ -278,29 +319,10 @@ def spread_rows(columns, frames, sides, corners, q, out):  # type: ignore[no-unt
     ``dF = [Rt(w) dw] F + e^[w] dS``.
     """
     out[:] = 0.0
-    value, spin, turn = np.empty(6), np.empty((3, 3)), np.empty((3, 3))
-    by_a, by_b, first, second = np.empty((6, 3)), np.empty((6, 3)), np.empty(3), np.empty(3)
+    by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
     one, two, ones, twos = np.empty((3, 6)), np.empty((3, 6)), np.empty(q.size), np.empty(q.size)
     for t in range(columns.shape[0]):
-        for i in range(6):
-            total = 0.0
-            for k in range(q.size):
-                total += columns[t, i, k] * q[k]
-            value[i] = total
-        x, y, z = value[0], value[1], value[2]
-        c1, c2, c3 = coefficients(x, y, z)
-        _matrix(x, y, z, c1, c2, turn)
-        _matrix(x, y, z, c2, c3, spin)
-        for j in range(3):
-            by_a[3, j], by_a[4, j], by_a[5, j] = turn[j, 0], 0.0, turn[j, 1]
-            by_b[3, j], by_b[4, j], by_b[5, j] = 0.0, turn[j, 1], turn[j, 0]
-            first[j] = turn[j, 0] * (1.0 + value[3]) + turn[j, 1] * value[5]
-            second[j] = turn[j, 0] * value[5] + turn[j, 1] * (1.0 + value[4])
-        for i in range(3):
-            for j in range(3):
-                n, p = (j + 1) % 3, (j + 2) % 3
-                by_a[i, j] = spin[n, i] * first[p] - spin[p, i] * first[n]
-                by_b[i, j] = spin[n, i] * second[p] - spin[p, i] * second[n]
+        _slopes_of(columns[t], q, by_a, by_b)
         height, foot, length = 0.5 * sides[t, 0], 0.5 * sides[t, 1], 0.5 * sides[t, 2]
         for i in range(6):
             for axis in range(3):

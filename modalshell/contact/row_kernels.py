@@ -1,0 +1,114 @@
+"""Compiled: small problems of candidates whose derivatives are asked for, as :mod:`.modal_kernels` has them."""
+
+import numpy as np
+
+from modalshell.contact.complementarity import complementary
+from modalshell.contact.gap_kernels import gap_at
+from modalshell.contact.modal_kernels import LOADED, residual_compliance, turned
+from modalshell.kernels.compiler import njit
+from modalshell.kernels.rotations import coefficients
+
+_kernel = njit(error_model="numpy", fastmath=False)
+
+
+@_kernel
+def gaps_and_normals(bodies, vertices, contact_of, base, local, gap, normals):  # type: ignore[no-untyped-def]
+    """Gaps (k,) [m] and normals (k, 3) of some vertices at positions ``base + local``, both (n, 3) [m]."""
+    for i in range(vertices.size):
+        v, c = vertices[i], contact_of[i]
+        x, y, z = base[v, 0] + local[v, 0], base[v, 1] + local[v, 1], base[v, 2] + local[v, 2]
+        gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
+
+
+@_kernel
+def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
+    """Small problem of candidates whose derivatives ``moves`` (k, 3, m) are known.
+
+    Parameters
+    ----------
+    moves : ndarray, shape (k, 3, m)
+        As above.
+    frame : tuple
+        Gaps (k,) [m], normals (k, 3), vertices (k,), and displacements (n, 3) [m] beyond the modes.
+    given : tuple
+        How far the coordinates without contacts are from those of the gaps (m,), and forces (k,) [N] before, about
+        which the problem is softened: repeated problems close the gaps.
+    turns : ndarray, shape (n, 3)
+        Rotation vectors [rad] of vertices; (0, 3) where they do not turn.
+    blocks, slots : ndarray
+        Shapes beyond the modes.
+    compliance : ndarray, shape (m,) or (m, m)
+        G.
+    out : tuple
+        Columns (k, k), compliance (k, k) beyond the modes, ``J G`` (k, m) and gaps (k,) [m] without forces; and the
+        normals (k, 3) in the axes at rest.
+    """
+    gap, normals, vertices, local = frame
+    ahead, forces = given
+    count, size = moves.shape[0], moves.shape[2]
+    (columns, beyond, softened, offset, own), along, trace = out, np.empty((count, size)), 0.0
+    offset[:], own[:] = gap, normals
+    for i in range(count):
+        n, v = normals[i], vertices[i]
+        for k in range(size):
+            along[i, k] = n[0] * moves[i, 0, k] + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
+            offset[i] += along[i, k] * ahead[k]
+        offset[i] -= n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2]
+        if turns.size:
+            w = turns[v]
+            c1, c2, _ = coefficients(w[0], w[1], w[2])
+            own[i, 0], own[i, 1], own[i, 2] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+    if compliance.ndim == 1:
+        softened[:] = along * compliance
+    else:
+        softened[:] = along @ np.ascontiguousarray(compliance.T)
+    residual_compliance(blocks, slots, own, beyond)
+    for j in range(count):
+        for i in range(count):
+            value = beyond[j, i]
+            for k in range(size):
+                value += softened[j, k] * along[i, k]
+            columns[j, i] = value
+        trace += columns[j, j]
+    for i in range(count):
+        columns[i, i] += LOADED * trace / count
+        offset[i] -= LOADED * trace / count * forces[i]
+
+
+@_kernel
+def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no-untyped-def]
+    """Solve a :func:`row_problem` from ``forces`` (k,), in place; the elastic energy [J] beyond the modes.
+
+    ``out`` are coordinates (m,), forces (k, 3) in the axes at rest, and the gaps (k,) that the problem expects.
+    """
+    columns, beyond, softened, offset, own = problem
+    complementary(columns, offset, forces, accuracy, symmetric)
+    (q, pushes, expected), energy = out, 0.0
+    q[:], expected[:] = free, offset
+    for j in range(forces.size):
+        for i in range(3):
+            pushes[j, i] = forces[j] * own[j, i]
+        if forces[j] > 0.0:
+            for k in range(q.size):
+                q[k] += softened[j, k] * forces[j]
+            for i in range(forces.size):
+                expected[i] += columns[j, i] * forces[j]
+                energy += 0.5 * forces[j] * beyond[j, i] * forces[i]
+    return energy
+
+
+@_kernel
+def row_gaps(gaps, rows, forces, moves, change):  # type: ignore[no-untyped-def]
+    """How far [m] candidates are off their gaps, of all gaps (r,), and their move [m] by a ``change`` (m,)."""
+    off, move = 0.0, 0.0
+    for i in range(rows.size):
+        gap = gaps[rows[i]]
+        off = max(off, abs(gap) if forces[i] > 0.0 else -gap)
+        if not gap > -np.inf:
+            off = np.inf
+        for axis in range(3):
+            way = 0.0
+            for k in range(change.size):
+                way += moves[i, axis, k] * change[k]
+            move = max(move, abs(way))
+    return off, move

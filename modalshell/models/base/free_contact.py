@@ -1,0 +1,193 @@
+"""Steps of modal models whose parts fly freely, and touch colliders.
+
+Contact forces push on the frames of the parts and on their shapes. A step is one of implicit Euler: with forces f along
+the normals n at points x about the centre X of a part of mass M and inertia I, momenta change by ``dt sum f n`` and
+``dt sum (x - X) x f n``, exactly, and the small problem's matrix has ``n . n / M + (r x n) . I^-1 (r x n)``, with what
+the modes and the residual compliance give, all by ``dt^2`` (theory 13, eq. 9).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, final
+
+import numpy as np
+import scipy.linalg
+
+from modalshell.contact import modal_kernels as kernels
+from modalshell.contact import row_kernels as rows_by
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.free_parts import inertia_of, turn_of
+from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.models.base.modal_contact import ModalPressedMotion
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL
+from modalshell.modes.modal_rotation import cross_matrices
+
+_PASSES = 20
+"""Linearisations of a step at most."""
+_CORRECTIONS = 8
+"""Corrections of one by the gaps that it leads to, at most."""
+_SETTLED = 1e-9
+"""Gap, as a share of the shell's size, at which a step is solved."""
+_AGAIN, _MOVED = 1e-10, 1e-3
+"""Moves, as shares of the shell's size, from which a problem is linearised again, and up to which it is solved."""
+
+
+class _End(NamedTuple):
+    """Where a step ends under pushes (6 P + m,) on frames and coordinates; its displacements in the frames' axes."""
+
+    state: MotionState
+    base: Array
+    local: Array
+    push: Array
+    solved: bool
+
+
+@final
+class FreeContactMotion(ModalPressedMotion):
+    """What follows each step of a modal model with free parts and contacts."""
+
+    def follow(
+        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+    ) -> tuple[MotionState, bool, Array | None]:
+        """The end of a step; see :meth:`ModalPressedMotion.follow`."""
+        pressing, (time, dt) = self._pressing, when
+        size = pressing.touching.size
+        if gaps is None:
+            pressing.at(time)
+            gaps = self._gaps(before, base)
+        flight = _Flight(self._model, before, force, self._compliance(dt), (dt, self._setup.damping.mass_factor))
+        count = flight.count + before.coordinates.size
+        end = alone = flight.end(np.zeros(count), self._turned_back(before))
+        reach = float(np.abs(alone.base - base).max())
+        gaps = np.minimum(gaps, pressing.gaps(end.base))
+        pushes, energy, solved = before.memory[PUSHES], 0.0, False
+        for _ in range(_PASSES):
+            rows = pressing.candidates(gaps, pushes, reach)
+            end, pushes, energy, off, move, after = self._passed(flight, end, rows, pushes)
+            deepest = -float(after.min(initial=0.0))
+            solved = end.solved and max(off, deepest) <= _SETTLED * size and move <= _MOVED * size
+            if (solved and move <= _AGAIN * size) or not np.isfinite(off + move):
+                break
+            gaps = np.minimum(gaps, after)
+        state, model = end.state, self._model
+        memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
+        memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
+        memory["turn_back"] = np.zeros((len(model.frames.parts), 3))  # frames turn by their spins at the end
+        return MotionState(state.coordinates, state.rates, memory), solved, end.base
+
+    def _turned_back(self, state: MotionState) -> Array:
+        """Displacements (n, 3) [m] of a state beyond the modes, in the axes of the frames."""
+        local, frames = state.memory[LOCAL].copy(), self._model.frames
+        for part, (_, vector) in zip(frames.parts, frames.poses(state.coordinates), strict=True):
+            local[part.vertices] = local[part.vertices] @ turn_of(vector)
+        return local
+
+    def _passed(
+        self, flight: _Flight, at: _End, rows: Index, pushes: Array
+    ) -> tuple[_End, Array, float, float, float, Array]:
+        """The problem of some rows linearised at an end: its end, forces (r,), energy [J], and how well it is met."""
+        pressing, size = self._pressing, self._pressing.touching.size
+        vertices, shapes = pressing.touching.vertices[rows], pressing.shapes
+        gap, normals, _ = pressing.touching.gaps(at.base + flight.in_world(at), rows)
+        moves, compliance = flight.moves(at, vertices), flight.compliance(at)
+        normals, slots = flight.in_frames(at, vertices, normals), shapes.slots(vertices)
+        forces, count = pushes[rows], moves.shape[2]
+        square = rows.size, rows.size
+        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, normals.shape))
+        frame, given = (gap, normals, vertices, at.local), (-compliance @ at.push, forces)
+        turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
+        rows_by.row_problem(moves, frame, given, turns, shapes.blocks, slots, compliance, problem)
+        turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
+        for _ in range(_CORRECTIONS):
+            out = unused, turned, expected
+            energy = rows_by.row_end(problem, forces, np.zeros(count), 1e-12 * size, True, out)
+            push = np.einsum("k,ki,kim->m", forces, normals, moves, optimize=True)
+            end, local = flight.end(push, at.local), np.empty_like(at.local)
+            own = pressing.turns(self._model.frames.elastic(end.state.coordinates))
+            kernels.local_shape(shapes.store, slots, turned, own, local)
+            end = end._replace(local=local)
+            gaps = pressing.gaps(end.base + flight.in_world(end))
+            off, _ = rows_by.row_gaps(gaps, rows, forces, moves, unused)
+            if not _SETTLED * size < off < np.inf:
+                break
+            problem[3][:] += gaps[rows] - expected
+        after, way = np.zeros_like(pushes), end.base - at.base + flight.in_world(end) - flight.in_world(at)
+        after[rows] = forces
+        return end, after, energy, off, float(np.abs(way[vertices]).max(initial=0.0)), gaps
+
+
+@final
+class _Flight:
+    """A step of implicit Euler of coordinates, and of the momenta of frames; ``when`` is its length and their drag."""
+
+    def __init__(
+        self, model: Any, before: MotionState, force: Array, compliance: Array, when: tuple[float, float]
+    ) -> None:
+        self._model, self._frames, self._before = model, model.frames, before
+        self._dt, drag = when
+        q, rates, frames = before.coordinates, before.rates, model.frames
+        self._slower, self._give, self.count = 1.0 + drag * self._dt, compliance, 6 * len(frames.parts)
+        self._free, ahead = np.empty(q.size), np.empty(q.size)
+        kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, self._free, ahead)
+        wrench = (frames.from_poses.T @ force[: frames.count]).reshape(-1, 2, 3)
+        self._momenta = frames.momenta(q, rates, model.warped_positions) + self._dt * wrench
+
+    def end(self, push: Array, local: Array) -> _End:
+        """The end under pushes (6 P + m,); ``local`` are the displacements that it has."""
+        dt, frames, shape, q = self._dt, self._frames, self._model.warped_positions, self._before.coordinates
+        own = self._free + self._give * push[self.count :]
+        momenta = (self._momenta + dt * push[: self.count].reshape(-1, 2, 3)) / self._slower
+        after = MotionState(own, (own - q) / dt, {})
+        state, solved = frames.landed(self._before, after, dt * momenta, momenta, dt, shape)
+        return _End(state, frames.positions(state.coordinates, shape), local, push, solved)
+
+    def compliance(self, end: _End) -> Array:
+        """Moves [s^2] of the frames and coordinates (6 P + m, 6 P + m) in the step by pushes on them."""
+        q, blocks, rigid = end.state.coordinates, [], self._dt**2 / self._slower
+        x = self._frames.shaped(q, self._model.warped_positions)
+        for part, (_, vector) in zip(self._frames.parts, self._frames.poses(q), strict=True):
+            turn, own = turn_of(vector), x[part.vertices]
+            blocks.append(rigid / part.total * np.eye(3))
+            blocks.append(rigid * turn @ np.linalg.inv(inertia_of(part.moments(own, own))) @ turn.T)
+        return np.asarray(scipy.linalg.block_diag(*blocks, np.diag(self._give)))
+
+    def moves(self, end: _End, vertices: Index) -> Array:
+        """Derivatives (k, 3, 6 P + m) of some vertices' positions, in the axes of their frames.
+
+        Those by the coordinates are without the mean motion and the momentum of the parts: frames turn these back.
+        """
+        q, frames, model = end.state.coordinates, self._frames, self._model
+        elastic, r, labels = frames.elastic(q), frames.count, frames.labels[vertices]
+        x, rows = frames.shaped(q, model.warped_positions), model.contact_rows(elastic, vertices)
+        whole = np.zeros((vertices.size, 3, self.count + q.size))
+        for number, (part, (_, vector)) in enumerate(zip(frames.parts, frames.poses(q), strict=True)):
+            chosen, turn, first = labels == number, turn_of(vector), 6 * number
+            if not chosen.any():
+                continue
+            arms, weights = x[part.vertices], np.zeros((6, *x.shape))
+            for axis, unit in enumerate(np.eye(3)):
+                weights[axis, part.vertices, axis] = part.mass / part.total
+                weights[3 + axis, part.vertices] = part.mass[:, None] * np.cross(unit, arms)
+            mean = np.stack([model.warped_gradient(elastic, weight) for weight in weights])
+            spin = np.linalg.solve(inertia_of(part.moments(arms, arms)), mean[3:])
+            crosses = cross_matrices(x[vertices[chosen]])
+            rows[chosen] += crosses @ spin - mean[:3]
+            whole[chosen, :, first : first + 3] = turn.T
+            whole[chosen, :, first + 3 : first + 6] = -cross_matrices((x + end.local)[vertices[chosen]]) @ turn.T
+        rows[:, :, :r] = rows[:, :, :r] @ frames.others
+        whole[:, :, self.count :] = rows
+        return whole
+
+    def in_world(self, end: _End) -> Array:
+        """Displacements (n, 3) [m] beyond the modes in the world."""
+        local = end.local.copy()
+        for part, (_, vector) in zip(self._frames.parts, self._frames.poses(end.state.coordinates), strict=True):
+            local[part.vertices] = local[part.vertices] @ turn_of(vector).T
+        return local
+
+    def in_frames(self, end: _End, vertices: Index, vectors: Array) -> Array:
+        """Vectors (k, 3) at some vertices in the axes of their frames."""
+        found, labels = vectors.copy(), self._frames.labels[vertices]
+        for number, (_, vector) in enumerate(self._frames.poses(end.state.coordinates)):
+            found[labels == number] = vectors[labels == number] @ turn_of(vector)
+        return found
