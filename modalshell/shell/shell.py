@@ -193,8 +193,12 @@ class Shell(EnergyAccess):
 
     def holding(self, vertices: ArrayLike) -> Shell:
         """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
+        return self.also_supported([Pin(read_only(held_vertices(vertices, len(self.clamped))))])
+
+    def also_supported(self, supports: Sequence[Support]) -> Shell:
+        """The same shell, with the same energy of what can move, under further ``supports``; see its constructor."""
         further = copy.copy(self)
-        further.supports = (*self.supports, Pin(read_only(held_vertices(vertices, len(self.clamped)))))
+        further.supports = (*self.supports, *checked_supports(supports))
         unknowns = supported_unknowns(further.supports, self.mesh)
         further._energy = self._energy.holding(unknowns.held)
         further._support(unknowns)

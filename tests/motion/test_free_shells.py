@@ -50,6 +50,7 @@ MAKERS = {
     "coarse DS": lambda shell: ms.CoarseDiscreteShell(shell, sheet(shell.material, (5, 3))),
     "springs": ms.SpringSheet,
     "hybrid": lambda shell: hybrid_of(shell, couple(shell)),
+    "auto": ms.Auto,
 }
 """Every rung that takes free shells."""
 CASES = [

@@ -10,6 +10,7 @@ import numpy as np
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.modes import Basis, Factor, Factoriser, condensed_factor
+from modalshell.modes.rigid import RigidFreeSolver, left_free, rigid_motions
 from modalshell.shell import GAUSS_NEWTON, Shell
 
 _ALIKE = 0.05
@@ -41,7 +42,8 @@ class LinearAnswers:
     Parameters
     ----------
     basis : Basis
-        Modes of a shell that its supports hold.
+        Modes of a shell. Of parts without supports the balanced share of loads counts, and displacements without
+        rigid ones.
     """
 
     def __init__(self, basis: Basis) -> None:
@@ -76,9 +78,12 @@ class LinearAnswers:
         return float(np.sqrt(np.vdot(self._mass * moved, moved)))
 
 
-def _factor_at_rest(shell: Shell) -> Factor:
-    """Factor of the stiffness at rest."""
+def _factor_at_rest(shell: Shell) -> Factor | RigidFreeSolver:
+    """Factor of the stiffness at rest, with free parts on the complement of their rigid motions."""
     internal = shell.pattern.internal
     data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    if left_free(shell):
+        masses = shell.unknowns.masses(shell.mass)
+        return RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), masses)
     factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
     return condensed_factor(factor, 0 if internal is None else internal.count)

@@ -13,9 +13,11 @@ from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
+from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.stepper import AutoStepper, told
 from modalshell.models.base.bars import bar_on_shell, check_bar
@@ -29,6 +31,7 @@ from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar
@@ -52,15 +55,20 @@ class Auto(Model):
     shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
     margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
+    Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
+    Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
+    loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
+    flies elsewhere, which no bar says. Statics of such shells is that of DS.
+
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is.
 
     Parameters
     ----------
     shell : Shell
-        A shell that its supports hold.
+        A shell each of whose parts is held by its supports, or has none.
     count : int
-        Number of modes.
+        Number of modes, rigid ones not counted.
     error : float
         Share of the displacement by which positions may be off DS.
     check_every : int
@@ -79,7 +87,7 @@ class Auto(Model):
     Raises
     ------
     OptionError
-        For numbers out of range, or a shell that its supports do not hold.
+        For numbers out of range, a part that its supports hold in part, or a coarse shell of one with free parts.
     """
 
     name = "auto"
@@ -96,14 +104,21 @@ class Auto(Model):
         triangles: int | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        check_bar(shell)
+        self._free = free_parts_of(shell)
         count = checked_count("count", count)
         self.error = checked_number("error", error, at_least=1e-4, at_most=0.3)
         self.check_every = checked_count("check_every", check_every)
+        if self._free is not None and not (coarse is None and triangles is None):
+            raise OptionError(
+                f"{self.name} has no level of a coarse shell in free flight: leave out coarse and triangles"
+            )
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
-        self._basis = basis = model_basis(shell, min(count, shell.unknowns.count))
-        self.levels: list[Level] = [ModalLevel(consistent_warping(basis)), ModalLevel(RotationStrain(basis))]
+        rigid = 0 if self._free is None else 6 * len(self._free.parts)
+        self._basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count))
+        self.levels: list[Level] = [ModalLevel(consistent_warping(basis))]
+        if self._free is None:
+            self.levels.append(ModalLevel(RotationStrain(basis)))
         if coarse is not None:
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
         self.levels.append(FullLevel(DiscreteShell(shell)))
@@ -117,6 +132,8 @@ class Auto(Model):
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         """The modal answer, corrected, where its bar is small; that of DS elsewhere."""
         modal, full = self.levels[0].model, self.levels[-1].model
+        if self._free is not None:  # it has no bar, as nothing says where it rests
+            return _static(full, loading, start)
         found = _static(modal, loading, start)
         bar = bar_on_shell(self.shell, found.positions, loading)
         good = bar.valid and found.outcome in (Outcome.CONVERGED, Outcome.DISTORTED)
@@ -145,7 +162,7 @@ class Auto(Model):
         modal, full = self.levels[0].model, self.levels[-1].model
         if constraints:
             raise self.no_constraints()
-        if any(getattr(contact, "push_out", 0.0) for contact in contacts):
+        if self._free is not None or any(getattr(contact, "push_out", 0.0) for contact in contacts):
             return _static(full, loading, start, contacts)
         found = _static(modal, loading, start, contacts)
         bar = bar_on_shell(self.shell, found.positions, loading, contacts)
@@ -154,6 +171,10 @@ class Auto(Model):
                 found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
             )
         return self._told(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+
+    def rigid_load(self, load: Array) -> float:
+        """That of modal models: the share of a load (n, 3) that moves free parts as rigid bodies."""
+        return self.levels[0].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
         """The error of motions, which take no contacts."""
@@ -164,6 +185,12 @@ class Auto(Model):
         return self.levels[-1].model.tangent_eigenvalue(answer, load)
 
     # ---- motion
+
+    def check(self, setup: MotionSetup) -> Check:
+        """What sees a motion: of free parts their shapes alone."""
+        if self._free is None:
+            return HeldCheck(self.shell, setup.loading, setup.damping)
+        return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; OptionError for constraints, or supports that move."""
@@ -245,6 +272,22 @@ class Auto(Model):
         """Refuse what any level refuses."""
         for level in self.levels:
             level.model.check_step(dt, damping)
+
+
+def free_parts_of(shell: Shell) -> FreeParts | None:
+    """The parts that no support holds; None without any, OptionError where a part is held in part, or has creases."""
+    loose = left_free(shell)
+    if not loose:
+        check_bar(shell)
+        return None
+    shell.refuse_creases("an error bar")
+    parts = FreeParts.of(shell)
+    if parts is None or rigid_motions(shell).shape[1] != 6 * len(parts.parts):
+        raise OptionError(
+            f"parts of a shell must be held by their supports, or have none, but {loose}: auto has no error bar for "
+            "these; hold more vertices, or leave all supports out"
+        )
+    return parts
 
 
 def template_size(template: MotionState) -> int:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import ClassVar, final
 
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.integrators.free_parts import FreeParts, axial, crossed, inertia_of, left_jacobian, turn_of, vector_of
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.fitted_frames import FittedFrames
+from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.stepper import LEAD, Stepper
@@ -32,6 +36,11 @@ class Level(ABC):
 
     model: Model
     quadratic: ClassVar[bool] = False
+
+    @property
+    def still(self) -> Model:
+        """The model of shapes at rest, those of free parts in their frames."""
+        return self.model
 
     @abstractmethod
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
@@ -94,10 +103,22 @@ class ModalLevel(Level):
     def __init__(self, model: ModalModel) -> None:
         self.model = model
         self._every = np.arange(len(model.shell.mass))
+        self._still = model
+        if model.frames is not None:
+            basis, r = model.basis, model.basis.rigid_modes
+            parts = {name: getattr(basis, name)[..., r:] for name in ("eigenvalues", "modes", "rotations")}
+            self._still = model.on_basis(replace(basis, rigid_modes=0, **parts))
+
+    @property
+    def still(self) -> ModalModel:
+        """The model itself, with free parts that without rigid modes."""
+        return self._still
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State whose shape is the nearest to x, by Gauss-Newton from the projection of the displacement."""
         modal, own = stepper.model, x - stepper.origin
+        if modal.frames is not None:
+            return self._flown(modal, modal.frames, own, v)
         rest, root = modal.shell.rest_positions, np.sqrt(modal.shell.mass)[:, None]
         q = modal.basis.modes.T @ np.ravel(modal.shell.mass[:, None] * (own - rest))
         for _ in range(_FITS):
@@ -108,3 +129,57 @@ class ModalLevel(Level):
         rates = np.linalg.lstsq(rows, (root * v).ravel(), rcond=None)[0]
         state = modal.integrator.at_rest(q)
         return MotionState(q, rates, state.memory)
+
+    def _flown(self, modal: ModalModel, frames: FreeFrames, x: Array, v: Array) -> MotionState:
+        """The same in frames, which move with the shape: centres and momenta are those of x and v."""
+        rest, mass, still = modal.shell.rest_positions, modal.shell.mass[:, None], self.still
+        own, flow, turns, momenta = x.copy(), v.copy(), [], np.empty((len(frames.parts), 2, 3))
+        fitted = FittedFrames(rest, FreeParts(frames.parts))
+        for part, centre, momentum in zip(frames.parts, frames.centres, momenta, strict=True):
+            arms, drift = x[part.vertices] - part.mean(x[part.vertices]), part.mean(v[part.vertices])
+            turn = fitted.turn(part, x)
+            own[part.vertices], flow[part.vertices] = arms @ turn + centre, v[part.vertices] - drift
+            momentum[:] = part.total * drift, axial(part.moments(arms, flow[part.vertices]))
+            turns.append(turn)
+        q = still.basis.modes.T @ np.ravel(mass * (own - rest))
+        for _ in range(_FITS):
+            change = self._nearest(frames, q, own - rest - still.raw_displacement(q))
+            q = q + change[: q.size]
+            for number, (part, (moved, turned)) in enumerate(
+                zip(frames.parts, change[q.size :].reshape(-1, 2, 3), strict=True)
+            ):
+                arms, further = own[part.vertices], turn_of(turned)
+                mean = part.mean(arms)
+                own[part.vertices] = (arms - mean) @ further + (mean - moved)
+                turns[number] = turns[number] @ further
+        for part, turn in zip(frames.parts, turns, strict=True):
+            flow[part.vertices] = flow[part.vertices] @ turn
+        rates = self._nearest(frames, q, flow)[: q.size]
+        poses, speeds = np.empty((2, len(frames.parts), 2, 3))
+        bent = rest + still.raw_displacement(q)
+        for part, centre, turn, momentum, pose, speed in zip(
+            frames.parts, frames.centres, turns, momenta, poses, speeds, strict=True
+        ):
+            arms = bent[part.vertices] - part.mean(bent[part.vertices])
+            pose[:] = part.mean(x[part.vertices]) - centre, vector_of(turn)
+            spin = np.linalg.solve(inertia_of(part.moments(arms, arms)), turn.T @ momentum[1])
+            speed[:] = momentum[0] / part.total, np.linalg.solve(left_jacobian(-pose[1]), spin)
+        still_frames = np.zeros(frames.count)
+        place = frames.with_poses(np.concatenate([still_frames, q]), poses)
+        state = frames.at_rest(modal.integrator.at_rest(place))
+        return MotionState(place, frames.with_poses(np.concatenate([still_frames, rates]), speeds), state.memory)
+
+    def _nearest(self, frames: FreeFrames, q: Array, moved: Array) -> Array:
+        """Changes of q (m,), then displacements and turns (P, 2, 3) of the frames, nearest to displacements (n, 3)."""
+        shell, still = self.model.shell, self.still
+        rows = np.zeros((*moved.shape, q.size + 6 * len(frames.parts)))
+        rows[:, :, : q.size] = still.warped_rows(q, self._every)
+        bent = shell.rest_positions + still.raw_displacement(q)
+        for number, part in enumerate(frames.parts):
+            arms, first = bent[part.vertices] - part.mean(bent[part.vertices]), q.size + 6 * number
+            for axis, unit in enumerate(np.eye(3)):
+                rows[part.vertices, axis, first + axis] = 1.0
+                rows[part.vertices, :, first + 3 + axis] = crossed(unit, arms)
+        root = np.sqrt(shell.mass)[:, None]
+        weighted = (root[:, :, None] * rows).reshape(-1, rows.shape[2])
+        return np.asarray(np.linalg.lstsq(weighted, (root * moved).ravel(), rcond=None)[0])

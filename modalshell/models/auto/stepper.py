@@ -10,10 +10,10 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
+from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
-from modalshell.models.motion_check import MotionCheck
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
 _SWITCH = 0.5
@@ -75,7 +75,9 @@ class AutoStepper(Stepper):
         super().__init__(model, setup)
         self._levels = levels
         self._steppers = [level.model.stepper(setup) for level in levels]
-        self._check = MotionCheck(model.shell, setup.loading, setup.damping)
+        self._check: Check = model.check(setup)
+        # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
+        self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
         self._mass = model.shell.mass[:, None]
         self._calm = _CALM * model.shell.size * float(np.sqrt(model.shell.mass.sum()))
 
@@ -103,6 +105,18 @@ class AutoStepper(Stepper):
             "time": np.zeros(1),
         }
 
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest at ``positions`` (n, 3) [m]: on the first level, with free parts only where that comes near."""
+        if positions is None or not self._check.least:
+            return super().start(positions)
+        lowest, still = self._levels[0], np.zeros_like(positions)
+        inner = lowest.entered(self._steppers[0], positions, still, 0.0)
+        x = self._steppers[0].positions(inner, 0.0)
+        if self._length(x - positions) > _BACK * self.model.error * self._check.moved(positions):
+            return self.state_at(positions, 0.0)
+        near: MotionState = self.model.on_level(0, inner, x)
+        return near
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
@@ -129,7 +143,7 @@ class AutoStepper(Stepper):
         memory["since"] += 1.0
         memory["steps"][level] += 1.0
         with np.errstate(over="ignore", invalid="ignore"):
-            memory["largest"][0] = max(memory["largest"][0], self._length(x - self.shell.rest_positions))
+            memory["largest"][0] = max(memory["largest"][0], self._check.moved(x))
         if np.isfinite(memory["largest"][0]) and memory["frames"][0] >= 1.0:
             frames = np.stack([memory["before"], state.coordinates, x])
             level, after = self._switched(level, after, (frames, v), memory, (time, dt, load))
@@ -152,11 +166,11 @@ class AutoStepper(Stepper):
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            moved = self._length(frames[2] - self.shell.rest_positions)
+            moved = self._check.moved(frames[2])
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
-            back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES
+            back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
             grown = moved > _GROWN * max(memory["checked"][0], self._calm)
-            if back or grown or since % self.model.check_every == 0:
+            if back or grown or since % self._check_every == 0:
                 memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
@@ -205,16 +219,19 @@ class AutoStepper(Stepper):
         loading = self.setup.loading
         with np.errstate(over="ignore", invalid="ignore"):
             force = dead + loading.live_force(x, v, time) if loading.live else dead
-        if not np.isfinite(force).all() or not force.any():
+        if not np.isfinite(force).all():
             return None  # the motion itself says so
+        force = self._check.standing(force, x, v)
+        if not force.any():
+            return None
         answer = self.model.answers.following(force, memory)
-        missed = answer.missing / max(answer.whole, float(memory["largest"][0]))
+        missed = answer.missing / max(answer.whole, float(memory["largest"][0]), self._check.least)
         if missed > _SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, 1.0
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         memory["ahead"][0] = answer.whole
-        found = self._levels[level].model.equilibrium(force=force)
+        found = self._levels[level].still.equilibrium(force=force)
         bar = self._check.static(found.positions, force)
         if found.converged and bar.valid and not bar.beyond:
             return None
@@ -241,7 +258,7 @@ class AutoStepper(Stepper):
         """The check of the middle one of three frames, the last of them at the present time."""
         time, dt, dead = now
         bar, load = self._check.bar_under(np.array([time - 2.0 * dt, time - dt, time]), frames, dead)
-        largest = memory["largest"][0]
+        largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, frames[1])
         return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load)
 
@@ -253,7 +270,8 @@ class AutoStepper(Stepper):
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
         not be left at once: the cheapest first.
         """
-        lowest, allowed = self._levels[0], _BACK * self.model.error * memory["largest"][0]
+        lowest = self._levels[0]
+        allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
         state = lowest.entered(self._steppers[0], frames[2], v, now[0])
         fitted, rates = lowest.left(self._steppers[0], state, now[0], now[1])
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
@@ -262,8 +280,8 @@ class AutoStepper(Stepper):
         seen = seen or self._seen(frames, memory, now)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = lowest.model.equilibrium(force=seen.load, start=frames[1])
-        near = answer.converged and self._length(answer.positions - frames[1]) <= allowed
+        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(frames[1]))
+        near = answer.converged and self._check.apart(answer.positions, frames[1]) <= allowed
         trial = {name: part.copy() for name, part in memory.items()}
         stays = near and self._foreseen(0, frames[2], v, trial, (now[0], now[0], now[2])) is None
         return seen if stays else None

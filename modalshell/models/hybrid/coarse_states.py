@@ -20,10 +20,10 @@ from modalshell.integrators.free_parts import (
     vector_of,
 )
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.hybrid.fitted_frames import FittedFrames
 from modalshell.models.reduction.free_flight import Anchored, ReducedFlight, frames_of
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell

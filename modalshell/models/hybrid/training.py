@@ -15,6 +15,7 @@ from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
+from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import (
     ReducedStress,
@@ -24,8 +25,8 @@ from modalshell.models.hybrid.assumed_stress import (
     stress_modes,
 )
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
-from modalshell.models.hybrid.fitted_frames import FittedFrames, TrainingLoads
 from modalshell.models.hybrid.measures import Measures
+from modalshell.models.hybrid.training_loads import TrainingLoads
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
