@@ -458,10 +458,6 @@ def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_advice_is_right_on_scenes_it_was_not_made_for(monkeypatch):
-    """Twelve of the study's thirty scenes, which would take three minutes."""
-    monkeypatch.setattr(held_out_advice, "SCENES", 8)
-    monkeypatch.setattr(held_out_advice, "SNAPPING", 4)
+def test_advice_is_right_on_scenes_it_was_not_made_for():
     rows = held_out_advice.main().findings["rows"]
-    assert len(rows) == 12
     assert sum(row["right"] for row in rows) >= 0.9 * len(rows)
