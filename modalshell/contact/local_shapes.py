@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Basis, Factoriser, condensed_factor
-from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import EXACT, GAUSS_NEWTON
 
 _KEPT = 2e8
@@ -96,8 +96,7 @@ def _static_solver(basis: Basis) -> Callable[[Array], Array]:
     data = shell.energy_gradient_hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)[2]
     internal = shell.pattern.internal
     if basis.rigid_modes:
-        mass = shell.unknowns.masses(shell.mass)
-        return RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), mass).solve
+        return RigidFreeSolver.of(shell, data).solve
     try:
         factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
     except SolverError as error:

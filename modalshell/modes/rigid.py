@@ -139,6 +139,12 @@ class RigidFreeSolver:
             stiffness = sps.csc_array(stiffness[kept][:, kept])
         self.factor: Factor = condensed_factor(Factoriser(backend, use="solve").definite(stiffness), internal)
 
+    @classmethod
+    def of(cls, shell: Shell, data: Array, backend: str | None = None) -> RigidFreeSolver:
+        """The solver of a shell's Hessian, of these numbers in its pattern, with the shell's rigid motions."""
+        masses = shell.unknowns.masses(shell.mass)
+        return cls(shell.pattern.free_matrix(data), rigid_motions(shell), masses, backend)
+
     def solve(self, right_side: Array) -> Array:
         """Solution without rigid part, for (N,) or (N, k) right sides; their rigid part is left out."""
         if not self._rigid.shape[1]:

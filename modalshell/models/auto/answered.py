@@ -9,8 +9,8 @@ import numpy as np
 
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
-from modalshell.modes import Basis, Factor, Factoriser, condensed_factor
-from modalshell.modes.rigid import RigidFreeSolver, left_free, rigid_motions
+from modalshell.modes import Basis
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import GAUSS_NEWTON, Shell
 
 _ALIKE = 0.05
@@ -48,13 +48,13 @@ class LinearAnswers:
 
     def __init__(self, basis: Basis) -> None:
         self._basis, shell = basis, basis.shell
-        self._factor = PerThread(partial(_factor_at_rest, shell))
+        self._solver = PerThread(partial(_solver_at_rest, shell))
         self._mass = np.repeat(shell.mass, 3)
 
     def of(self, force: Array) -> Answer:
         """The answer to forces (n, 3) [N]."""
         unknowns, modes = self._basis.shell.unknowns, self._basis.modes
-        moved = np.asarray(unknowns.prolong(self._factor().solve(np.asarray(unknowns.restrict(force.ravel())))))
+        moved = np.asarray(unknowns.prolong(self._solver().solve(np.asarray(unknowns.restrict(force.ravel())))))
         rest = moved - modes @ (modes.T @ (self._mass * moved))
         return Answer(self._length(moved), self._length(rest))
 
@@ -78,12 +78,6 @@ class LinearAnswers:
         return float(np.sqrt(np.vdot(self._mass * moved, moved)))
 
 
-def _factor_at_rest(shell: Shell) -> Factor | RigidFreeSolver:
-    """Factor of the stiffness at rest, with free parts on the complement of their rigid motions."""
-    internal = shell.pattern.internal
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-    if left_free(shell):
-        masses = shell.unknowns.masses(shell.mass)
-        return RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), masses)
-    factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
-    return condensed_factor(factor, 0 if internal is None else internal.count)
+def _solver_at_rest(shell: Shell) -> RigidFreeSolver:
+    """Solver of the stiffness at rest, of free parts on the complement of their rigid motions."""
+    return RigidFreeSolver.of(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])

@@ -12,7 +12,7 @@ import scipy.sparse as sps
 
 from modalshell.core.typing import Array
 from modalshell.linalg import ProfileAnalysis
-from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import EXACT, Shell
 
 _MISSED, _OFF = 0.02, 0.05
@@ -48,9 +48,7 @@ class LinearCompliance:
             self._whole = partial(_work, partial(np.take, indices=held), ProfileAnalysis(part).factorise(part))
         else:
             unknowns, data = coarse.unknowns, coarse.energy_gradient_hessian(coarse.rest_positions, EXACT)[2]
-            mass = unknowns.masses(coarse.mass)
-            solver = RigidFreeSolver(coarse.pattern.free_matrix(data), rigid_motions(coarse), mass)
-            self._whole = partial(_work, unknowns.restrict, solver)
+            self._whole = partial(_work, unknowns.restrict, RigidFreeSolver.of(coarse, data))
 
     def refusal(self, load: Array) -> str:
         """Why a load (k, 3) [N] is handed over; empty where it is not."""

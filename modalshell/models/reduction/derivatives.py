@@ -12,7 +12,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.modes.basis import Basis
 from modalshell.modes.orthonormal import orthonormal_extension
-from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import EXACT, Shell
 
 _STEP, _HALVINGS = 0.1, 8
@@ -95,8 +95,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     forces, difference_error, asymmetry = _derivative_forces(shell, modes.modes[:, rigid:])
     # At rest the exact Hessian is its Gauss-Newton part, positive definite beside rigid motions.
     data, mass = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2], unknowns.masses(shell.mass)
-    solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid_motions(shell), mass, backend)
-    solved = solver.solve(-unknowns.restrict(forces))
+    solved = RigidFreeSolver.of(shell, data, backend).solve(-unknowns.restrict(forces))
     derivatives = unknowns.prolong(solved)
     found = orthonormal_extension(unknowns.values(modes.modes), solved, mass)
     vectors, count = np.asarray(unknowns.prolong(found[:, rigid:])), modes.count - rigid
