@@ -19,6 +19,9 @@ from modalshell.core.typing import Array
 SLIP = 2e-4
 """Slip in a step, as a share of the shell's size, up to which friction has not reached its full size."""
 
+TANGENT, SECANT, STUCK = range(3)
+"""Ways to take friction as linear; see :meth:`Friction.linear`."""
+
 
 @final
 class Friction:
@@ -34,22 +37,27 @@ class Friction:
         Positions [m] at its beginning.
     dt : float
         The step [s].
+
+    Attributes
+    ----------
+    vertices : ndarray of int, shape (k,)
+        The vertices that it acts on.
     """
 
     def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float) -> None:
         coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
         self._rows = np.flatnonzero(coefficients * pushes > 0.0)
         self._strength = (coefficients * pushes)[self._rows]
-        self._touching, self._vertices = touching, touching.vertices[self._rows]
+        self._touching, self.vertices = touching, touching.vertices[self._rows]
         self._limit = SLIP * touching.size
         normals = touching.gaps(x, self._rows)[1]
         self._across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-        self._begin = x[self._vertices] + dt * touching.velocities(x, self._rows)
+        self._begin = x[self.vertices] + dt * touching.velocities(x, self._rows)
         self._starts, self._sizes = touching.starts(self._rows)
 
     def _slips(self, x: Array) -> tuple[Array, Array, Array]:
         """Slips (k, 3) [m], their lengths over the limit (k,), and f' (k,)."""
-        slip = np.einsum("kij,kj->ki", self._across, x[self._vertices] - self._begin)
+        slip = np.einsum("kij,kj->ki", self._across, x[self.vertices] - self._begin)
         share = np.linalg.norm(slip, axis=1) / self._limit
         return slip, share, np.where(share < 1.0, 2.0 * share - share**2, 1.0)
 
@@ -61,22 +69,37 @@ class Friction:
 
     def forces(self, x: Array) -> Array:
         """Gradient (n, 3) [N] of D at x."""
-        slip, share, slope = self._slips(x)
         gradient = np.zeros_like(x)
-        per_slip = self._strength * np.where(share > 0.0, slope / np.maximum(share, 1e-300), 2.0) / self._limit
-        np.add.at(gradient, self._vertices, per_slip[:, None] * slip)
+        np.add.at(gradient, self.vertices, self._gradient(*self._slips(x)))
         return gradient
 
-    def add(self, x: Array, gradient: Array, hessian: sps.csc_array) -> Array:
-        """The gradient (N,) with that of D at x (n, 3); its second derivatives are added to the Hessian, in place."""
-        shell = self._touching.shell
+    def _gradient(self, slip: Array, share: Array, slope: Array) -> Array:
+        """Gradient (k, 3) [N] of D by the positions of its vertices."""
+        per_slip = self._strength * np.where(share > 0.0, slope / np.maximum(share, 1e-300), 2.0) / self._limit
+        return np.asarray(per_slip[:, None] * slip)
+
+    def linear(self, x: Array, rule: int = TANGENT) -> tuple[Array, Array]:
+        """Gradient (k, 3) [N] of D at x (n, 3) by the positions of its vertices, and stiffness (k, 3, 3) [N/m].
+
+        That is the derivative of the gradient, or of the quadratic function that is nowhere below D and touches it at
+        x, or the gradient and stiffness that all would have if they slipped within the limit.
+        """
         slip, share, slope = self._slips(x)
+        if rule == STUCK:
+            share, slope = np.zeros_like(share), np.zeros_like(slope)
         length = np.maximum(share, 1e-300) * self._limit
         across = self._strength * np.where(share > 0.0, slope / length, 2.0 / self._limit)
         along = self._strength * np.where(share < 1.0, 2.0 - 2.0 * share, 0.0) / self._limit
         unit = slip / length[:, None]
         blocks = across[:, None, None] * self._across
-        blocks += (along - across)[:, None, None] * unit[:, :, None] * unit[:, None, :] * (share > 0.0)[:, None, None]
-        own = self._touching.across(self._rows, blocks)
+        if rule == TANGENT:
+            turn = unit[:, :, None] * unit[:, None, :] * (share > 0.0)[:, None, None]
+            blocks += (along - across)[:, None, None] * turn
+        return self._gradient(slip, share, slope), blocks
+
+    def add(self, x: Array, gradient: Array, hessian: sps.csc_array) -> Array:
+        """The gradient (N,) with that of D at x (n, 3); its second derivatives are added to the Hessian, in place."""
+        touching = self._touching
+        own = touching.across(self._rows, self.linear(x)[1])
         kernels.add_blocks(hessian.indptr, hessian.indices, hessian.data, self._starts, self._sizes, own)
-        return np.asarray(gradient + shell.unknowns.restrict(self.forces(x).ravel()))
+        return np.asarray(gradient + touching.shell.unknowns.restrict(self.forces(x).ravel()))

@@ -17,6 +17,7 @@ import numpy as np
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.contact import Contact
+from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import gaps_of
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.touching import EXACT_GAP, Touching
@@ -108,6 +109,8 @@ class ModalContacts:
         The contacts at the time that is looked at.
     moving : bool
         Whether a collider moves.
+    rubs : bool
+        Whether a contact has friction.
     shapes : LocalShapes
         What the shell gives way beyond its modes.
     """
@@ -128,6 +131,7 @@ class ModalContacts:
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._bodies = self.touching.packed()
+        self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
         self._taken: tuple[Array, Index, Array] | None = None
         self._turned: tuple[Array, Array] | None = None
@@ -148,6 +152,16 @@ class ModalContacts:
             self.touching = self.touching.at(time)
         if self.moving:
             self._bodies = self.touching.packed()
+
+    def friction(self, pushes: Array, x: Array, when: tuple[float, float]) -> Friction | None:
+        """Friction of a step that ends at a time, and how long it is [s], by ``pushes`` (r,) [N]; None without any.
+
+        ``x`` (n, 3) [m] are the positions at its beginning.
+        """
+        if not (self.rubs and pushes.any()):
+            return None
+        time, dt = when
+        return Friction(self.touching.at(time - dt), pushes, x, dt)
 
     def positions(self, q: Array) -> Array:
         """Positions (n, 3) [m] at q (m,), without what is beyond the modes."""

@@ -32,7 +32,7 @@ _TURNS, _TURNED = 6, 1e-6
 """Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
-_BOUNCE = 3.0
+BOUNCE = 3.0
 """Speed, over what the load gives a vertex in a step, below which nothing bounces."""
 
 
@@ -293,7 +293,7 @@ class TouchingSteps:
             struck = float(normal @ (old_rates[vertex] - carried))
             leaves = float(normal @ (rates[vertex] - carried))
             wanted = leaves
-            if was_open and restitution[row] and -struck > _BOUNCE * reach[vertex]:
+            if was_open and restitution[row] and -struck > BOUNCE * reach[vertex]:
                 wanted = -restitution[row] * struck
             elif bounded is not None and bounded[row] < 0.0:
                 wanted = min(leaves, 0.0)

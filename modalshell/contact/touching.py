@@ -59,7 +59,8 @@ def refuse_friction(contacts: Sequence[Contact], name: str) -> None:
     for index, contact in enumerate(contacts):
         if contact.friction:
             raise OptionError(
-                f"{name} take contacts without friction (contact {index} has {contact.friction:g}): set it to 0"
+                f"{name} take contacts without friction (contact {index} has {contact.friction:g}): set it to 0, "
+                "or take DS"
             )
 
 

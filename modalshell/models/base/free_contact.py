@@ -15,21 +15,32 @@ import scipy.linalg
 
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
+from modalshell.contact.complementarity import complementary
+from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction
+from modalshell.contact.steps import BOUNCE
+from modalshell.contact.touching import EXACT_GAP
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.free_parts import inertia_of, turn_of
+from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.models.base.modal_contact import ModalPressedMotion
 from modalshell.models.base.pressed_motion import BEYOND, LOCAL
+from modalshell.models.base.stepper import LEAD
 from modalshell.modes.modal_rotation import cross_matrices
 
-_PASSES = 20
-"""Linearisations of a step at most."""
+_PASSES, _RUBBING, _TANGENTS = 20, 60, 12
+"""Linearisations of a step at most, and with friction, of which so many with its derivatives at first.
+
+What they do not solve is solved slowly by quadratic functions that are nowhere below its work, whose least falls.
+"""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
 _SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a step is solved."""
-_AGAIN, _MOVED = 1e-10, 1e-3
-"""Moves, as shares of the shell's size, from which a problem is linearised again, and up to which it is solved."""
+_AGAIN, _MOVED, _RUBBED = 1e-10, 1e-3, 1e-7
+"""Moves, as shares of the shell's size, from which a problem is linearised again, and up to which it is solved.
+
+The last one is that of a step with friction, which changes within a small slip.
+"""
 
 
 class _End(NamedTuple):
@@ -40,6 +51,13 @@ class _End(NamedTuple):
     local: Array
     push: Array
     solved: bool
+
+
+def _rule(tried: int) -> int:
+    """How friction is taken as linear after some linearisations: from its stiffest on, derivatives lead to its end."""
+    if tried == 0:
+        return STUCK
+    return TANGENT if tried <= _TANGENTS else SECANT
 
 
 @final
@@ -60,20 +78,70 @@ class FreeContactMotion(ModalPressedMotion):
         end = alone = flight.end(np.zeros(count), self._turned_back(before))
         reach = float(np.abs(alone.base - base).max())
         gaps = np.minimum(gaps, pressing.gaps(end.base))
-        pushes, energy, solved = before.memory[PUSHES], 0.0, False
-        for _ in range(_PASSES):
+        pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
+        begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
+        friction, lagged, tried = pressing.friction(pushes, begin, when), pushes, 0
+        for _ in range(most):
             rows = pressing.candidates(gaps, pushes, reach)
-            end, pushes, energy, off, move, after = self._passed(flight, end, rows, pushes)
-            deepest = -float(after.min(initial=0.0))
-            solved = end.solved and max(off, deepest) <= _SETTLED * size and move <= _MOVED * size
-            if (solved and move <= _AGAIN * size) or not np.isfinite(off + move):
-                break
+            rubbing = None if friction is None else (friction, _rule(tried))
+            end, pushes, energy, off, move, after = self._passed(flight, end, rows, pushes, rubbing)
+            deepest, tried = -float(after.min(initial=0.0)), tried + 1
+            solved = end.solved and max(off, deepest) <= _SETTLED * size and move <= moved * size
             gaps = np.minimum(gaps, after)
-        state, model = end.state, self._model
+            if not np.isfinite(off + move):
+                break
+            if not (solved and move <= _AGAIN * size):
+                continue
+            new = (pushes > 0.0) & (lagged <= 0.0)
+            if not (pressing.rubs and new.any()):
+                break
+            # What touches for the first time has no force of the step before: it takes that of this one.
+            lagged = np.where(new, pushes, lagged)
+            friction, tried = pressing.friction(lagged, begin, when), 0
+        state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
         memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
         memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
         memory["turn_back"] = np.zeros((len(model.frames.parts), 3))  # frames turn by their spins at the end
         return MotionState(state.coordinates, state.rates, memory), solved, end.base
+
+    def _rebound(
+        self,
+        flight: _Flight,
+        step: tuple[MotionState, Array, _End, _End],
+        found: tuple[Array, float],
+        when: tuple[float, float],
+    ) -> MotionState:
+        """A step's end with the rates that restitution gives what strikes, by impulses (theory 13, eq. 11).
+
+        ``step`` are its beginning and positions (n, 3) [m] there, its end, and where it would end without contacts;
+        ``found`` forces (r,) [N] and the energy [J] beyond the modes. A step with impulses has no more energy than
+        before, whatever the restitution.
+        """
+        pushes, energy = found
+        (before, begin, end, alone), touching, (time, dt) = step, self._pressing.touching, when
+        rows, frames, shape = np.flatnonzero(pushes > 0.0), self._model.frames, self._model.warped_positions
+        kept = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of[rows]]
+        if not kept.any():
+            return end.state
+        vertices, place = touching.vertices[rows], end.base + flight.in_world(end)
+        normals, lead = touching.gaps(place, rows)[1], LEAD * dt
+        carried = np.sum(normals * touching.velocities(place, rows), axis=1)
+        first, last, free = (
+            np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
+            for state in (before, end.state, alone.state)
+        )
+        was_open = touching.at(time - dt).gaps(begin, rows)[0] > EXACT_GAP * touching.size
+        strikes = was_open & (carried - first > BOUNCE * np.abs(free - first))
+        if not (strikes & (kept > 0.0)).any():
+            return end.state
+        wanted = carried + np.where(strikes, kept * (carried - first), 0.0)
+        along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), flight.moves(end, vertices))
+        by_impulse = flight.compliance(end) / dt**2
+        columns, impulses = along @ by_impulse @ along.T, np.zeros(rows.size)
+        columns += kernels.LOADED * float(np.trace(columns)) / rows.size * np.eye(rows.size)
+        complementary(columns, last - wanted, impulses, 1e-12 * touching.size / dt, True)
+        change = by_impulse @ (impulses @ along)
+        return flight.struck(end.state, change, flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy)
 
     def _turned_back(self, state: MotionState) -> Array:
         """Displacements (n, 3) [m] of a state beyond the modes, in the axes of the frames."""
@@ -83,7 +151,7 @@ class FreeContactMotion(ModalPressedMotion):
         return local
 
     def _passed(
-        self, flight: _Flight, at: _End, rows: Index, pushes: Array
+        self, flight: _Flight, at: _End, rows: Index, pushes: Array, rubbing: tuple[Friction, int] | None
     ) -> tuple[_End, Array, float, float, float, Array]:
         """The problem of some rows linearised at an end: its end, forces (r,), energy [J], and how well it is met."""
         pressing, size = self._pressing, self._pressing.touching.size
@@ -94,7 +162,12 @@ class FreeContactMotion(ModalPressedMotion):
         forces, count = pushes[rows], moves.shape[2]
         square = rows.size, rows.size
         problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, normals.shape))
-        frame, given = (gap, normals, vertices, at.local), (-compliance @ at.push, forces)
+        slope, stiffness, held = np.zeros(count), None, at.push
+        if rubbing is not None:
+            slope, stiffness = flight.rubbed(at, *rubbing)
+            compliance = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
+            compliance, held = 0.5 * (compliance + compliance.T), held + slope
+        frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
         turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
         rows_by.row_problem(moves, frame, given, turns, shapes.blocks, slots, compliance, problem)
         turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
@@ -102,6 +175,8 @@ class FreeContactMotion(ModalPressedMotion):
             out = unused, turned, expected
             energy = rows_by.row_end(problem, forces, np.zeros(count), 1e-12 * size, True, out)
             push = np.einsum("k,ki,kim->m", forces, normals, moves, optimize=True)
+            if stiffness is not None:
+                push = push - slope - stiffness @ (compliance @ (push - held))
             end, local = flight.end(push, at.local), np.empty_like(at.local)
             own = pressing.turns(self._model.frames.elastic(end.state.coordinates))
             kernels.local_shape(shapes.store, slots, turned, own, local)
@@ -127,7 +202,7 @@ class _Flight:
         self._dt, drag = when
         q, rates, frames = before.coordinates, before.rates, model.frames
         self._slower, self._give, self.count = 1.0 + drag * self._dt, compliance, 6 * len(frames.parts)
-        self._free, ahead = np.empty(q.size), np.empty(q.size)
+        self._force, self._free, ahead = force, np.empty(q.size), np.empty(q.size)
         kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, self._free, ahead)
         wrench = (frames.from_poses.T @ force[: frames.count]).reshape(-1, 2, 3)
         self._momenta = frames.momenta(q, rates, model.warped_positions) + self._dt * wrench
@@ -177,6 +252,47 @@ class _Flight:
         rows[:, :, :r] = rows[:, :, :r] @ frames.others
         whole[:, :, self.count :] = rows
         return whole
+
+    def lost(self, after: MotionState) -> float:
+        """Energy [J] that the step to an end has cost, counting what the load gave the frames in it."""
+        frames, model, states = self._frames, self._model, (self._before, after)
+        begin, end = (model.kinetic_energy(state) + model.elastic_energy(state) for state in states)
+        q, last = (state.coordinates for state in states)
+        work, wrench = 0.0, (frames.from_poses.T @ self._force[: frames.count]).reshape(-1, 2, 3)
+        for push, (place, vector), (reached, turned) in zip(wrench, frames.poses(q), frames.poses(last), strict=True):
+            work += float(push[0] @ (reached - place) + push[1] @ vector_of(turn_of(turned) @ turn_of(vector).T))
+        return float(begin - end) + work
+
+    def struck(self, state: MotionState, change: Array, lost: float) -> MotionState:
+        """A state whose rates, of frames in the world, and of coordinates, change by (6 P + m,).
+
+        By less where that would give it more than an energy [J].
+        """
+        frames, q, shape = self._frames, state.coordinates, self._model.warped_positions
+
+        def changed(share: float) -> MotionState:
+            rates = frames.spun(q, state.rates) + share * change[self.count :]
+            speeds = frames.poses(rates) + share * change[: self.count].reshape(-1, 2, 3)
+            return MotionState(q, frames.unspun(q, frames.with_poses(rates, speeds)), state.memory)
+
+        less, now, more = (frames.kinetic_energy(changed(share), shape) for share in (-1.0, 0.0, 1.0))
+        if more - now <= lost:
+            return changed(1.0)
+        slope, bend = 0.5 * (more - less), 0.5 * (more + less) - now  # of the energy by the share
+        root = np.sqrt(slope**2 + 4.0 * bend * max(lost, 0.0))
+        return changed(min(1.0, (root - slope) / (2.0 * bend)))
+
+    def rubbed(self, end: _End, friction: Friction, rule: int) -> tuple[Array, Array]:
+        """Slope (6 P + m,) and stiffness (6 P + m, 6 P + m) of friction's work by moves of the frames and coordinates.
+
+        It pushes on frames and modes alone: what vertices give way beyond these along a collider is left out.
+        """
+        gradient, blocks = friction.linear(end.base + self.in_world(end), rule)
+        moves, labels = self.moves(end, friction.vertices), self._frames.labels[friction.vertices]
+        for number, (_, vector) in enumerate(self._frames.poses(end.state.coordinates)):
+            moves[labels == number] = turn_of(vector) @ moves[labels == number]
+        slope = np.einsum("kim,ki->m", moves, gradient)
+        return slope, np.einsum("kim,kij,kjl->ml", moves, blocks, moves, optimize=True)
 
     def in_world(self, end: _End) -> Array:
         """Displacements (n, 3) [m] beyond the modes in the world."""

@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts, Pressed
 from modalshell.contact.modal_kernels import implicit_euler
-from modalshell.contact.touching import checked_contacts, touched_frame
+from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
@@ -41,8 +41,8 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
             f"(got {model.basis.rigid_modes} rigid modes): hold more vertices, ask for more modes, or take DS"
         )
     for index, contact in enumerate(given):
-        if contact.friction or contact.push_out:
-            raise OptionError(f"contact {index} has friction or push_out, which {model.name} does not take: take DS")
+        if contact.push_out:
+            raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
     def positions(q: Array) -> Array:
         return model.warped_positions(q)
@@ -65,12 +65,13 @@ def equilibrium_on_modal_contacts(
     order. Where they do not settle, or lead through a collider, the load comes in steps.
     """
     if constraints:
-        raise OptionError("contacts and constraints do not go together yet")
+        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
     if model.frames is not None:
         raise OptionError(
-            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, or let simulate "
-            "bring a free shell to rest with damping"
+            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, take DS or coarse "
+            "DS, or let simulate bring a free shell to rest with damping"
         )
+    refuse_friction(checked_contacts(contacts), f"statics of {model.name}")
     pressing = modal_contacts(model, contacts)
     rest = model.shell.rest_positions
     pressing.touching.refuse_inside(rest if start is None else start)
@@ -156,7 +157,7 @@ class ModalPressedMotion(PressedMotion):
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         if setup.constraints:
-            raise OptionError("contacts and constraints do not go together yet")
+            raise OptionError("contacts and constraints do not go together yet: move the supports instead")
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp
@@ -165,8 +166,11 @@ class ModalPressedMotion(PressedMotion):
     @staticmethod
     def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
         for index, contact in enumerate(contacts):
-            if contact.restitution:
-                raise OptionError(f"contact {index} has restitution, which {model.name} does not take: take DS")
+            if model.frames is None and (contact.friction or contact.restitution):
+                raise OptionError(
+                    f"contact {index} has friction or restitution, which motions of {model.name} take of shells without "
+                    "supports alone: take DS or coarse DS"
+                )
         return modal_contacts(model, contacts)
 
     def touched(self, state: MotionState) -> bool:

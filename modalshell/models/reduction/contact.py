@@ -50,11 +50,15 @@ def reduced_contacts(model: Any, contacts: Sequence[Contact]) -> ModalContacts:
     """The contacts of a model with ``basis.vectors``; OptionError where it cannot take them."""
     given, basis = checked_contacts(contacts), model.basis
     if model.flight.count:
-        raise OptionError(f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS")
+        raise OptionError(
+            f"{model.name} takes contacts of shells that supports hold: hold some vertices, or take DS, coarse DS, the "
+            "hybrid, or in motion LMA, MWTS or RSW"
+        )
     for index, contact in enumerate(given):
         if contact.friction or contact.push_out or contact.restitution:
             raise OptionError(
-                f"contact {index} has friction, push_out or restitution, which {model.name} does not take: take DS"
+                f"contact {index} has friction, push_out or restitution, which {model.name} does not take: take DS or "
+                "coarse DS"
             )
     rows = basis.vectors.reshape(-1, 3, basis.size)
     turns = VertexTurns(model.shell.mesh, model.shell.rest_positions)
