@@ -270,14 +270,22 @@ def add_curvature(modal, adjoint, q, work, blocks, hessian):  # type: ignore[no-
 
 
 @njit(error_model="numpy", fastmath=False)
-def _slopes_of(columns, q, by_a, by_b):  # type: ignore[no-untyped-def]
-    """Derivatives (6, 3) of the columns of F by turn and strain of a triangle with ``columns`` (6, m), at q (m,)."""
-    value, spin, turn, first, second = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    for i in range(6):
-        total = 0.0
-        for k in range(q.size):
-            total += columns[i, k] * q[k]
-        value[i] = total
+def _slopes_of(columns, q, work, by_a, by_b):  # type: ignore[no-untyped-def]
+    """Derivatives (6, 3) of the columns of F by turn and strain of a triangle with ``columns`` (6, m), at q (m,).
+
+    ``work`` are arrays (6,), (3, 3), (3, 3), (3,) and (3,) for values on the way.
+    """
+    value, spin, turn, first, second = work
+    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(q.size):  # six sums side by side: each waits for its last addition
+        p = q[k]
+        v0 += columns[0, k] * p
+        v1 += columns[1, k] * p
+        v2 += columns[2, k] * p
+        v3 += columns[3, k] * p
+        v4 += columns[4, k] * p
+        v5 += columns[5, k] * p
+    value[0], value[1], value[2], value[3], value[4], value[5] = v0, v1, v2, v3, v4, v5
     x, y, z = value[0], value[1], value[2]
     c1, c2, c3 = coefficients(x, y, z)
     _matrix(x, y, z, c1, c2, turn)
@@ -298,9 +306,10 @@ def _slopes_of(columns, q, by_a, by_b):  # type: ignore[no-untyped-def]
 def deformation_rows(columns, q, out):  # type: ignore[no-untyped-def]
     """Derivatives ``out`` (T, 6, m) of :func:`deformations` by q (m,), of triangles with ``columns`` (T, 6, m)."""
     by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
+    work = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for t in range(columns.shape[0]):
         own = columns[t]
-        _slopes_of(own, q, by_a, by_b)
+        _slopes_of(own, q, work, by_a, by_b)
         for j in range(3):
             for k in range(q.size):
                 out[t, j, k] = out[t, 3 + j, k] = 0.0
@@ -320,9 +329,10 @@ def spread_rows(columns, frames, sides, corners, q, out):  # type: ignore[no-unt
     """
     out[:] = 0.0
     by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
+    work = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     one, two, ones, twos = np.empty((3, 6)), np.empty((3, 6)), np.empty(q.size), np.empty(q.size)
     for t in range(columns.shape[0]):
-        _slopes_of(columns[t], q, by_a, by_b)
+        _slopes_of(columns[t], q, work, by_a, by_b)
         height, foot, length = 0.5 * sides[t, 0], 0.5 * sides[t, 1], 0.5 * sides[t, 2]
         for i in range(6):
             for axis in range(3):

@@ -1,0 +1,159 @@
+"""Friction and restitution of modal models of shells that no support holds."""
+
+import numpy as np
+import pytest
+from test_free_modal_contact import DT, FLOOR, G, GRAVITY, falling, tilted
+
+import modalshell as ms
+
+FRICTION = 0.4
+RUNGS = {"LMA": ms.LinearModal, "MWTS": ms.ModalWarping, "RSW": ms.RotationStrain}
+
+
+@pytest.fixture(scope="module")
+def shell():
+    return ms.Shell(
+        ms.sheet(length=0.4, width=0.3, cells=(6, 4)),
+        ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=300.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def basis(shell):
+    with pytest.warns(ms.ModalShellWarning, match="edges a half wave"):
+        return ms.solve_modes(shell, count=12)
+
+
+def floor(**given):
+    return ms.Contact(FLOOR.collider, **given)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 1.5])
+@pytest.mark.parametrize("name", ["MWTS", "RSW"])
+def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, share):
+    """It slides with ``g (sin a - mu cos a)``; below the threshold it creeps at the speed that DS states."""
+    angle = np.arctan(share * FRICTION)
+    slope = ms.Contact(ms.Plane(), friction=FRICTION)
+    gravity = G * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    run = ms.simulate(RUNGS[name](basis), duration=30 * DT, dt=DT, gravity=gravity, contacts=[slope])
+    assert run.unconverged_steps == 0
+    speed = np.diff(run.positions[..., 0].mean(axis=1)) / DT
+    if share > 1.0:
+        block = G * (np.sin(angle) - FRICTION * np.cos(angle))
+        assert np.diff(speed)[5:] / DT == pytest.approx(block, rel=5e-3)
+    else:
+        creep = 2e-4 * shell.size / DT * (1.0 - np.sqrt(1.0 - share))
+        assert speed[-1] == pytest.approx(creep, rel=1e-3)
+        assert abs(speed[-1] - speed[-2]) < 1e-5 * creep
+    assert run.deepest.max() <= 1e-9 * shell.size
+    assert np.diff(run.energies.sum(axis=1)).max() <= 0.0
+
+
+@pytest.mark.parametrize("name", RUNGS)
+def test_momenta_of_a_rubbing_panel_change_by_its_contact_forces_and_friction(shell, basis, name):
+    """On a floor the vertical one changes by the normal forces exactly, the others within Coulomb's cone."""
+    model, weight = RUNGS[name](basis), shell.mass.sum() * np.array(GRAVITY)
+    contact = floor(friction=FRICTION)
+    motion, frames = falling(model, contact, start=tilted(shell), dt=1 / 120), model.frames
+
+    def momentum():
+        return frames.momenta(motion.state.coordinates, motion.state.rates, model.warped_positions)[0, 0]
+
+    rubbed, energy = 0, motion.energies().sum()
+    for _ in range(60):
+        before = momentum()
+        motion.advance()
+        found, last, energy = motion.touched(), energy, motion.energies().sum()
+        if not found.touches.any():
+            continue
+        change = (momentum() - before) * 120 - weight
+        pushed = found.forces.sum(axis=0)
+        assert abs(change[2] - pushed[2]) <= 1e-9 * np.linalg.norm(weight)
+        rubbed += np.linalg.norm(change[:2]) > 1e-3 * pushed[2]
+        assert found.deepest <= 1e-9 * shell.size
+        assert energy - last <= 1e-12
+    assert rubbed > 5
+    assert motion.unconverged == 0
+
+
+@pytest.mark.parametrize("name", RUNGS)
+@pytest.mark.parametrize("restitution", [0.3, 1.0])
+def test_a_flat_panel_rebounds_by_its_restitution(shell, basis, name, restitution):
+    """From rest 0.2 m above the floor it strikes at ``sqrt(2 g 0.2)`` and leaves with that share of its speed."""
+    motion = falling(RUNGS[name](basis), floor(restitution=restitution))
+    frames, speeds = motion.model.frames, []
+    for _ in range(54):
+        motion.advance()
+        speeds.append(frames.poses(motion.state.rates)[0, 0, 2])
+        if motion.touched().touches.any():
+            break
+    assert speeds[-1] == pytest.approx(-restitution * speeds[-2], rel=1e-8)
+    assert speeds[-2] == pytest.approx(-np.sqrt(2.0 * G * 0.2), rel=0.02)
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.9])
+def test_a_rod_rebounds_with_the_impulse_of_a_rigid_one(angle):
+    """``(1 + e) m v / (1 + 3 cos^2 a)``, and the spin ``6 (1 + e) cos a (v / L) / (1 + 3 cos^2 a)``."""
+    length, dt, restitution = 1.0, 1e-4, 0.5
+    stiff = ms.Isotropic(young=1e17, poisson=0.3, thickness=1e-2, density=100.0)
+    rod = ms.Shell(ms.flat_beam(length=length, width=0.02, cells=(40, 1)), stiff)
+    model = ms.ModalWarping(ms.solve_modes(rod, count=10))
+    start = tilted(rod, (0.0, angle, 0.0))
+    below = ms.Contact(ms.Plane((0, 0, 1), start[:, 2].min() - 0.02), restitution=restitution)
+    motion, frames, mass = falling(model, below, dt=dt, start=start), model.frames, rod.mass.sum()
+
+    def momenta():
+        return frames.momenta(motion.state.coordinates, motion.state.rates, model.warped_positions)[0]
+
+    while not motion.touched().touches.any():
+        speed = -momenta()[0, 2] / mass
+        motion.advance()
+    impulse = momenta()[0, 2] + mass * (speed + G * dt)
+    spin = np.abs(frames.spins(motion.state.coordinates, motion.state.rates)[0]).max()
+    share = (1.0 + restitution) / (1.0 + 3.0 * np.cos(angle) ** 2)
+    assert impulse == pytest.approx(mass * speed * share, rel=2e-3)
+    assert spin == pytest.approx(6.0 * np.cos(angle) * speed / length * share, rel=2e-3)
+
+
+@pytest.mark.parametrize("contact", [FLOOR.collider, ms.Sphere((0.25, 0.1, -0.4), 0.2)], ids=["floor", "ball"])
+def test_a_panel_on_its_corner_gains_no_energy_by_restitution(shell, basis, contact):
+    motion = falling(ms.ModalWarping(basis), ms.Contact(contact, restitution=1.0), start=tilted(shell), dt=1 / 480)
+    energy, struck = motion.energies().sum(), 0
+    for _ in range(150):
+        motion.advance()
+        last, energy = energy, motion.energies().sum()
+        if motion.touched().touches.any():
+            struck += 1
+            assert energy - last <= 1e-12
+    assert struck > 3
+
+
+def test_a_rubbing_motion_resumes_with_the_same_bits(shell, basis):
+    contact = floor(friction=FRICTION, restitution=0.5)
+    whole, second = (falling(ms.ModalWarping(basis), contact, start=tilted(shell)) for _ in range(2))
+    for _ in range(45):
+        whole.advance()
+    second.restore(whole.snapshot())
+    for _ in range(6):
+        for one in (whole, second):
+            one.advance()
+    assert whole.touched().touches.any()
+    assert whole.positions().tobytes() == second.positions().tobytes()
+
+
+def test_what_is_not_taken_is_refused_before_any_work(shell, basis):
+    model, held = ms.ModalWarping(basis), ms.Shell(shell.mesh, shell.material, clamped="x < 1e-6")
+    anchored = ms.ModalWarping(ms.solve_modes(held, count=4))
+    rough, patch = floor(friction=FRICTION), ms.PositionConstraint([5], (0.4, 0.0, 0.0))
+    with pytest.raises(ms.OptionError, match=r"statics of MWTS take contacts of shells that supports hold: .*take DS"):
+        model.equilibrium(gravity=GRAVITY, contacts=[FLOOR])
+    with pytest.raises(ms.OptionError, match="statics of MWTS take contacts without friction .* take DS"):
+        anchored.equilibrium(gravity=GRAVITY, contacts=[rough])
+    for contact in (rough, floor(restitution=0.2)):
+        with pytest.raises(ms.OptionError, match="friction or restitution, which motions of MWTS .* DS or coarse DS"):
+            ms.simulate(anchored, duration=0.1, contacts=[contact])
+    for one in (model, anchored):
+        with pytest.raises(ms.OptionError, match="contacts and constraints do not go together yet: move the supports"):
+            ms.simulate(one, duration=0.1, contacts=[FLOOR], constraints=[patch])
+    with pytest.raises(ms.OptionError, match=r"MD-ROM takes contacts of shells that supports hold: .* the hybrid"):
+        ms.simulate(ms.ModalDerivatives(shell, 8), duration=0.1, contacts=[FLOOR])
