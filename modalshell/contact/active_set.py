@@ -19,10 +19,11 @@ from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
-from modalshell.modes import Factor
+from modalshell.modes import Factor, TangentStiffness
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.potential import Potential
+from modalshell.statics.warped import warped_step
 
 _PULL = 1e-9
 """Pull, as a share of the scale of forces, that rounding explains: a row that lies on its collider without force."""
@@ -278,12 +279,15 @@ class ActiveSet:
         return refined, kept
 
     def descend(self, start: Array, rules: method.Rules) -> Rest:
-        """Go downhill from ``start`` (n, 3) as the shell would move in a thick fluid, by steps with active sets."""
+        """Go downhill from ``start`` (n, 3) as the shell would move in a thick fluid, by steps with active sets.
+
+        Saddles, in which symmetric ways end, are left.
+        """
         problem, shell = self.problem, self.problem.shell
         loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
         x, active, iterations = start, self.near(start), 0
         value, drag = self.first_drag(x)
-        present, failures = np.zeros_like(x), 0
+        present, failures, saddles = np.zeros_like(x), 0, 0
         rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
         for _ in range(SUB_STEPS):
             fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
@@ -309,7 +313,36 @@ class ActiveSet:
                 last = self.settled(last)
                 if last.stable:
                     return replace(last, iterations=iterations)
+                if saddles < method.SADDLES:
+                    x, value, drag = self._off_saddle(last, reached)
+                    active, saddles = last.active, saddles + 1
         return replace(rest, iterations=iterations, converged=False)
+
+    def _off_saddle(self, rest: Rest, value: float) -> tuple[Array, float, float]:
+        """Where the lowest mode on the motions that keep the gaps leads from a saddle, the potential there, and a drag.
+
+        Both ways are tried, with steps that double for as long as the potential falls and nothing enters.
+        """
+        problem, shell, equations = self.problem, self.problem.shell, self._equations(rest, EXACT)[0]
+        best, rows = rest.point, np.flatnonzero(rest.active)
+        try:
+            curvature, turned = TangentStiffness(shell, equations.kept(), problem.factoriser).lowest_mode()
+        except SolverError:
+            return best, value, self.first_drag(best)[1]
+        way = equations.frames.turned(turned, back=True)
+        way *= shell.size / max(float(np.abs(way).max()), 1e-300)
+        for sign in (1.0, -1.0):
+            last = np.inf
+            for halvings in range(method.HALVINGS, 0, -1):
+                x = warped_step(shell, rest.point, sign * 0.5**halvings * way, method.LARGEST_TURN)[0]
+                self.touching.put_on(x, rows, np.zeros(rows.size))
+                reached = np.inf if self.entered(x, rest.active).any() else self._potential(x)[0]
+                if not reached < last:
+                    break
+                last = reached
+                if reached < value:
+                    value, best = reached, x
+        return best, value, 2.0 * abs(curvature)
 
     def first_drag(self, x: Array) -> tuple[float, float]:
         """Potential at x (n, 3), infinite where vertices lie inside, and a drag to begin with."""

@@ -13,8 +13,10 @@ from modalshell.modes import Basis, Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import EXACT, GAUSS_NEWTON
 
-_KEPT = 2e8
-"""Bytes of shapes that are kept."""
+_KEPT, _KIND = 2e8, np.float32
+"""Bytes of shapes that are kept, and their numbers: a frame reads all that are pushed, and half as much is twice as
+fast. A shape is rounded by 3e-8 of itself, and so is what is taken of it anywhere.
+"""
 _MOST = 512
 """Shapes that are kept at most: their blocks grow with the square."""
 
@@ -34,7 +36,7 @@ class LocalShapes:
 
     Attributes
     ----------
-    store : ndarray, shape (s, 3, n, 3)
+    store : ndarray of float32, shape (s, 3, n, 3)
         Displacements [m/N] under unit forces along each axis, of each slot.
     places : ndarray, shape (n,)
         Slot of each vertex, less than 0 for none.
@@ -47,8 +49,8 @@ class LocalShapes:
     def __init__(self, basis: Basis, least: int) -> None:
         self._basis, count = basis, len(basis.shell.rest_positions)
         self.places, self._vertices = np.full(count, -1, np.int64), np.empty(0, np.int64)
-        self.most = max(least, min(_MOST, int(_KEPT / (72.0 * count))))
-        self.store, self.blocks = np.empty((0, 3, count, 3)), np.empty((0, 0, 3, 3))
+        self.most = max(least, min(_MOST, int(_KEPT / (36.0 * count))))
+        self.store, self.blocks = np.empty((0, 3, count, 3), _KIND), np.empty((0, 0, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
 
     def slots(self, vertices: Index) -> Index:
@@ -67,7 +69,7 @@ class LocalShapes:
         used, vertices = self._vertices.size, np.concatenate([self._vertices, missing])
         if vertices.size > len(self.store):  # twice as large
             room = max(vertices.size, min(self.most, 2 * vertices.size))
-            store, blocks = np.empty((room, *self.store.shape[1:])), np.zeros((room, room, 3, 3))
+            store, blocks = np.empty((room, *self.store.shape[1:]), _KIND), np.zeros((room, room, 3, 3))
             store[:used], blocks[:used, :used] = self.store[:used], self.blocks[:used, :used]
             self.store, self.blocks = store, blocks
         for slot in range(used, vertices.size):

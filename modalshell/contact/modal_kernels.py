@@ -18,6 +18,8 @@ _PASSES = 6
 """Linearisations at most."""
 _NONE = 1e-14
 """Component of a force, as a share of the largest, that rounding explains."""
+_PART = 4096
+"""Numbers of a shape that are added at a time, for what they are added to to stay near."""
 LOADED = 1e-9
 """Share of the mean diagonal that is added to it."""
 
@@ -83,20 +85,22 @@ def response(along, compliance, out):  # type: ignore[no-untyped-def]
 def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-def]
     """Displacements ``out`` (n, 3) under ``pushes`` (k, 3) [N] in the axes at rest, turned by vectors (n, 3) [rad]."""
     flat = out.reshape(-1)
-    flat[:] = 0.0
     least = _NONE * np.abs(pushes).max() if pushes.size else 0.0
-    for k in range(slots.size):
-        shapes = store[slots[k]].reshape(3, -1)
-        if np.abs(pushes[k]).min() > least:
-            a, b, c = pushes[k]
-            for j in range(flat.size):
-                flat[j] += a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j]
-            continue
-        for i in range(3):
-            push = pushes[k, i]
-            if abs(push) > least:
-                for j in range(flat.size):
-                    flat[j] += push * shapes[i, j]
+    for first in range(0, flat.size, _PART):
+        own = flat[first : first + _PART]
+        own[:] = 0.0
+        for k in range(slots.size):
+            shapes = store[slots[k]].reshape(3, -1)[:, first : first + _PART]
+            if np.abs(pushes[k]).min() > least:
+                a, b, c = pushes[k]
+                for j in range(own.size):
+                    own[j] += a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j]
+                continue
+            for i in range(3):
+                push = pushes[k, i]
+                if abs(push) > least:
+                    for j in range(own.size):
+                        own[j] += push * shapes[i, j]
     if turns.size:
         rotate(turns, out, 1.0, out)
 

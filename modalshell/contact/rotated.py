@@ -196,13 +196,17 @@ class Rotated:
         turned[self.frames.unknowns] = 0.0
         return turned
 
+    def kept(self) -> sps.csc_array:
+        """The Hessian, in turned axes, on the motions that keep the gaps."""
+        return self.matrix(np.zeros(self._hessian.shape[0]))
+
     def factor(self) -> Factor:
-        """Factor, in turned axes, of the Hessian on the motions that keep the gaps; SolverError if it is singular."""
-        return self._problem.factor(self.matrix(np.zeros(self._hessian.shape[0])))
+        """Its factor; SolverError if it is singular."""
+        return self._problem.factor(self.kept())
 
     def definite_factor(self) -> Factor | None:
-        """Factor, in turned axes, of the Hessian on the motions that keep the gaps; None unless that is definite."""
-        return self._problem.definite_factor(self.matrix(np.zeros(self._hessian.shape[0])))
+        """Its factor; None unless it is definite."""
+        return self._problem.definite_factor(self.kept())
 
 
 def whole_factor(factor: Factor) -> Factor:

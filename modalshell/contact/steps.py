@@ -75,6 +75,7 @@ class TouchingSteps:
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
+        self._turned: Array | None = None  # and of implicit ones, those that are not along the normals at the end
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
         self._deep = EXACT_GAP * self.now.size
@@ -148,6 +149,7 @@ class TouchingSteps:
             rules = rules._replace(most=_AMONG_LAYERS)
         start = before, lagged, time - before.time
         rest, turned = self._minimum(problem, start, first, scale, rules, stresses), np.zeros_like(first)
+        self._turned = None
         for _ in range(_TURNS):
             last, turned = turned, self._turning(before, problem.origin, rest, time - before.time)
             if not rest.converged or np.abs(turned - last).max() <= _TURNED * np.abs(rest.pushes).max(initial=0.0):
@@ -157,7 +159,7 @@ class TouchingSteps:
             again = self._minimum(led, start, rest.point, scale, rules, near, rest.active)
             if not again.converged:
                 break
-            rest = again
+            rest, self._turned = again, turned
         self.pushes = np.where(rest.active, rest.pushes, 0.0)
         return rest.point, rest.converged
 
@@ -234,7 +236,10 @@ class TouchingSteps:
     def frame(self, x: Array, time: float) -> TouchedFrame:
         """What touches at x (n, 3) and ``time`` [s], the end of the last step."""
         if self.layers is None:
-            return touched_frame(self.now.at(time), x, self.pushes, self._stopping)
+            further = self._turned if self.pushes.any() else None
+            return touched_frame(
+                self.now.at(time), x, self.pushes, further if self._stopping is None else self._stopping
+            )
         found = touched_frame(self.now.at(time), x, self.pushes, -self.layers.gradient(x))
         return found._replace(self_contact=self.layers.least(x))
 

@@ -207,3 +207,28 @@ def test_the_thick_fluid_begins_where_supports_have_moved_to(monkeypatch):
     assert plain.in_contact.any()
     assert slow.unconverged_steps == 0
     np.testing.assert_allclose(slow.positions, plain.positions, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "body", [ms.Sphere((0.4, 0.1, -0.2), 0.2), ms.Box((0.4, 0.0, -0.15), (0.2, 0.3, 0.15), rounding=0.05)]
+)
+def test_momentum_changes_by_the_contact_forces_on_curved_bodies(body):
+    """Forces of a discrete gradient, which are not along the normals at a step's end."""
+    mesh, material = strip()
+    shell = ms.Shell(mesh, material)
+    model, dt, mass = ms.DiscreteShell(shell, integrator="implicit"), 1 / 120, shell.mass[:, None]
+    motion = Motion(
+        model, shell.loading(GRAVITY, None, None), dt=dt, start=tilted(mesh, 0.3, 0.05), contacts=[ms.Contact(body)]
+    )
+    touched, weight = 0, shell.mass.sum() * np.array(GRAVITY)
+    for _ in range(45):
+        before = (mass * motion.state.rates).sum(axis=0)
+        motion.advance()
+        found = motion.touched()
+        if found.touches.any():
+            touched += 1
+            change = (mass * motion.state.rates).sum(axis=0) - before
+            pushed = found.forces.sum(axis=0)
+            off = np.abs(change / dt - pushed - weight).max()
+            assert off <= 2e-6 * np.linalg.norm(pushed)  # steps are solved to 2e-7 of their forces
+    assert touched > 5

@@ -278,3 +278,19 @@ def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(strip_over_a_c
         model.equilibrium(start=fine.mesh.vertices - [0.0, 0.0, 0.1], **given)
     some = ms.Contact(given["contacts"][0].collider, sel=fine.mesh.vertices[:, 0] < 0.5)
     assert model.equilibrium(gravity=(0, 0, -0.01), contacts=[some]).converged
+
+
+def test_a_limp_cloth_leaves_the_saddles_of_its_symmetry_on_a_ball():
+    """Its weight is 1,400 times what its flexure bears over its length: symmetric ways down end in saddles."""
+    length, thickness, density = 0.3, 4e-4, 300.0
+    flexure = thickness * density * 9.81 * length**3 / 1400.0
+    sheet = ms.Isotropic(young=12.0 * flexure * 0.91 / thickness**3, poisson=0.3, thickness=thickness, density=density)
+    mesh = ms.sheet(length=length, width=length, cells=(8, 8))
+    held = [ms.Pin("nearest(0.15, 0, 0)"), ms.Fix("nearest(0.3, 0, 0)", "y")]
+    ball = ms.Contact(ms.Sphere((0.15, 0.0, -0.0701), 0.07))
+    state = ms.DiscreteShell(ms.Shell(mesh, sheet, supports=held)).equilibrium(
+        gravity=(0.0, 0.0, -9.81), contacts=[ball]
+    )
+    assert state.converged
+    assert state.stable
+    assert state.deepest <= 1e-9 * length

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_free_modal_contact import DT, FLOOR, G, GRAVITY, falling, tilted
+from test_free_modal_contact import DT, FLOOR, GRAVITY, G, falling, tilted
 
 import modalshell as ms
 
