@@ -368,11 +368,11 @@ def table(result: StudyResult) -> str:
             "{share:g} | {speed:.6f} | {block:.6f}",
             found["slopes"],
         ),
-        "A free shell strikes a body in steps of 1/120 s, by RSW and by discrete shells (DS), and by these in a quarter "
-        "of the step. Modes do not stretch where a ball bends a panel two ways, and it gives way the more:",
+        "A free shell strikes a body in steps of 1/120 s, by RSW and by discrete shells (DS), and by these in a "
+        "quarter of the step. Modes do not stretch where a ball bends a panel two ways, and it gives way the more:",
         markdown(
-            "shell, body | RSW from DS [% of the length] | DS from itself in shorter steps | elastic energy of RSW over "
-            "that of DS, at most",
+            "shell, body | RSW from DS [% of the length] | DS from itself in shorter steps | elastic energy of RSW "
+            "over that of DS",
             "{case} | {apart:100*.1f} | {by step:100*.1f} | {stored:.2f}",
             found["strikes"],
         ),

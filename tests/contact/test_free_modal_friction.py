@@ -78,7 +78,7 @@ def test_momenta_of_a_rubbing_panel_change_by_its_contact_forces_and_friction(sh
 
 @pytest.mark.parametrize("name", RUNGS)
 @pytest.mark.parametrize("restitution", [0.3, 1.0])
-def test_a_flat_panel_rebounds_by_its_restitution(shell, basis, name, restitution):
+def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):
     """From rest 0.2 m above the floor it strikes at ``sqrt(2 g 0.2)`` and leaves with that share of its speed."""
     motion = falling(RUNGS[name](basis), floor(restitution=restitution))
     frames, speeds = motion.model.frames, []
@@ -147,10 +147,10 @@ def test_what_is_not_taken_is_refused_before_any_work(shell, basis):
     rough, patch = floor(friction=FRICTION), ms.PositionConstraint([5], (0.4, 0.0, 0.0))
     with pytest.raises(ms.OptionError, match=r"statics of MWTS take contacts of shells that supports hold: .*take DS"):
         model.equilibrium(gravity=GRAVITY, contacts=[FLOOR])
-    with pytest.raises(ms.OptionError, match="statics of MWTS take contacts without friction .* take DS"):
+    with pytest.raises(ms.OptionError, match=r"statics of MWTS take contacts without friction .* take DS"):
         anchored.equilibrium(gravity=GRAVITY, contacts=[rough])
     for contact in (rough, floor(restitution=0.2)):
-        with pytest.raises(ms.OptionError, match="friction or restitution, which motions of MWTS .* DS or coarse DS"):
+        with pytest.raises(ms.OptionError, match=r"friction or restitution, which motions of MWTS .* DS or coarse DS"):
             ms.simulate(anchored, duration=0.1, contacts=[contact])
     for one in (model, anchored):
         with pytest.raises(ms.OptionError, match="contacts and constraints do not go together yet: move the supports"):

@@ -68,8 +68,8 @@ def equilibrium_on_modal_contacts(
         raise OptionError("contacts and constraints do not go together yet: move the supports instead")
     if model.frames is not None:
         raise OptionError(
-            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, take DS or coarse "
-            "DS, or let simulate bring a free shell to rest with damping"
+            f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, take DS or "
+            "coarse DS, or let simulate bring a free shell to rest with damping"
         )
     refuse_friction(checked_contacts(contacts), f"statics of {model.name}")
     pressing = modal_contacts(model, contacts)
@@ -168,8 +168,8 @@ class ModalPressedMotion(PressedMotion):
         for index, contact in enumerate(contacts):
             if model.frames is None and (contact.friction or contact.restitution):
                 raise OptionError(
-                    f"contact {index} has friction or restitution, which motions of {model.name} take of shells without "
-                    "supports alone: take DS or coarse DS"
+                    f"contact {index} has friction or restitution, which motions of {model.name} take of shells "
+                    "without supports alone: take DS or coarse DS"
                 )
         return modal_contacts(model, contacts)
 
