@@ -38,6 +38,8 @@ FAILURES = 12
 """Failures of steps in the fluid, one after the other, after which it gives up."""
 _STIFF = 1e-4
 """First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
+_STAYS = 5
+"""Steps that end at a saddle, from which they might go on by themselves, after which it is left."""
 SUB_STEPS = 150
 """Steps in the fluid at most."""
 _REFINEMENTS = 10
@@ -287,7 +289,7 @@ class ActiveSet:
         loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
         x, active, iterations = start, self.near(start), 0
         value, drag = self.first_drag(x)
-        present, failures, saddles = np.zeros_like(x), 0, 0
+        present, failures, saddles, stays = np.zeros_like(x), 0, 0, 0
         rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
         for _ in range(SUB_STEPS):
             fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
@@ -313,9 +315,10 @@ class ActiveSet:
                 last = self.settled(last)
                 if last.stable:
                     return replace(last, iterations=iterations)
-                if saddles < method.SADDLES:
+                stays += 1
+                if stays == _STAYS and saddles < method.SADDLES:
                     x, value, drag = self._off_saddle(last, reached)
-                    active, saddles = last.active, saddles + 1
+                    active, saddles, stays = last.active, saddles + 1, 0
         return replace(rest, iterations=iterations, converged=False)
 
     def _off_saddle(self, rest: Rest, value: float) -> tuple[Array, float, float]:
@@ -336,7 +339,8 @@ class ActiveSet:
             for halvings in range(method.HALVINGS, 0, -1):
                 x = warped_step(shell, rest.point, sign * 0.5**halvings * way, method.LARGEST_TURN)[0]
                 self.touching.put_on(x, rows, np.zeros(rows.size))
-                reached = np.inf if self.entered(x, rest.active).any() else self._potential(x)[0]
+                passes = self.entered(x, rest.active).any() or self.touching.crossed(rest.point, x)
+                reached = np.inf if passes else self._potential(x)[0]
                 if not reached < last:
                     break
                 last = reached

@@ -3,7 +3,8 @@
 Contact forces push on the frames of the parts and on their shapes. A step is one of implicit Euler: with forces f along
 the normals n at points x about the centre X of a part of mass M and inertia I, momenta change by ``dt sum f n`` and
 ``dt sum (x - X) x f n``, exactly, and the small problem's matrix has ``n . n / M + (r x n) . I^-1 (r x n)``, with what
-the modes and the residual compliance give, all by ``dt^2`` (theory 13, eq. 9).
+the modes and the residual compliance give, all by ``dt^2`` (theory 13, eq. 9). Friction is smoothed as in steps of DS,
+and restitution gives rates after a step (eq. 10 and 11).
 """
 
 from __future__ import annotations
