@@ -29,7 +29,7 @@ from modalshell.models.base.stepper import LEAD
 from modalshell.modes.modal_rotation import cross_matrices
 
 _PASSES, _RUBBING, _TANGENTS = 20, 60, 12
-"""Linearisations of a step at most, and with friction, of which so many with its derivatives at first.
+"""Linearisations of a step at most, and with friction, and the number of those with its derivatives at first.
 
 What they do not solve is solved slowly by quadratic functions that are nowhere below its work, whose least falls.
 """
@@ -167,7 +167,7 @@ class FreeContactMotion(ModalPressedMotion):
         if rubbing is not None:
             slope, stiffness = flight.rubbed(at, *rubbing)
             compliance = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
-            compliance, held = 0.5 * (compliance + compliance.T), held + slope
+            compliance, held = np.asarray(0.5 * (compliance + compliance.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
         turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
         rows_by.row_problem(moves, frame, given, turns, shapes.blocks, slots, compliance, problem)
