@@ -109,8 +109,8 @@ def strike(case: str) -> dict[str, Any]:
     ours, coarse, fine = run(rung, 1), run(truth, 1), run(truth, 4)
     first = int(coarse.in_contact.any(axis=1).argmax())
 
-    def apart(one: Array, other: Array) -> float:
-        off = ((one - other)[first : first + 12] ** 2).sum(axis=2).mean(axis=1)
+    def apart(one: Any, other: Any) -> float:
+        off: Array = ((one - other)[first : first + 12] ** 2).sum(axis=2).mean(axis=1)
         return float(np.sqrt(off).max() / shell.size)
 
     return {

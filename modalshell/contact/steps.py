@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
-from modalshell.contact.friction import SLIP, Friction
+from modalshell.contact.friction import Friction, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
@@ -91,11 +91,7 @@ class TouchingSteps:
         """What is said of friction; "" without it."""
         if not self._creeps:
             return ""
-        creep = SLIP * self.now.size / dt
-        return (
-            f"friction is smoothed: what sticks creeps at {creep:.2g} m/s (1 - sqrt(1 - r)), r being the share of "
-            "Coulomb's limit that it needs"
-        )
+        return creep_told(self.now.size, dt)
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""

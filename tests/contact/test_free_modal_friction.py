@@ -45,6 +45,7 @@ def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, sha
         creep = 2e-4 * shell.size / DT * (1.0 - np.sqrt(1.0 - share))
         assert speed[-1] == pytest.approx(creep, rel=1e-3)
         assert abs(speed[-1] - speed[-2]) < 1e-5 * creep
+        assert f"creeps at {2e-4 * shell.size / DT:.2g} m/s" in run.message
     assert run.deepest.max() <= 1e-9 * shell.size
     assert np.diff(run.energies.sum(axis=1)).max() <= 0.0
 

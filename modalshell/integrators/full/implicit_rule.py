@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import ClassVar, Protocol, final
 
 import numpy as np
 
@@ -100,6 +100,8 @@ class ImplicitRule(FullIntegrator):
     """
 
     takes_live = True
+    stand_ins: ClassVar[int] = 1
+    """Steps of implicit Euler that stand in for one of the rule."""
 
     @abstractmethod
     def growth(self, rate: complex) -> complex:

@@ -19,6 +19,7 @@ class SDIRK2(SecondOrderRule, key="sdirk2"):
     """
 
     name = "SDIRK2"
+    stand_ins = 2
     error_constant = 3.0 * GAMMA**2 - 2.0 * GAMMA**3 - 1.0 / 6.0
 
     def growth(self, rate: complex) -> complex:

@@ -82,6 +82,12 @@ class ContactMotion:
         self._setup = setup
         self.steps = TouchingSteps(given, shell, origin, setup.dt, layers)
 
+    @property
+    def told(self) -> str:
+        """What is said of friction: what sticks creeps by a part of each step of implicit Euler."""
+        parts = self._rule.stand_ins if isinstance(self._rule, ImplicitRule) else 1
+        return self.steps.told(self._setup.dt / parts)
+
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None
     ) -> tuple[MotionState, bool]:

@@ -166,8 +166,8 @@ class FreeContactMotion(ModalPressedMotion):
         slope, stiffness, held = np.zeros(count), None, at.push
         if rubbing is not None:
             slope, stiffness = flight.rubbed(at, *rubbing)
-            compliance = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
-            compliance, held = np.asarray(0.5 * (compliance + compliance.T), np.float64), held + slope
+            softer = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
+            compliance, held = np.asarray(0.5 * (softer + softer.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
         turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
         rows_by.row_problem(moves, frame, given, turns, shapes.blocks, slots, compliance, problem)

@@ -57,7 +57,7 @@ class FullStepper(Stepper):
     @property
     def note(self) -> str:
         """What a message says of the contacts' friction."""
-        return "" if self.contacts is None else self.contacts.steps.told(self.setup.dt)
+        return "" if self.contacts is None else self.contacts.told
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""

@@ -264,6 +264,11 @@ class ModalStepper(ContactStepper):
         state = super().start(positions)
         return state if self._contacts is None else self._contacts.begin(state)
 
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts' friction."""
+        return "" if self._contacts is None else str(self._contacts.told)
+
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
         state = super().state_at(positions, time)

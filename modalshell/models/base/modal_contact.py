@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.friction import creep_told
 from modalshell.contact.modal import ModalContacts, Pressed
 from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
@@ -172,6 +173,12 @@ class ModalPressedMotion(PressedMotion):
                     "without supports alone: take DS or coarse DS"
                 )
         return modal_contacts(model, contacts)
+
+    @property
+    def told(self) -> str:
+        """What is said of friction; "" without it."""
+        pressing = self._pressing
+        return creep_told(pressing.touching.size, self._setup.dt) if pressing.rubs else ""
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""

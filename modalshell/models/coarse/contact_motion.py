@@ -45,7 +45,7 @@ class CoarseContactMotion:
     @property
     def note(self) -> str:
         """What a message says of friction."""
-        return self._motion.steps.told(self._setup.dt)
+        return self._motion.told
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
