@@ -175,6 +175,12 @@ GRAVITIES = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 SWEEP_AXES = GRAVITIES + '"model.name" = ["lma", "mwts", "ds"]\n'
 
 
+def in_turn(cases, others, each=1):
+    """Pairs of every case with ``each`` of the others, which take turns: for others that the code does not ask for."""
+    cases, others = list(cases), list(others)
+    return [(case, others[(place + turn) % len(others)]) for place, case in enumerate(cases) for turn in range(each)]
+
+
 def stopped_and_resumed(scene, folder, stop_at):
     """Results of a scene's run: whole, and stopped as ``stop_at`` steps are done and then resumed."""
 
