@@ -17,7 +17,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
 from modalshell.files.study_result import StudyResult
-from studies.contact_motions import BODIES, FRICTION, GRAVITY, fall, motion_on, on_table, slope
+from studies.contact_motions import BODIES, FRAMES, FRICTION, GRAVITY, QUICK_FRAMES, fall, motion_on, on_table, slope
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.shell_theory import FAMILIES, columns
 
@@ -96,7 +96,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "falls": lambda case: [fall(case[0], case[1])],
         "motions": lambda case: [motion_on(*case)],
         "slopes": lambda case: [slope(case)],
-        "table": on_table,
+        "table": lambda case: on_table(case, QUICK_FRAMES if quick else FRAMES),
     }
     for kind, case in counted(cases, on_step):
         findings[kind] += answers[kind](case)
