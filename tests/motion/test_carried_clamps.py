@@ -55,11 +55,10 @@ def built(key, shell):
 
 
 def rotated_ends():
-    """Every model on every support, with the materials in turn; each of these meets all ends, one in each case."""
+    """Every model with every material on every support; each of these meets all ends, one in each case."""
     keys = [key for key, spec in MODELS.items() if spec.bends]
-    cases = itertools.product(enumerate(keys), enumerate(SUPPORTS))
-    materials, ends = list(MATERIALS), list(ENDS)
-    return [(key, materials[(k + s) % 2], supports, ends[(k + s // 2) % 3]) for (k, key), (s, supports) in cases]
+    cases = itertools.product(enumerate(keys), enumerate(MATERIALS), enumerate(SUPPORTS))
+    return [(key, material, supports, list(ENDS)[(k + m + s) % 3]) for (k, key), (m, material), (s, supports) in cases]
 
 
 def settled(model, path):
