@@ -31,7 +31,7 @@ STRIKES: dict[str, tuple[ms.Collider, float, tuple[int, int], tuple[float, float
     "panel, cylinder": (ms.Cylinder((0.2, -2, -0.4), (0.2, 2, -0.4), 0.2), 0.3, (8, 6), (0.0, 0.2, 0.0), 1e8),
 }
 """Body, width [m], cells, turns [rad] and modulus [Pa] of what falls on it."""
-FRAMES = 120
+FRAMES, QUICK_FRAMES = 120, 10
 """Frames of a cantilever on a table whose time is taken, after as many in which it comes down."""
 
 
@@ -121,7 +121,7 @@ def strike(case: str) -> dict[str, Any]:
     }
 
 
-def on_table(modes: int) -> list[dict[str, Any]]:
+def on_table(modes: int, frames: int = FRAMES) -> list[dict[str, Any]]:
     """A cantilever at rest on a table by each rung, and what a frame of its motion there costs."""
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(40, 8))
     sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
@@ -135,13 +135,13 @@ def on_table(modes: int) -> list[dict[str, Any]]:
         for contacts in (None, given["contacts"], None, given["contacts"]):  # the first two compile
             loading = shell.loading(given["gravity"], None, None)
             motion = Motion(model, loading, dt=1 / 60, damping=(1.0, 0.0), contacts=contacts)
-            for _ in range(FRAMES):  # among them those that find what is kept of each vertex
+            for _ in range(frames):  # among them those that find what is kept of each vertex
                 motion.advance()
             begin = time.process_time()
-            for _ in range(FRAMES):
+            for _ in range(frames):
                 motion.advance()
                 motion.positions()
-            seconds.append((time.process_time() - begin) / FRAMES)
+            seconds.append((time.process_time() - begin) / frames)
         rows.append(
             {
                 "model": model.name,

@@ -42,7 +42,7 @@ DEEP = 0.1
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Cusick's discs on two meshes, the others on the finer one; ``quick`` takes Cusick's on a coarser one."""
-    cases = [("Cusick", 2.0 * EDGES[-1])] if quick else [("Cusick", EDGES[0]), *((size, EDGES[-1]) for size in SIZES)]
+    cases = [("Cusick", 2.0 * EDGES[0])] if quick else [("Cusick", EDGES[0]), *((size, EDGES[-1]) for size in SIZES)]
     arrays: dict[str, Any] = {}
     rows = [row for size, edge in counted(cases, on_step) for row in drapes(size, edge, arrays)]
     findings = {"fabrics": [measured(name) for name in FABRICS], "rows": rows}

@@ -212,7 +212,7 @@ def scene_findings(quick: bool, on_step: Progress | None) -> dict[str, Any]:
     """Plate, snap, held strip and moving supports."""
     tasks: list[tuple[str, Callable[[], Any]]] = [
         ("plate", lambda: plate_rows("Isotropic", PLATE_STEPS[:2] if quick else PLATE_STEPS)),
-        ("snap", lambda: snap_rows(SNAP_DIVISIONS[:2], fine=16) if quick else snap_rows()),
+        ("snap", lambda: snap_rows(SNAP_DIVISIONS[:2], fine=8) if quick else snap_rows()),
         ("led", lambda: led_rows(quick)),
     ]
     found: dict[str, Any] = {"strip": []}

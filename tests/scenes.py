@@ -1,5 +1,6 @@
 """Small scenes that many tests share: shells of one material, grids of springs, and the text of scene files."""
 
+import contextlib
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
@@ -172,6 +173,20 @@ modes = 4
 
 GRAVITIES = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 SWEEP_AXES = GRAVITIES + '"model.name" = ["lma", "mwts", "ds"]\n'
+
+
+def stopped_and_resumed(scene, folder, stop_at):
+    """Results of a scene's run: whole, and stopped as ``stop_at`` steps are done and then resumed."""
+
+    def stop(done, _):
+        if done == stop_at:
+            raise KeyboardInterrupt
+
+    whole = ms.run_scene(scene, out=folder / "whole")
+    with contextlib.suppress(KeyboardInterrupt):
+        ms.run_scene(scene, out=folder / "stopped", on_step=stop)
+        raise AssertionError(f"not stopped after {stop_at} steps")
+    return whole, ms.run_scene(scene, out=folder / "stopped")
 
 
 def with_rest_angles(shell, change):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-import scipy.optimize
 import scipy.special
 from numpy.typing import ArrayLike
 
@@ -137,6 +136,8 @@ def fit(
     guess = misfit.parameters(np.array([constants[name] for name in names]))
     if (slopes := misfit.jacobian(guess)).any(axis=0).all():  # constants that are not told apart would run away
         _refuse_undetermined(slopes, misfit.state)
+    import scipy.optimize  # not before something is fitted: its import takes long
+
     optimum = scipy.optimize.least_squares(
         misfit.at,
         guess,

@@ -9,7 +9,6 @@ from typing import Annotated, Any, final
 
 import numpy as np
 from msgspec import Meta
-from scipy.interpolate import CubicSpline
 
 from modalshell.core.errors import SceneError
 from modalshell.core.short_repr import short_repr
@@ -125,6 +124,8 @@ class FlockTable(Table, frozen=True):
 
 def build_target(table: TargetTable) -> Callable[[float], Array]:
     """The target's place at a time; before the first and after the last keyframe it stays."""
+    from scipy.interpolate import CubicSpline  # not before there is a target: its import takes long
+
     times, points = checked_keyframes(table.times, table.points)
     spline = CubicSpline(times, points)
     return lambda time: spline(np.clip(time, times[0], times[-1]))

@@ -7,7 +7,6 @@ import re
 import shutil
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +76,8 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
 
 def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
     """Write ``NAME.pvd`` and, in the folder ``NAME_frames``, one VTP file a frame."""
+    from xml.sax.saxutils import quoteattr  # loads what reads addresses of the web: not before it is needed
+
     from vtkmodules.vtkCommonDataModel import vtkPolyData
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 

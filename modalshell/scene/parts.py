@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from modalshell.core.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.core.errors import ModalShellWarning, OptionError
@@ -190,7 +189,11 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
     if not moving:
         raise OptionError("targets that move need a [motion] table; give one target for an equilibrium")
     times, points = checked_keyframes(table.times, table.targets)
-    spline: Any = CubicSpline(times, points, bc_type="clamped") if table.path == "cubic" else None
+    spline: Any = None
+    if table.path == "cubic":
+        from scipy.interpolate import CubicSpline  # not before targets move: its import takes long
+
+        spline = CubicSpline(times, points, bc_type="clamped")
 
     def at(time: float) -> Array:
         inside = float(np.clip(time, times[0], times[-1]))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from modalshell.core.checks import checked_count, checked_number, checked_times, checked_vectors
@@ -17,6 +16,9 @@ from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.kernels import rotations
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 
 @final
@@ -127,6 +129,8 @@ class SupportPath:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        from scipy.interpolate import CubicSpline  # not before supports move: its import takes long
+
         self.times = checked_times(times).copy()
         shape = (self.times.size, 3)
         self.pivot = checked_vectors("pivot", pivot, (3,), OptionError).copy()

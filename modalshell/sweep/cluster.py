@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
 import itertools
 import os
@@ -39,6 +38,8 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
     """
     if importlib.util.find_spec("distributed") is None:
         raise OptionError("a cluster needs dask.distributed: pip install 'modalshell[cluster]'")
+    import asyncio  # with distributed, not before: its import takes long
+
     from distributed import Client, Security
 
     security = Security()
@@ -84,6 +85,8 @@ async def _asked(address: str, security: Any) -> None:
 
     A client waits without end for one that is silent, and prints a traceback once it is dropped without a connection.
     """
+    import asyncio
+
     from distributed.comm.core import connect as connected
 
     arguments = security.get_connection_args("client")

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import stopped_and_resumed
 
 import modalshell as ms
 from modalshell.contact import COLLIDERS
@@ -107,7 +108,7 @@ def test_scenes_without_contacts_import_none(scene_file):
 @pytest.mark.parametrize("model", ["mwts", "ds"])
 def test_what_touches_is_stored_with_the_frames_and_the_same_after_a_stop(scene_file, tmp_path, model):
     file = scene_file(('"mwts"', f'"{model}"'), ("duration = 1", "duration = 0.5"), more=FLOOR)
-    whole = ms.run_scene(file, out=tmp_path / "whole").trajectory
+    whole, parts = (result.trajectory for result in stopped_and_resumed(file, tmp_path, 7))
     frames, count = whole.positions.shape[:2]
     assert whole.contact_forces.shape == (frames, count, 3)
     assert whole.in_contact.shape == (frames, count)
@@ -116,14 +117,6 @@ def test_what_touches_is_stored_with_the_frames_and_the_same_after_a_stop(scene_
     assert whole.deepest.max() <= 1e-9
     assert (whole.contact_forces[~whole.in_contact] == 0.0).all()
     assert (whole.contact_forces[whole.in_contact][:, 2] > 0.0).all()
-
-    def stop(done, total):
-        if done == total // 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(file, out=tmp_path / "parts", on_step=stop)
-    parts = ms.run_scene(file, out=tmp_path / "parts").trajectory
     for name in ("positions", "contact_forces", "in_contact", "deepest", "energies"):
         assert np.asarray(getattr(parts, name)).tobytes() == np.asarray(getattr(whole, name)).tobytes(), name
 

@@ -33,7 +33,7 @@ SHARED = ("lma", "mwts", "rsw", "ds", "springs")
 def make(folder: Path) -> st.SearchStrategy[Input]:
     """Inputs of every kind; files are written into ``folder``."""
     prepared(folder)
-    return st.one_of(_offsets(), _marks(folder), _threads(), _loose_parts(), _memory(folder), _carried())
+    return st.one_of(offsets(), _marks(folder), threads(), _loose_parts(), _memory(folder), _carried())
 
 
 # ---- meshes far from the origin
@@ -59,7 +59,7 @@ def _offset_answer(offset: Any, rung: str) -> Any:
     return found
 
 
-def _offsets() -> st.SearchStrategy[Input]:
+def offsets() -> st.SearchStrategy[Input]:
     def build(direction: tuple[float, ...], power: float, rung: str) -> Input:
         offset = np.array(direction) * 10.0**power
         return Input(f"{rung} of a beam at {offset.tolist()}", lambda: _offset_answer(offset, rung))
@@ -119,7 +119,7 @@ def _asked_together(rung: str, gravities: list[tuple[float, ...]]) -> Any:
     return together
 
 
-def _threads() -> st.SearchStrategy[Input]:
+def threads() -> st.SearchStrategy[Input]:
     component = st.sampled_from((-2.0, -0.3, 0.0, 0.5, 1.5, float("nan")))
     gravities = st.lists(st.tuples(component, component, component), min_size=3, max_size=3, unique=True)
     rungs = st.sampled_from([name for name in SHARED if name in world()["models"]])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import stopped_and_resumed
 
 import modalshell as ms
 from modalshell.compare.candidates import candidates
@@ -218,20 +219,12 @@ def test_shells_far_from_the_origin_move_alike(beam):
 def test_a_scene_that_was_stopped_resumes_to_the_same_bits(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE)
-    whole = ms.run_scene(scene, out=tmp_path / "whole").trajectory
-    assert len(set(whole.levels)) > 1
-
-    def stop(done, _):
-        if done == 25:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
-    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
+    whole, resumed = stopped_and_resumed(scene, tmp_path, 25)
+    assert len(set(whole.trajectory.levels)) > 1
     assert resumed.resumed > 20
-    assert np.array_equal(resumed.trajectory.positions, whole.positions)
-    assert resumed.trajectory.levels == whole.levels
-    assert resumed.trajectory.message == whole.message
+    assert np.array_equal(resumed.trajectory.positions, whole.trajectory.positions)
+    assert resumed.trajectory.levels == whole.trajectory.levels
+    assert resumed.trajectory.message == whole.trajectory.message
 
 
 def test_comparisons_of_all_models_leave_it_out(beam):

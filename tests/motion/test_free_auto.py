@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import stopped_and_resumed
 from test_free_shells import GRAVITY, MATERIALS, bent, centres, shell_of
 
 import modalshell as ms
@@ -129,18 +130,10 @@ name = "auto"
 duration = 0.4
 dt = 0.01
 """)
-    whole = ms.run_scene(scene, out=tmp_path / "whole").trajectory
-
-    def stop(done, _):
-        if done == 25:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
-    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
+    whole, resumed = stopped_and_resumed(scene, tmp_path, 25)
     assert resumed.resumed > 20
-    assert np.array_equal(resumed.trajectory.positions, whole.positions)
-    assert resumed.trajectory.message == whole.message
+    assert np.array_equal(resumed.trajectory.positions, whole.trajectory.positions)
+    assert resumed.trajectory.message == whole.trajectory.message
 
 
 def test_statics_of_a_free_shell_is_that_of_ds_and_parts_held_in_part_are_refused():

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import stopped_and_resumed
 
 import modalshell as ms
 from modalshell.scene import load_scene
@@ -102,15 +103,7 @@ def test_creases_of_a_scene_are_those_in_python_and_its_results_keep_them(tmp_pa
 
 def test_a_stopped_motion_with_creases_ends_as_one_that_was_not(tmp_path):
     declared = scene(tmp_path, CREASES + MOTION)
-    whole = ms.run_scene(declared, out=tmp_path / "whole").trajectory
-
-    def stop(done, _):
-        if done == 6:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(declared, out=tmp_path / "parts", on_step=stop)
-    parts = ms.run_scene(declared, out=tmp_path / "parts").trajectory
+    whole, parts = (result.trajectory for result in stopped_and_resumed(declared, tmp_path, 6))
     assert whole.crease_heat[-1] > 0.0
     for name in ("positions", "energies", "crease_angles", "crease_heat"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name))

@@ -128,20 +128,14 @@ def check(tmp_path, sweep, total, kills, last, seed):
 
 
 @pytest.mark.slow
-def test_a_few_kills(tmp_path, monkeypatch):
-    sweep = write(tmp_path, (2, 4), 4, 6.0)
+def test_twelve_kills_of_a_sweep_of_fifty_six_cases(tmp_path, monkeypatch):
+    """Against the sweep in this process, which no kill meets."""
+    sweep = write(tmp_path, (2, 5, 8), 8, 6.0)
     with monkeypatch.context() as patch:
         patch.setattr("modalshell.sweep.driver.run_locally", lambda tasks, *_: (run_case(task) for task in tasks))
         ms.run_sweep(sweep, out=tmp_path / "whole")
-    check(tmp_path, sweep, 20, 3, 0.6, seed=1)
-
-
-@pytest.mark.slow
-def test_thirty_kills_of_a_sweep_of_two_hundred_cases(tmp_path):
-    sweep = write(tmp_path, (2, 3, 4, 5, 6, 7, 8, 9), 12, 6.0)
-    finish(started(sweep, tmp_path / "whole"))
-    done = check(tmp_path, sweep, 204, 30, 0.95, seed=0)
-    assert done["driver"] >= 10
+    done = check(tmp_path, sweep, 56, 12, 0.95, seed=0)
+    assert done["driver"] >= 4
 
 
 @pytest.mark.slow

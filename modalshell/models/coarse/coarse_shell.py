@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from modalshell.core.checks import checked_count, checked_kind, shown
 from modalshell.core.errors import MeshError, OptionError, SupportError
@@ -243,6 +242,8 @@ class _Calibration:
 
     def membrane(self) -> Shell | None:
         """With a membrane by which the lowest eigenvalues agree; None where none does, or none that may be."""
+        from scipy.optimize import brentq  # not before a shell is calibrated: its import takes long
+
         low, high = self._excess(-_WIDEST), self._excess(_WIDEST)
         if not (high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high):
             return None

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_vectors
@@ -143,6 +142,8 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     most : int, optional
         Largest number of elements.
     """
+    import scipy.optimize  # not before there is something to train: its import takes long
+
     watch = Stopwatch()
     pushes = [load.ravel() @ basis.vectors for load in loads]
     answers = [_statics(basis, full, push) for push in pushes]
