@@ -168,7 +168,7 @@ def triangle_areas(mesh: TriangleMesh, faces: Index) -> Array:
 
 def halved(mesh: TriangleMesh, faces: Index, patches: int) -> tuple[Index, Index]:
     """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,)."""
-    areas, centres = triangle_areas(mesh, faces), mesh.vertices[faces].mean(axis=1)
+    areas, centres = triangle_areas(mesh, faces), mesh.vertices[faces].mean(axis=1) @ mesh.axes.T
     parts = [np.arange(len(areas))]
     while len(parts) < patches:
         parts = [half for part in parts for half in _halves(centres, areas, part)]
