@@ -16,7 +16,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import change_of, in_tiles, sample_of
+from modalshell.models.reduction.sampled_change import VERTICES, change_of, in_tiles, sample_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
@@ -133,7 +133,7 @@ class ModalWarping(UnstretchedModel):
     @cached_property
     def _sample(self) -> tuple[Index, Array] | None:
         """Numbers (k,) of some vertices, and their modal data as of a frame; None of few."""
-        vertices = sample_of(len(self.shell.rest_positions))
+        vertices = sample_of(len(self.shell.rest_positions), VERTICES)
         if vertices is None:
             return None
         rows = [self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations)]

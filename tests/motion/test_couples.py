@@ -35,7 +35,12 @@ def impulses(rule, stages, dt):
 
 @pytest.mark.parametrize(
     ("rung", "rule"),
-    [("DS", "sdirk2"), ("coarse DS", "bdf2"), ("MD-ROM", "bdf2"), pytest.param("hybrid", "bdf2", marks=pytest.mark.slow)],
+    [
+        ("DS", "sdirk2"),
+        ("coarse DS", "bdf2"),
+        ("MD-ROM", "bdf2"),
+        pytest.param("hybrid", "bdf2", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
 def test_angular_momentum_is_the_impulse_of_the_steps_own_moments(rung, rule, monkeypatch):

@@ -31,7 +31,7 @@ class Exponential(ModalIntegrator, key="exponential"):
     Exact at any step, damping too, under dead modal forces that are piecewise linear in time. Forces that turn with the
     shell would feed modes that steps do not resolve: those of fewer than three steps a period take implicit Euler's
     coefficients, and die. Where some have three to four, steps under a large force take a second one: under a small one
-    its turning is not felt by modes as stiff.
+    its turning is not felt by modes as stiff. Where a model tells how the force changes over a short way, that serves.
 
     Parameters
     ----------

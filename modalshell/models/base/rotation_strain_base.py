@@ -22,7 +22,7 @@ from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import change_of, in_tiles, sample_of
+from modalshell.models.reduction.sampled_change import TRIANGLES, change_of, in_tiles, sample_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16
@@ -111,7 +111,7 @@ class TurnedTriangles(UnstretchedModel):
     @cached_property
     def _sample(self) -> tuple[Index, Array] | None:
         """Numbers (k,) of some triangles, padding among them, and their modal data; None of few."""
-        triangles = sample_of(len(self._modal) * TILE)
+        triangles = sample_of(len(self._modal) * TILE, TRIANGLES)
         if triangles is None:
             return None
         tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
