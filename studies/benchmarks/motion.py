@@ -97,7 +97,8 @@ def rules(
             mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells, family="alternating")
             held = mesh.vertices[:, 0] < (1.5 / cells[0] if energy == "hinges" else 1e-9)
             basis = ms.solve_modes(ms.Shell(mesh, material, clamped=held), modes)
-            for kind, (mode, steps) in itertools.product((ms.ModalWarping, ms.RotationStrain), SAMPLED):
+            kinds: tuple[Any, ...] = (ms.ModalWarping, ms.RotationStrain)
+            for kind, (mode, steps) in itertools.product(kinds, SAMPLED):
                 dt = 1.0 / (steps * basis.frequencies[mode - 1])
                 for gamma in GAMMAS:
                     named = {"energy": energy, "vertices": number, "model": kind.name, "gamma": gamma}

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import modalshell as ms
 from modalshell.integrators.full.implicit_rule import Flight
 from modalshell.motion import Motion
 from studies import motion_limits

@@ -111,7 +111,7 @@ class ModalShape(Warp):
         """
         return self.warped_gradient(q, load)
 
-    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:  # noqa: ARG002
+    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
         """Change (m,) of :meth:`warped_force` from q, where it is ``known``, to coordinates ``near`` by, or None.
 
         None where the force there costs no more, or nothing cheaper tells.

@@ -16,8 +16,6 @@ from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
 from modalshell.modes import Basis
 
-_EVEN, _ALIKE = 1e-9, 1e-6
-"""Distance of places, in sizes of the mesh, and difference of extents and areas, as a share, that count as none."""
 _LEAST = 1e-12
 """Area of a collapsed triangle, as a share of the largest."""
 _GROUPS = 32
@@ -169,13 +167,8 @@ def triangle_areas(mesh: TriangleMesh, faces: Index) -> Array:
 
 
 def halved(mesh: TriangleMesh, faces: Index, patches: int) -> tuple[Index, Index]:
-    """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,).
-
-    Along axes that turn with the mesh, what differs by rounding alone counting as equal: those of a turned mesh are the
-    same.
-    """
-    areas, centres = triangle_areas(mesh, faces), mesh.vertices[faces].mean(axis=1) @ mesh.axes.T
-    centres = _EVEN * mesh.size * np.round((centres - centres.mean(axis=0)) / (_EVEN * mesh.size))
+    """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,)."""
+    areas, centres = triangle_areas(mesh, faces), mesh.vertices[faces].mean(axis=1)
     parts = [np.arange(len(areas))]
     while len(parts) < patches:
         parts = [half for part in parts for half in _halves(centres, areas, part)]
@@ -184,17 +177,15 @@ def halved(mesh: TriangleMesh, faces: Index, patches: int) -> tuple[Index, Index
     for number, part in enumerate(parts):
         groups[part] = number
         centre = areas[part] @ centres[part] / areas[part].sum()
-        apart = np.linalg.norm(centres[part] - centre, axis=1)
-        nearest.append(part[np.argmax(apart <= apart.min() + 10.0 * _EVEN * mesh.size)])
+        nearest.append(part[np.argmin(np.sum((centres[part] - centre) ** 2, axis=1))])
     return groups, np.array(nearest)
 
 
 def _halves(centres: Array, areas: Array, part: Index) -> tuple[Index, Index]:
     if part.size < 2:
         return part, part[:0]
-    sides = np.ptp(centres[part], axis=0)
-    axis = int(np.argmax(sides >= (1.0 - _ALIKE) * sides.max()))
+    axis = int(np.argmax(np.ptp(centres[part], axis=0)))
     order = part[np.argsort(centres[part, axis], kind="stable")]
     grown = np.cumsum(areas[order])
-    middle = int(np.clip(np.searchsorted(grown, (0.5 - _ALIKE) * grown[-1]) + 1, 1, len(order) - 1))
+    middle = int(np.clip(np.searchsorted(grown, 0.5 * grown[-1]) + 1, 1, len(order) - 1))
     return order[:middle], order[middle:]
