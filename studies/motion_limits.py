@@ -52,6 +52,7 @@ def free_rungs(shell: ms.Shell) -> dict[str, Callable[[], ms.Model]]:
         ms.ModalDerivatives.name: lambda: ms.ModalDerivatives(shell, 6 + PANEL_MODES),
         ms.HybridStress.name: lambda: ms.HybridStress.trained(shell, modes=64, motions=32),
         ms.CoarseDiscreteShell.name: lambda: ms.CoarseDiscreteShell(shell, shell),
+        ms.Auto.name: lambda: ms.Auto(shell, PANEL_MODES),
         ms.DiscreteShell.name: lambda: ms.DiscreteShell(shell),
     }
 

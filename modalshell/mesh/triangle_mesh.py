@@ -184,8 +184,17 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
 
     @cached_property
     def size(self) -> float:
-        """Largest extent along an axis at rest [m]."""
-        return float(np.ptp(self.vertices, axis=0).max())
+        """Length [m] of a rectangle whose area has the largest second moment of the mesh's, over their areas.
+
+        That of a rectangle is its longer side. It is the same for a mesh that is turned.
+        """
+        corners, extent = self.vertices[self.faces], float(np.ptp(self.vertices, axis=0).max())
+        shares = self.face_areas / self.area
+        corners = (corners - shares @ corners.mean(axis=1)) / extent
+        # A triangle's moment is a twelfth of its area times that of its corners and of their sum.
+        points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
+        moments = np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1)))
+        return extent * float(np.sqrt(np.linalg.eigvalsh(moments)[-1]))
 
     @cached_property
     def axes(self) -> FloatArray:

@@ -129,7 +129,7 @@ def _of_options(model: ModalModel, q: Array, shape: Array) -> Iterator[str]:
 
 def _slope(model: ModalModel, function: Callable[[Array], Any], q: Array) -> Array:
     """Derivatives (..., m) of a function at q (m,) by differences of fourth order over small moves of the vertices."""
-    size = float(np.ptp(model.shell.rest_positions, axis=0).max())
+    size = model.shell.size
     moves = np.maximum(np.abs(model.basis.rotations).max(axis=0), np.abs(model.basis.modes).max(axis=0) / size)
     columns = []
     for unit, step in zip(np.eye(q.size), _STEP / np.maximum(moves, 1e-300), strict=True):

@@ -16,6 +16,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.sampled_change import VERTICES, change_of, in_tiles, sample_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
@@ -117,6 +118,26 @@ class ModalWarping(UnstretchedModel):
         force = np.empty_like(q)
         push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
         return force
+
+    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
+        """Change (m,) of the paper's modal force from q to coordinates ``near`` by, by a sample of the vertices."""
+        if self._sample is None or self.consistent_force:
+            return None
+        vertices, modal = self._sample
+        count_read(2 * modal.nbytes)
+        own, work, forces = load[vertices] * (len(load) / len(vertices)), np.empty(WORK), np.empty((2, q.size))
+        push_frame(modal, own, q, work, forces[0])
+        push_frame(modal, own, near, work, forces[1])
+        return change_of(known, *forces)
+
+    @cached_property
+    def _sample(self) -> tuple[Index, Array] | None:
+        """Numbers (k,) of some vertices, and their modal data as of a frame; None of few."""
+        vertices = sample_of(len(self.shell.rest_positions), VERTICES)
+        if vertices is None:
+            return None
+        rows = [self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations)]
+        return vertices, in_tiles(np.concatenate(rows, axis=1).transpose(0, 2, 1))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""

@@ -30,6 +30,7 @@ def main(
         "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
         "frame_scaling": lambda: frame.scaling(),
         "motion": lambda: motion.frames((80, 16) if quick else (250, 52)),
+        "motion_rules": lambda: motion.rules((315,) if quick else tuple(motion.STRIPS)),
         "hinge_kernel": lambda: [frame.hinge_kernel()],
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "refactorisation": lambda: factorisation.refactorisation((50,) if quick else (50, 100, 115)),

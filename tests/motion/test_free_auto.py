@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import stopped_and_resumed
+from scipy.spatial.transform import Rotation
 from test_free_shells import GRAVITY, MATERIALS, bent, centres, shell_of
 
 import modalshell as ms
@@ -84,6 +85,50 @@ def test_centre_and_momenta_go_through_switches():
     after = p[25:]  # the push is over
     assert np.abs(after[:, 1]).max() > 1e-3 * scale
     np.testing.assert_allclose(after[:, 1], after[:1, 1].repeat(len(after), axis=0), atol=1e-6 * np.abs(after).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strength", [1.0, 2.0])
+def test_where_steps_are_too_long_it_adds_no_more_than_its_error_to_that_of_ds(strength):
+    """A stiff panel in a wind at 1/60 s: DS itself is off by a tenth of its bend, and by many times it."""
+    shell = panel("hinges")
+    options = {"gravity": GRAVITY, "loads": [ms.Wind(tuple(strength * np.array([2.0, 1.0, 3.0])))]}
+    options |= {"damping": (0.0, 0.001), "duration": 0.5}
+    check = FlownCheck(shell, FreeParts.of(shell), shell.loading(), ms.Damping())
+    truth = ms.simulate(ms.DiscreteShell(shell), dt=1.0 / 480.0, store_every=8, **options).positions
+    bend = max(check.moved(x) for x in truth)
+
+    def off(model, dt, every):
+        run = ms.simulate(model, dt=dt, store_every=every, **options)
+        return max(check.apart(x, y) for x, y in zip(run.positions, truth, strict=True)) / bend
+
+    exact = off(ms.DiscreteShell(shell), 1.0 / 60.0, 1)
+    assert exact > 0.08
+    assert off(ms.Auto(shell), 1.0 / 60.0, 1) < exact + ERROR
+    assert off(ms.Auto(shell), 1.0 / 120.0, 2) < ERROR
+
+
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
+def test_several_free_parts_fly_each_by_itself():
+    """Two panels in a wind that meets them at other angles: near DS in shape, each with its own momenta."""
+    one = ms.cylinder_panel(length=0.6, radius=0.5, angle=60.0, cells=(4, 4))
+    turn = Rotation.from_rotvec([0.9, 0.4, -0.3]).as_matrix()
+    places = np.concatenate([one.vertices, one.vertices @ turn.T + [3.0, 0.0, 0.0]])
+    mesh = ms.TriangleMesh(places, np.concatenate([one.faces, one.faces + len(one.vertices)]))
+    shell = ms.Shell(mesh, MATERIALS["hinges"], loose_parts=True)
+    parts = FreeParts.of(shell)
+    assert len(parts.parts) == 2
+    options = {"gravity": GRAVITY, "loads": WIND, "damping": (0.0, 0.001), "duration": 0.25, "dt": DT}
+    runs = [ms.simulate(model, **options) for model in (ms.Auto(shell, 12), ms.DiscreteShell(shell))]
+    assert "MWTS" in runs[0].message
+    check = FlownCheck(shell, parts, shell.loading(), ms.Damping())
+    largest = max(check.moved(x) for x in runs[1].positions)
+    assert max(check.apart(x, y) for x, y in zip(*(run.positions for run in runs), strict=True)) <= ERROR * largest
+    moved = [part.mean(runs[1].positions[-1][part.vertices] - mesh.vertices[part.vertices]) for part in parts.parts]
+    assert np.linalg.norm(moved[0] - moved[1]) > 0.05 * np.linalg.norm(moved[0])
+    for part in parts.parts:
+        ends = [part.mean(run.positions[-1][part.vertices]) for run in runs]
+        np.testing.assert_allclose(*ends, rtol=0, atol=1e-3 * np.linalg.norm(moved))
 
 
 def test_a_fall_stays_on_the_cheapest_level():

@@ -135,3 +135,39 @@ def test_a_turned_shell_without_supports_flies_the_same(energy, rung):
         found.append((run.positions - move) @ turn)
     assert np.abs(found[0] - found[0][0]).max() > 1e-2
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("energy", MATERIALS)
+@pytest.mark.parametrize(
+    "rung",
+    [
+        *["LMA", "MWTS", "RSW", "reduced RSW", "MD-ROM", "coarse DS", "DS"],
+        pytest.param("hybrid", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
+def test_a_turned_motion_from_a_start_within_a_tolerance_is_the_same(energy, rung):
+    """Its steps are divided alike."""
+    found, errors = [], []
+    for at in (None, pose_of(energy, rung)):
+        shell, coarse = shells("panel", energy, at)
+        turn, move = STILL if at is None else POSES[at]
+        own = shells("panel", energy)[0].rest_positions
+        start = own + 0.05 * np.column_stack([0.0 * own[:, 0], 0.3 * own[:, 0] ** 2, own[:, 0] ** 2])
+        gravity = turn @ GRAVITY[energy]
+        model = RUNGS[rung](shell, coarse, shell.gravity_force(gravity))
+        options = {"gravity": gravity, "start": start @ turn.T + move}
+        run = ms.simulate(model, duration=0.2, dt=1.0 / 20.0, tolerance=2e-3, **options)
+        found.append((run.positions - move) @ turn)
+        errors.append(run.step_error)
+    assert np.abs(found[0] - found[0][0]).max() > 1e-3
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)
+    assert errors[1] == pytest.approx(errors[0], rel=1e-6, abs=1e-12)
+
+
+def test_the_size_of_a_mesh_turns_with_it():
+    turn, move = POSES[0]
+    for mesh in (ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), panel((5, 2))[0], ms.sheet(cells=(4, 4))):
+        placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
+        assert placed.size == pytest.approx(mesh.size, rel=1e-12)
+    assert ms.flat_beam(length=3.0, width=0.2, cells=(6, 2)).size == pytest.approx(3.0, rel=1e-12)

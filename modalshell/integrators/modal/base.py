@@ -18,6 +18,8 @@ Force = Callable[[Array], Array]
 """Modal force at coordinates of any shape (..., m), in the same shape."""
 ForceInTime = Callable[[Array, Array, float], Array]
 """Modal force (m,) at coordinates (m,) and rates (m,), at a share of the step from its beginning."""
+ForceChange = Callable[[Array, Array, Array], Array | None]
+"""Change of a modal force from coordinates (m,) to others near by, given the force at the first; None if not known."""
 Step = float | Array
 
 
@@ -71,6 +73,7 @@ class ModalIntegrator(Integrator):
         damp: Array,
         h: float,
         size: float,  # noqa: ARG002 (for rules that judge a motion)
+        change: ForceChange | None = None,  # noqa: ARG002 (for rules that ask twice)
     ) -> MotionState:
         """State after one step of ``h`` [s].
 
@@ -86,6 +89,8 @@ class ModalIntegrator(Integrator):
             Step [s].
         size : float
             Size of the shell in the norm of the mass [m sqrt(kg)].
+        change : callable, optional
+            What may tell cheaply how the force changes over a short way.
         """
         v = state.rates
         return MotionState(*self.step(state.coordinates, v, lambda q: force(q, v, 1.0), stiffness, damp, h))

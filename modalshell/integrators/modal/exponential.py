@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, Step
+from modalshell.integrators.modal.base import Force, ForceChange, ForceInTime, ModalIntegrator, Step
 from modalshell.integrators.modal.exponential_kernels import correct, predict
 from modalshell.integrators.modal.flow import flow, hardly_followed, outrun, turning_flow
 from modalshell.integrators.state import COST, MotionState
@@ -31,7 +31,7 @@ class Exponential(ModalIntegrator, key="exponential"):
     Exact at any step, damping too, under dead modal forces that are piecewise linear in time. Forces that turn with the
     shell would feed modes that steps do not resolve: those of fewer than three steps a period take implicit Euler's
     coefficients, and die. Where some have three to four, steps under a large force take a second one: under a small one
-    its turning is not felt by modes as stiff.
+    its turning is not felt by modes as stiff. Where a model tells how the force changes over a short way, that serves.
 
     Parameters
     ----------
@@ -58,7 +58,14 @@ class Exponential(ModalIntegrator, key="exponential"):
         return MotionState(coordinates, none, memory | {COST: np.zeros(3)})
 
     def advance(
-        self, state: MotionState, force: ForceInTime, stiffness: Array, damp: Array, h: float, size: float
+        self,
+        state: MotionState,
+        force: ForceInTime,
+        stiffness: Array,
+        damp: Array,
+        h: float,
+        size: float,
+        change: ForceChange | None = None,
     ) -> MotionState:
         """State after a step."""
         # A state that was not made by the rule is taken for a start.
@@ -71,11 +78,13 @@ class Exponential(ModalIntegrator, key="exponential"):
         pushed = force(ahead, rates, 1.0)
         if not last:  # the force is taken as straight
             last, memory = h, memory | {"gain": pushed - kept}
+        foreseen = None if change is None else ahead.copy()
         missed, *cost = correct(
             coefficients, reach, lost, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
         )
         if missed > (VIOLENT * size) ** 2 or (stiff is not None and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
-            pushed = force(ahead, rates, 1.0)
+            further = None if change is None or foreseen is None else change(foreseen, ahead, pushed)
+            pushed = force(ahead, rates, 1.0) if further is None else pushed + further
         keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
         return MotionState(ahead, rates, keeps)
 

@@ -60,6 +60,9 @@ class Auto(Model):
     loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
     flies elsewhere, which no bar says. Statics of such shells is that of DS.
 
+    ``error`` is what is added to the error that steps of ``dt`` cost DS itself: a stiff panel in a wind whose modes
+    have few steps a period is off whatever the level.
+
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is.
 

@@ -256,6 +256,8 @@ class ModalStepper(ContactStepper):
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
+        # A load that stays, on a shell about supports that rest, changes with the coordinates alone.
+        self._stays = still and self._quadrature is None and not setup.loading.live
         if isinstance(model.integrator, ImplicitEuler):
             self._lead = 1.0  # its velocities are the moves of the vertices over a step
 
@@ -284,9 +286,13 @@ class ModalStepper(ContactStepper):
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
+        def change(q: Array, near: Array, known: Array) -> Array | None:
+            return model.warped_change(q, near, load, known)
+
         if contacts is not None and contacts.touched(state):
             return self._pressed(state, force, (begin, dt), load)
-        (after, solved), rule = model.march(state, dt, force, damping), model.integrator
+        rule = model.integrator
+        after, solved = model.march(state, dt, force, damping, change if self._stays else None)
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
             after = model.euler_step(state, dt, pushed, damping)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
-from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.modal.base import ForceChange, ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
@@ -72,8 +72,7 @@ class ModalMotion(ModalShape, FrameModel):
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
-        self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
+        self._mass_size = self.shell.size * float(np.sqrt(self.shell.mass.sum()))
 
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
         rule: ModalIntegrator = ModalIntegrator.chosen(integrator)
@@ -171,14 +170,23 @@ class ModalMotion(ModalShape, FrameModel):
         """One step of the integrator for every mode."""
         return self.march(state, dt, lambda q, rates, _: self.push(q, rates, load, dt), damping)
 
-    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> tuple[MotionState, bool]:
+    def march(
+        self,
+        state: MotionState,
+        dt: float,
+        force: ForceInTime,
+        damping: Damping,
+        change: ForceChange | None = None,
+    ) -> tuple[MotionState, bool]:
         """One step of the integrator under modal forces that are asked for where they are needed.
+
+        ``change`` may tell cheaply how they change over a short way, of shells without frames.
 
         Also returns whether the frames of free parts turned as they should.
         """
         damp, eigenvalues, frames = self._modal_damping(damping), self.basis.eigenvalues, self.frames
         if frames is None:
-            return self.integrator.advance(state, force, eigenvalues, damp, dt, self._mass_size), True
+            return self.integrator.advance(state, force, eigenvalues, damp, dt, self._mass_size, change), True
         seen: list[Array] = []
 
         def felt(q: Array, rates: Array, share: float) -> Array:
@@ -319,7 +327,7 @@ class ModalMotion(ModalShape, FrameModel):
     ) -> PatchTargets:
         """Constraints at ``time`` [s] as equations in q, near ``present`` (m,), in the frame of the supports."""
         values = {"position": self.patch_position, "orientation": self.patch_rotation}
-        return PatchTargets(constraints, time, pose, values, self._size, present)
+        return PatchTargets(constraints, time, pose, values, self.shell.size, present)
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy ``q^T Lambda q / 2`` [J]."""

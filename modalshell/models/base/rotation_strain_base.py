@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -21,6 +22,7 @@ from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.sampled_change import TRIANGLES, change_of, in_tiles, sample_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16
@@ -91,6 +93,29 @@ class TurnedTriangles(UnstretchedModel):
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
+
+    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
+        """Change (m,) of the modal force from q to coordinates ``near`` by, by a sample of the triangles."""
+        if self._sample is None:
+            return None
+        triangles, modal = self._sample
+        adjoint, count = self._face(load), len(self._modal) * TILE
+        count_read(2 * modal.nbytes)
+        gradients = in_tiles(adjoint.gradients.reshape(-1, 6, TILE)[triangles // TILE, :, triangles % TILE])
+        gradients *= count / len(triangles)
+        work, forces = np.empty(kernel.WORK), np.stack([adjoint.constant, adjoint.constant])
+        kernel.potential(modal, gradients, q, work, forces[0])
+        kernel.potential(modal, gradients, near, work, forces[1])
+        return change_of(known, *forces)
+
+    @cached_property
+    def _sample(self) -> tuple[Index, Array] | None:
+        """Numbers (k,) of some triangles, padding among them, and their modal data; None of few."""
+        triangles = sample_of(len(self._modal) * TILE, TRIANGLES)
+        if triangles is None:
+            return None
+        tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
+        return triangles, in_tiles(tiles[triangles // TILE, :, :, triangles % TILE])
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""

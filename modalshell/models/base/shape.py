@@ -20,6 +20,7 @@ OF_SHAPE = (
     "warped_positions",
     "warped_gradient",
     "warped_force",
+    "warped_change",
     "warped_jacobian",
     "warped_work",
     "warped_curvature",
@@ -110,6 +111,13 @@ class ModalShape(Warp):
         """
         return self.warped_gradient(q, load)
 
+    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
+        """Change (m,) of :meth:`warped_force` from q, where it is ``known``, to coordinates ``near`` by, or None.
+
+        None where the force there costs no more, or nothing cheaper tells.
+        """
+        return None
+
     def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives (m, m) of :meth:`warped_force`."""
         return self._by_differences(lambda q: self.warped_force(q, load), q)
@@ -134,8 +142,7 @@ class ModalShape(Warp):
 
     def _by_differences(self, function: Callable[[Array], Any], q: Array) -> Array:
         """Derivatives (..., m) of a function at q (m,), of fourth order over small moves of the vertices."""
-        size = float(np.ptp(self.shell.rest_positions, axis=0).max())
-        moves = np.abs(self.basis.modes).max(axis=0) / size
+        moves = np.abs(self.basis.modes).max(axis=0) / self.shell.size
         steps = _SMALL / np.maximum(np.maximum(np.abs(self.basis.rotations).max(axis=0), moves), 1e-300)
         columns = []
         for k, step in enumerate(steps):

@@ -1,0 +1,90 @@
+"""How a modal force changes by a sample of vertices or triangles: near the whole, of loads that all feel alike."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.motion import Motion
+
+MATERIALS = {
+    "hinges": ms.Material(200.0, 200.0, 0.05, 0.2),
+    "plate": ms.Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=1000.0),
+}
+KINDS = [ms.ModalWarping, ms.RotationStrain]
+CELLS = (140, 8)
+
+
+@cache
+def basis_of(energy):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=CELLS)
+    held = mesh.vertices[:, 0] < (1.5 / CELLS[0] if energy == "hinges" else 1e-9)
+    return ms.solve_modes(ms.Shell(mesh, MATERIALS[energy], clamped=held), 6)
+
+
+def gravity(basis, gamma):
+    return np.array([0.0, 0.0, -gamma / ms.measure.gamma_per_gravity(basis.shell)])
+
+
+def bent(model, random, turn):
+    q = random.standard_normal(6) * [1.0, 0.3, 0.1, 0.1, 0.05, 0.03]
+    return q * turn / model.largest_turn(q)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("energy", MATERIALS)
+def test_a_sample_tells_most_of_the_change_and_what_it_misses_vanishes_with_it(energy, kind):
+    model, random = kind(basis_of(energy)), np.random.default_rng(2)
+    load = model.shell.gravity_force(gravity(model.basis, 10.0))
+    for turn in (0.5, 1.5, 3.0):
+        q, way = bent(model, random, turn), 0.1 * bent(model, random, turn)
+        whole, off = model.modal_force(q, load), []
+        for share in (1.0, 0.5, 0.25):
+            near = q + share * way
+            change = model.warped_change(q, near, load, whole)
+            exact = model.modal_force(near, load) - whole
+            off.append(np.linalg.norm(change - exact))
+            assert off[-1] < 0.4 * np.linalg.norm(exact)
+        assert np.log2(off[0] / off[2]) / 2.0 == pytest.approx(1.0, abs=0.3)
+        assert not model.warped_change(q, q, load, whole).any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_load_that_few_feel_and_a_small_shell_have_no_sample(kind):
+    model = kind(basis_of("plate"))
+    load = np.zeros_like(model.shell.rest_positions)
+    load[np.argmax(model.shell.rest_positions.sum(axis=1)), 2] = 1.0  # a corner of the tip
+    q = bent(model, np.random.default_rng(3), 0.5)
+    assert kind is ms.RotationStrain or model.warped_change(q, 1.1 * q, load, model.modal_force(q, load)) is None
+    small = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 2)), MATERIALS["plate"], clamped=[0, 1, 2])
+    few = kind(ms.solve_modes(small, 6))
+    load = small.gravity_force((0.0, 0.0, -1.0))
+    assert few.warped_change(q, 1.1 * q, load, few.modal_force(q, load)) is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("energy", MATERIALS)
+def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
+    """The second mode has 3.3 steps a period: with one force a step its motion would grow."""
+    found, asked = [], []
+    for sampled in (True, False):
+        model = kind(basis_of(energy))
+        change = model.warped_change
+
+        def told(*at, change=change, sampled=sampled):
+            asked.append(sampled)
+            return change(*at) if sampled else None
+
+        model.warped_change = told
+        dt = 1.0 / (3.3 * model.basis.frequencies[1])
+        run, energies = Motion(model, model.shell.loading(gravity(model.basis, 20.0)), dt=dt), []
+        for _ in range(150):
+            run.advance()
+            energies.append(run.energies().sum())
+        found.append((run.positions(), np.array(energies)))
+    assert asked.count(True) > 100
+    scale = np.ptp(found[1][1])
+    assert np.abs(found[0][1] - found[1][1])[:30].max() < 0.05 * scale
+    for _, energies in found:
+        assert energies[75:].max() < energies[:75].max() + 0.1 * scale
