@@ -85,8 +85,18 @@ def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple
     return case, float(rng.choice(ERRORS)), HELD_OUT
 
 
-def snapping_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple[float, ...]]:
-    """A folded strip or a shallow panel under its weight, beyond the load at which it snaps; an error; loads."""
+def further_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple[float, ...]]:
+    """A :func:`snapping_case` of either energy."""
+    return snapping_case(rng, name, theory=bool(rng.random() < 0.5))
+
+
+def snapping_case(
+    rng: np.random.Generator, name: str, *, theory: bool = False
+) -> tuple[Case, float, tuple[float, ...]]:
+    """A folded strip or a shallow panel under its weight, beyond the load at which it snaps; an error; loads.
+
+    By default of edge springs and hinges; with ``theory`` of shell theory, as stiff in bending.
+    """
     folded = rng.random() < 0.6
     along, across = (2 * int(rng.integers(12, 17)), 6) if folded else (2 * int(rng.integers(5, 8)), 16)
     membrane = 10.0 ** (rng.uniform(3.0, 3.5) if folded else rng.uniform(2.0, 2.5))
@@ -100,17 +110,23 @@ def snapping_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tup
     fine = mesh((along, across))
     x, y = fine.vertices[:, 0], np.abs(fine.vertices[:, 1])
     held = x < 1.5 / along if folded else y > y.max() - 1e-9
-    shell = ms.Shell(fine, ms.Material(membrane, membrane, 0.05, 0.2), held)
+    material: ms.Material | ms.Isotropic = ms.Material(membrane, membrane, 0.05, 0.2)
+    if theory:
+        thickness = 10.0 ** rng.uniform(-2.2, -1.8)
+        young = 12.0 * 0.91 * 0.05 / thickness**3
+        material = ms.Isotropic(young=young, poisson=0.3, thickness=thickness, density=0.2 / thickness)
+    shell = ms.Shell(fine, material, held)
     path = ms.equilibrium_path(shell, gravity=(0, 0, -1), until=3000.0, steps=60, branches=1)
     snap = Marks.of(path).snap
     if snap is None:  # drawn again
-        return snapping_case(rng, name)
+        return snapping_case(rng, name, theory=theory)
     most = snap * rng.uniform(1.15, 1.7)
     load, around = shell.gravity_force((0.0, 0.0, -most)), tuple(share * snap / most for share in AROUND_SNAP)
     sizes = ((along // 2, 4), (along // 3, 2)) if folded else ((along // 2, 8),)
     coarse = [CoarseMesh(drawn_to_supports(shell, mesh(cells)), f"{cells[0]}x{cells[1]}") for cells in sizes]
     kind = f"v_beam of {shape['fold']:.0f}°" if folded else f"cylinder_panel of {shape['angle']:.0f}°"
-    details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, snaps at a gravity of {snap:.3g}"
+    stiffness = f"shell theory, h {thickness:.2g}" if theory else f"membrane {membrane:.0f}"
+    details = f"{kind}, {len(x)} vertices, {stiffness}, snaps at a gravity of {snap:.3g}"
     case = Case(name, shell, load, damping=ms.Damping(0.5, 0.001), coarse=coarse, note=details)
     return case, float(rng.choice(ERRORS)), (*HELD_OUT, *around)
 
