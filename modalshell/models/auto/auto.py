@@ -55,6 +55,9 @@ class Auto(Model):
     shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
     margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
+    A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
+    from whose own balance there DS is no further by a bar.
+
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
     loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
@@ -216,10 +219,11 @@ class Auto(Model):
         return [level.model.centred()[0] for level in self.levels]
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest, on the first level."""
-        modal = self.levels[0].model
-        inner = modal.start_motion(positions)
-        return self.on_level(0, inner, modal.positions(inner))
+        """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
+        level = 0 if positions is None else len(self.levels) - 1
+        model = self.levels[level].model
+        inner = model.start_motion(positions)
+        return self.on_level(level, inner, model.positions(inner))
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""

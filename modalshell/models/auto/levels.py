@@ -130,6 +130,15 @@ class ModalLevel(Level):
         state = modal.integrator.at_rest(q)
         return MotionState(q, rates, state.memory)
 
+    def resting_load(self, stepper: Stepper, state: MotionState) -> Array:
+        """Load (n, 3) [N] under which a state without free parts rests: the least, in accelerations that it gives."""
+        modal, root = stepper.model, np.sqrt(self.model.shell.mass)[:, None]
+        rows = (root[:, :, None] * modal.warped_rows(state.coordinates, self._every)).reshape(
+            -1, state.coordinates.size
+        )
+        pull = np.linalg.lstsq(rows.T, modal.basis.eigenvalues * state.coordinates, rcond=None)[0]
+        return np.asarray(root * pull.reshape(-1, 3))
+
     def _flown(self, modal: ModalModel, frames: FreeFrames, x: Array, v: Array) -> MotionState:
         """The same in frames, which move with the shape: centres and momenta are those of x and v."""
         rest, mass, still = modal.shell.rest_positions, modal.shell.mass[:, None], self.still
