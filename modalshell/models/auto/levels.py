@@ -131,13 +131,14 @@ class ModalLevel(Level):
         return MotionState(q, rates, state.memory)
 
     def resting_load(self, stepper: Stepper, state: MotionState) -> Array:
-        """Load (n, 3) [N] under which a state without free parts rests: the least, in accelerations that it gives."""
-        modal, root = stepper.model, np.sqrt(self.model.shell.mass)[:, None]
-        rows = (root[:, :, None] * modal.warped_rows(state.coordinates, self._every)).reshape(
-            -1, state.coordinates.size
-        )
-        pull = np.linalg.lstsq(rows.T, modal.basis.eigenvalues * state.coordinates, rcond=None)[0]
-        return np.asarray(root * pull.reshape(-1, 3))
+        """Load (n, 3) [N] under which a state without free parts rests: nearly the least, in accelerations it gives."""
+        modal, root, q = stepper.model, np.sqrt(self.model.shell.mass)[:, None], state.coordinates
+        rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
+        lift, load = np.linalg.pinv(rows.T), np.zeros((len(root), 3))
+        for _ in range(_FITS):  # rows are rotated modes, nearly the derivatives that forces take
+            missing = modal.basis.eigenvalues * q - modal.modal_force(q, load)
+            load = load + root * (lift @ missing).reshape(-1, 3)
+        return np.asarray(load)
 
     def _flown(self, modal: ModalModel, frames: FreeFrames, x: Array, v: Array) -> MotionState:
         """The same in frames, which move with the shape: centres and momenta are those of x and v."""
