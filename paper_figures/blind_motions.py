@@ -11,7 +11,7 @@ from modalshell.render.curves import Curve, Panel, draw_curves
 
 _TOLERANCE, _LEAST, _MOST = 5.0, 0.01, 1000.0
 """The error allowed, and the ends of the axes [%]."""
-_GREY, _AUTO = "0.5", "#2b5fc8"
+_GREY, _AUTO = "0.5", "#1f8a4c"
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -22,8 +22,13 @@ def draw(results: Path, folder: Path) -> Path:
 
 
 def _over_time(rows: list[dict[str, Any]]) -> Panel:
-    """One motion in which the alarm of MWTS comes before its error passes, and ``auto`` has moved longest by MWTS."""
-    warned = [row for row in rows if None not in (row["models"]["mwts"]["passes"], row["models"]["mwts"]["alarm"])]
+    """One motion in which the alarm of MWTS comes, ``auto`` holds, and has moved longest by MWTS before."""
+    warned = [
+        row
+        for row in rows
+        if None not in (row["models"]["mwts"]["passes"], row["models"]["mwts"]["alarm"])
+        and 100.0 * row["models"]["auto"]["worst"] <= _TOLERANCE
+    ]
     row = max(warned or rows, key=lambda one: one["models"]["auto"]["levels"].count("MWTS"))
     cheap, auto = row["models"]["mwts"], row["models"]["auto"]
     frames = list(range(len(cheap["errors"])))
@@ -41,7 +46,7 @@ def _over_time(rows: list[dict[str, Any]]) -> Panel:
 
 def _against_cost(rows: list[dict[str, Any]]) -> Panel:
     """The worst error of every model in every motion against its cost."""
-    curves = [Curve([1e-4, 2.0], [_TOLERANCE] * 2, "5 %, asked", _GREY, dashed=True, points=False)]
+    curves = [Curve([3e-4, 60.0], [_TOLERANCE] * 2, "5 %, asked", _GREY, dashed=True, points=False)]
     for key in ("mwts", "rsw", "md-rom", "auto"):
         color = _AUTO if key == "auto" else models()[key].color
         costs = [row["models"][key]["cost"] / row["models"]["ds"]["cost"] for row in rows]

@@ -231,7 +231,7 @@ def table(result: StudyResult) -> str:
         "{ratio:.2f}",
         [
             {key: row["models"][key]["worst"] for key in ("mwts", "rsw", "auto")}
-            | {"did": row["models"]["auto"]["message"].split(";")[0]}
+            | {"did": next(part for part in row["models"]["auto"]["message"].split("; ") if "steps by" in part)}
             | {name: row[name] for name in ("text", "share", "best", "ratio")}
             for row in known
         ],

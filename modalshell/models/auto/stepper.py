@@ -46,11 +46,16 @@ _LACKS_LOAD, _LACKS_START = 1.0, 2.0
 
 
 class _Seen(NamedTuple):
-    """What a check found: the bar over the largest displacement, the margin, and the load (n, 3) [N] in balance."""
+    """What a check found.
+
+    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
+    the bar's steps lead to.
+    """
 
     bar: float
     margin: float
     load: Array
+    corrected: Array
 
     @property
     def alarm(self) -> bool:
@@ -202,7 +207,8 @@ class AutoStepper(Stepper):
                 memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
-                    wanted = self._above(level, memory, snapping=seen.alarm or back)
+                    alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
+                    wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._seen(frames, memory, now)
@@ -222,6 +228,15 @@ class AutoStepper(Stepper):
             return level, after
         self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
+
+    def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
+        """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
+        level = self._levels[number]
+        if not level.quadratic or self._check.least:
+            return False
+        answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
+        gap = self._length(answer.positions - seen.corrected)
+        return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
 
     @staticmethod
     def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float]) -> None:
@@ -288,7 +303,7 @@ class AutoStepper(Stepper):
         bar, load = self._check.bar_under(np.array([time - 2.0 * dt, time - dt, time]), frames, dead)
         largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, frames[1])
-        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load)
+        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
 
     def _returning(
         self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
