@@ -5,7 +5,7 @@ panels, are loaded beyond the load at which they snap; twelve further ones, of e
 theory, were drawn after the advice was made, and one on which it was once 74 % off is the last. For each scene
 ``advise`` names a rung; it is right if at loads between its own, some of them 0.1, 1 and 5 % away from a snap, the rung
 meets the asked error against DS solved again from rest, and no rung with a cheaper frame (by more than a near tie)
-does. Loads beside a snap for which the advice says itself that the rung does not serve are left out, if they are at
+does. Loads next to a snap for which the advice says itself that the rung does not serve are left out, if they are at
 most 1 % of the load. Where it names none, none must meet both demands.
 """
 
@@ -42,7 +42,7 @@ HELD_OUT = (0.31, 0.6, 0.87, 0.97)
 AROUND_SNAP = (0.95, 0.99, 0.999, 1.001, 1.01, 1.05)
 """Further ones, over the load of the snap."""
 WIDEST = 0.01
-"""Share of the load, beside snaps, up to which an advised rung may not serve."""
+"""Share of the load, next to snaps, up to which an advised rung may not serve."""
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
@@ -213,11 +213,11 @@ def table(result: StudyResult) -> str:
         if row.get("missed_loads")  # runs before advice left out loads have none
     ]
     excluded = markdown(
-        "scene | advice | shares of the load that it leaves out beside the snap | error at held-out loads there",
+        "scene | advice | shares of the load that it leaves out next to the snap | error at held-out loads there",
         "{scene} | {chosen} | {between} | {there}",
         left_out,
     )
-    return paragraphs(scenes, words, excluded if left_out else "")
+    return paragraphs(scenes, words, *([excluded] if left_out else []))
 
 
 def finding(result: StudyResult) -> str:

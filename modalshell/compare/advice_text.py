@@ -61,7 +61,7 @@ def _missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:
     """Between which loads it is not known to hold."""
     between = " or ".join(f"between {low:.4g} and {high:.4g}" for low, high in missed)
     return [
-        f"Not {between} of the load: beside a snap it may be on another branch than DS, as it does not snap under "
+        f"Not {between} of the load: next to a snap it may be on another branch than DS, as it does not snap under "
         "quite the same load. Take DS for loads there."
     ] * bool(missed)
 

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text
-from modalshell.compare.beside_snap import missed_loads
+from modalshell.compare.near_snap import missed_loads
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
@@ -52,7 +52,7 @@ class Advice:
     explanation : str
         Explanation of the choice, as text.
     missed_loads : list of (float, float)
-        Beside each snap the shares of the load between which the chosen rung may miss the error, as it and DS do not
+        Next to each snap the shares of the load between which the chosen rung may miss the error, as it and DS do not
         snap under quite the same load; empty for DS, and without a snap.
     """
 

@@ -199,9 +199,9 @@ def follow_loads(
             tangents[-1] = state.tangent
             if missed or search.suspicious(last, state):
                 with counted() as work:
-                    for snap, beside in search.snaps_between(last, state, missed, factors):
+                    for snap, around in search.snaps_between(last, state, missed, factors):
                         snaps.append(snap)
-                        near += beside
+                        near += around
                 cost += work.cost
             last, missed = state, False
         else:

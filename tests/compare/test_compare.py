@@ -266,7 +266,7 @@ def test_no_rung_is_advised_that_snaps_elsewhere(pushed):
     assert "without an answer there" not in advised(*row.near_errors).explanation
 
 
-def test_advice_says_where_beside_a_snap_its_rung_is_on_another_branch(pushed):
+def test_advice_says_where_next_to_a_snap_its_rung_is_on_another_branch(pushed):
     """MD-ROM 6 meets the error half a per cent below and above the snap, but snaps a quarter of a per cent late."""
     shell, load, snap = pushed.case.shell, pushed.case.load, pushed.path.snap.low
     advice = choose(timed(pushed), 0.1, 60.0)
