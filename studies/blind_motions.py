@@ -156,16 +156,16 @@ def alarms(rows: list[dict[str, Any]], key: str) -> dict[str, Any]:
     """How the alarms of a model come: before the error passes the tolerance, after it, never, or for nothing."""
     own = [row["models"][key] for row in rows]
     wrong = [one for one in own if one["passes"] is not None]
-    told = [one for one in wrong if one["alarm"] is not None]
+    alarmed = [one for one in wrong if one["alarm"] is not None]
     right = [one for one in own if one["passes"] is None]
     return {
         "key": key,
         "motions": len(own),
         "wrong": len(wrong),
-        "before": sum(one["alarm"] <= one["passes"] for one in told),
-        "soon": sum(one["passes"] < one["alarm"] <= one["passes"] + EVERY + 1 for one in told),
-        "late": sum(one["alarm"] > one["passes"] + EVERY + 1 for one in told),
-        "never": len(wrong) - len(told),
+        "before": sum(one["alarm"] <= one["passes"] for one in alarmed),
+        "soon": sum(one["passes"] < one["alarm"] <= one["passes"] + EVERY + 1 for one in alarmed),
+        "late": sum(one["alarm"] > one["passes"] + EVERY + 1 for one in alarmed),
+        "never": len(wrong) - len(alarmed),
         "right": len(right),
         "false": sum(one["alarm"] is not None for one in right),
     }

@@ -151,22 +151,22 @@ def checked(case: Case, error: float, shares: tuple[float, ...]) -> dict[str, An
     fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * fps]
     cheaper = [row for row in fast if advice.chosen is None or NEAR_TIE * row.cost < advice.chosen.cost]
 
-    def worst(row: Measurement, told: bool | None = None) -> float | None:
+    def worst(row: Measurement, excluded: bool | None = None) -> float | None:
         """Largest error at the held-out loads, infinite where the rung has no answer.
 
-        ``told``: only at loads for which the advice says that the rung does not serve, or only at the others.
+        ``excluded``: only at loads for which the advice says that the rung does not serve, or only at the others.
         """
-        found = [0.0] if told is None else []
+        found = [0.0] if excluded is None else []
         for share, answer in zip(shares, exact, strict=True):
             said = any(low < share < high for low, high in advice.missed_loads)
-            if answer.converged and told in (None, said):
+            if answer.converged and excluded in (None, said):
                 assert row.model is not None
                 mine = answer if row.is_truth else row.model.equilibrium(force=share * case.load)
                 apart = ms.measure.displacement_error(mine.positions, answer.positions, case.shell)
                 found.append(apart if mine.converged else np.inf)
         return float(max(found)) if found else None
 
-    held_out = None if advice.chosen is None else worst(advice.chosen, told=False)
+    held_out = None if advice.chosen is None else worst(advice.chosen, excluded=False)
     width = float(sum(high - low for low, high in advice.missed_loads))
     meets = held_out is None or (held_out <= error and width <= WIDEST)
     others = {row.label: worst(row) for row in cheaper}
@@ -181,7 +181,7 @@ def checked(case: Case, error: float, shares: tuple[float, ...]) -> dict[str, An
         "held_out_error": held_out,
         "held_out_loads": shares,
         "missed_loads": advice.missed_loads,
-        "missed_error": None if advice.chosen is None else worst(advice.chosen, told=True),
+        "missed_error": None if advice.chosen is None else worst(advice.chosen, excluded=True),
         "missed_width": width,
         "frames_per_second": None if advice.chosen is None else advice.chosen.frames_per_second,
         "truths": sum(answer.converged for answer in exact),

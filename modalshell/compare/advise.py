@@ -11,9 +11,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text
-from modalshell.compare.near_snap import missed_loads
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
+from modalshell.compare.near_snap import missed_loads
 from modalshell.compare.path import Snap
 from modalshell.compare.report import html_table
 from modalshell.compare.runs import Measurement
