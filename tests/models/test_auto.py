@@ -10,6 +10,7 @@ from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping
+from studies import blind_motions
 
 DT = 1.0 / 60.0
 SCENE = """
@@ -228,6 +229,14 @@ def test_the_resting_load_of_a_modal_state_holds_it(beam):
     assert not np.allclose(load, bent, rtol=0.1, atol=0.1 * np.abs(bent).max())  # the least of many
     again = level.model.equilibrium(force=load, start=x).positions
     assert ms.measure.displacement_error(again, x, beam) < 1e-6
+
+
+def test_a_rung_that_errs_alike_is_passed_by(monkeypatch):
+    """A plate whose two modal rungs lack the same: by RSW, five steps more, it would be 8 % off."""
+    monkeypatch.setattr(blind_motions, "rungs", lambda shell, _: {"auto": ms.Auto(shell, 8, error=0.05)})
+    found = blind_motions.of_motion(25)["models"]["auto"]
+    assert {"MWTS", "DS"} == set(found["levels"])
+    assert found["worst"] < 0.03
 
 
 def test_linear_answers_lack_what_no_mode_moves(beam):

@@ -48,12 +48,13 @@ class Auto(Model):
     30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every
     ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the last check, its
     error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
-    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities; where the
-    stability margin has failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is
-    left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to
-    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
-    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
-    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
+    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its
+    own statics under that load comes within as much of where the bar's steps lead); where the stability margin has
+    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is left for DS where its
+    margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first
+    from time to time, more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4
+    ``error``, modal statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So
+    the motion stays on the branch of DS, which bars alone cannot tell after a snap.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
