@@ -20,6 +20,11 @@ def draw(results: Path, folder: Path) -> Path:
         Curve(scenes, [100.0 * row[key] for row in advised], label, color, marker=markers.get(key, "o"), joined=False)
         for (key, color), label in zip(colors.items(), labels, strict=True)
     ]
+    told = [(scene, row) for scene, row in zip(scenes, advised, strict=True) if row.get("missed_error") is not None]
+    if told:
+        places, errors = [scene for scene, _ in told], [100.0 * row["missed_error"] for _, row in told]
+        label = "at held-out loads that the advice excludes"
+        curves.append(Curve(places, errors, label, "#c8322b", joined=False))
     title = "Is the advice right?"
     panel = Panel(curves, title, "random scenes, by the asked error", "largest displacement error [%]")
     return draw_curves([panel], folder / "held_out_advice.png")

@@ -36,7 +36,7 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
 SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff"}
-SLOW_STUDIES |= {"blind_bars", "held_out_snaps", "motion_truth"}
+SLOW_STUDIES |= {"blind_bars", "blind_motions", "held_out_snaps", "motion_truth"}
 SLOW_STUDIES |= {
     "cloth_scaling",
     "dancing_character",

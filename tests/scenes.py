@@ -202,3 +202,12 @@ def with_rest_angles(shell, change):
         energy.elements = list(energy.elements)
         energy.elements[2] = replace(hinges, rest=hinges.rest + change)
     return bent
+
+
+def timed(measured, milliseconds=1.0, **costs):
+    """What was measured, with frames of other times, and of other counted costs by label."""
+    rows = [
+        replace(row, frame_ms=milliseconds, work=replace(row.work, cost=costs.get(row.label, row.cost)))
+        for row in measured.rows
+    ]
+    return replace(measured, rows=sorted(rows, key=lambda row: row.cost))

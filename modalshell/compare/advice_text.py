@@ -21,11 +21,19 @@ RATE_MARGIN = 1.2
 
 
 def advice_text(
-    measured: Tradeoff, refused: Mapping[str, str], ties: Sequence[Measurement], error: float, fps: float
+    measured: Tradeoff,
+    refused: Mapping[str, str],
+    ties: Sequence[Measurement],
+    asked: tuple[float, float],
+    missed: Sequence[tuple[float, float]],
 ) -> str:
-    """Explanation of a choice: the first of the ``ties`` at nearly the cheapest frame, if there are any."""
+    """Explanation of a choice: the first of the ``ties`` at nearly the cheapest frame, if there are any.
+
+    ``asked`` are the error and the frame rate, ``missed`` the loads between which the choice may miss the error.
+    """
+    error, fps = asked
     if ties:
-        text = [*_chosen_text(ties[0], error, fps), *_bar_text(measured, ties[0])]
+        text = [*_chosen_text(ties[0], error, fps), *_missed_text(missed), *_bar_text(measured, ties[0])]
         if (table := ties[0].candidate.model_table) is not None:
             text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
     else:
@@ -47,6 +55,15 @@ def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
         f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing.",
         *([f"Its motion: {row.motion}."] if row.motion != Outcome.COMPLETED else []),
     ]
+
+
+def _missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:
+    """Between which loads it is not known to hold."""
+    between = " or ".join(f"between {low:.4g} and {high:.4g}" for low, high in missed)
+    return [
+        f"Not {between} of the load: next to a snap it may be on another branch than DS, as it does not snap under "
+        "quite the same load. Take DS for loads there."
+    ] * bool(missed)
 
 
 def _bar_text(measured: Tradeoff, row: Measurement) -> list[str]:

@@ -52,7 +52,7 @@ def path_by_bars(
         if on_load is not None:
             on_load()
     lowest = float(lowest_modes(shell, 1)[0].eigenvalues[0])
-    path = LoadPath(tuple(float(factor) for factor in factors), answers, [None] * len(answers), lowest, None, cost=cost)
+    path = LoadPath(tuple(float(factor) for factor in factors), answers, [None] * len(answers), lowest, cost=cost)
     return path, _note(answers)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import final
 
@@ -29,6 +29,8 @@ _SAME = 0.1
 """Largest distance between two states that count as one, as a share of the movement between the loads."""
 _STEPS, _POINTS = 4, 150
 """Steps at least, and points at most, of the path on which a snap is located."""
+_SNAPS = 4
+"""Snaps that are searched between two of the loads, at most."""
 NEXT_TO_SNAP = 0.005
 """Distance of the loads just below and just above a snap from its load, relative to it."""
 
@@ -121,8 +123,8 @@ class LoadPath:
         Lowest eigenvalue about each state over that at rest; None where DS or the eigensolver gave none.
     lowest : float
         Lowest eigenvalue at rest [1/s^2].
-    snap : Snap or None
-        The first one, if there is any.
+    snaps : sequence of Snap
+        Where DS leaves its branch.
     near : tuple of float
         Shares of the load just below and just above the snaps that were located, as far as DS has answers there.
     near_answers : list of Equilibrium
@@ -135,10 +137,15 @@ class LoadPath:
     answers: list[Equilibrium] = field(repr=False)
     tangents: list[float | None]
     lowest: float
-    snap: Snap | None
+    snaps: Sequence[Snap] = ()
     near: tuple[float, ...] = ()
     near_answers: list[Equilibrium] = field(default_factory=list, repr=False)
     cost: float = 0.0
+
+    @property
+    def snap(self) -> Snap | None:
+        """The first one, if there is any."""
+        return self.snaps[0] if self.snaps else None
 
     @property
     def known(self) -> list[int]:
@@ -177,7 +184,8 @@ def follow_loads(
         )
     answers: list[Equilibrium] = []
     tangents: list[float | None] = []
-    snaps: list[Snap | None] = []
+    snaps: list[Snap] = []
+    near: list[tuple[float, Equilibrium]] = []
     search = _SnapSearch(model, load, lowest)
     last, missed, cost = search.rest(), False, 0.0
     for factor in factors:
@@ -190,7 +198,11 @@ def follow_loads(
             state = search.state(factor, answer.positions)
             tangents[-1] = state.tangent
             if missed or search.suspicious(last, state):
-                snaps.append(find_snap(model, load, last.positions, last.factor, answer.positions, factor, missed))
+                with counted() as work:
+                    for snap, around in search.snaps_between(last, state, missed, factors):
+                        snaps.append(snap)
+                        near += around
+                cost += work.cost
             last, missed = state, False
         else:
             missed = True
@@ -199,19 +211,18 @@ def follow_loads(
     if missed:
         snaps.append(Snap(last.factor, float(factors[-1]), "DS finds no equilibrium there"))
     elif last.singular:
-        snaps.append(find_snap(model, load, last.positions, last.factor, None, _BEYOND))
-    found = [snap for snap in snaps if snap is not None]
-    with counted() as work:
-        near = [one for snap in found for one in next_to_snap(model, load, snap, factors)]
+        beyond = find_snap(model, load, last.positions, last.factor, None, _BEYOND)
+        snaps += [] if beyond is None else [beyond]
+        near += [] if beyond is None else next_to_snap(model, load, beyond, factors)
     return LoadPath(
         tuple(float(factor) for factor in factors),
         answers,
         tangents,
         lowest,
-        found[0] if found else None,
+        snaps,
         tuple(share for share, _ in near),
         [answer for _, answer in near],
-        cost + work.cost,
+        cost,
     )
 
 
@@ -220,6 +231,7 @@ class _SnapSearch:
     """Decides between which loads the path of equilibria is followed; ``lowest`` [1/s^2] is the eigenvalue at rest."""
 
     def __init__(self, model: DiscreteShell, load: Array, lowest: float) -> None:
+        self._model, self._load = model, load
         self._followed, self._shell, self._lowest = model.followable(load), model.shell, lowest
         self._factoriser = Factoriser()
 
@@ -251,6 +263,24 @@ class _SnapSearch:
         predicted = (after.factor - before.factor) * min(before.speed, after.speed)
         apart = float(np.linalg.norm(after.positions - before.positions, axis=1).max())
         return before.singular or apart >= _SHIFT * self._shell.size or moved > _MOVED * predicted
+
+    def snaps_between(
+        self, before: _State, after: _State, missed: bool, factors: Sequence[float]
+    ) -> Iterator[tuple[Snap, list[tuple[float, Equilibrium]]]]:
+        """Snaps between two states, with the answers of DS next to them: behind one that was located another may be."""
+        for _ in range(_SNAPS):
+            where = before.positions, before.factor, after.positions, after.factor
+            snap = find_snap(self._model, self._load, *where, missed)
+            if snap is None:
+                return
+            near = next_to_snap(self._model, self._load, snap, factors)
+            yield snap, near
+            above = [(share, answer) for share, answer in near if snap.high < share < after.factor]
+            if not above:
+                return
+            before, missed = self.state(above[0][0], above[0][1].positions), False
+            if not self.suspicious(before, after):
+                return
 
     def _length(self, step: Array) -> float:
         return float(np.sqrt(self._followed.problem.weights @ step**2))

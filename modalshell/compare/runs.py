@@ -73,6 +73,8 @@ class Measurement:
         Relative displacement error under the whole load against an external solution, if given.
     near_errors : list of float or None
         Errors against DS just below and just above a snap; None where the rung has no answer.
+    model : Model or None
+        What was measured.
     """
 
     candidate: Candidate
@@ -90,6 +92,7 @@ class Measurement:
     positions: Array = field(repr=False)
     outside_error: float | None = None
     near_errors: list[float | None] = field(default_factory=list)
+    model: Model | None = field(default=None, repr=False, compare=False)
 
     @property
     def label(self) -> str:
@@ -199,6 +202,7 @@ def measure_row(
         answers[-1].positions,
         None if outside is None else measure.displacement_error(answers[-1].positions, outside, shell),
         near_errors,
+        model,
     )
 
 

@@ -7,7 +7,11 @@ from scenes import stopped_and_resumed
 import modalshell as ms
 from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
+from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.base.setup import MotionSetup
+from modalshell.shell.damping import Damping
+from studies import blind_motions
 
 DT = 1.0 / 60.0
 SCENE = """
@@ -171,6 +175,69 @@ def test_a_sudden_load_whose_static_answer_is_lost_starts_on_ds(kind):
     assert worst(strip, cheap, exact) > 0.2
     assert worst(strip, run, exact) < 0.01
     assert "to DS at 0 s" in run.message
+
+
+def snapped():
+    """A shallow panel, and where it rests after its weight has pushed it through its plane."""
+    mesh = ms.cylinder_panel(angle=40.0, cells=(6, 12))
+    aside = np.abs(mesh.vertices[:, 1])
+    shell = ms.Shell(mesh, ms.Material(150.0, 150.0, 0.05, 0.2), aside > aside.max() - 1e-9)
+    return shell, ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -320.0)).positions
+
+
+def rippled():
+    """A strip in waves that no mode has, and what a level of few modes makes of it."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 0.005, 100.0), "x < 1e-6")
+    x = np.array(shell.rest_positions)
+    x[:, 2] = 0.03 * np.sin(8.0 * np.pi * x[:, 0]) * (x[:, 0] > 0.03)
+    return shell, x
+
+
+@pytest.mark.parametrize("begun", [snapped, rippled])
+def test_a_start_that_the_modes_do_not_hold_begins_on_ds(begun):
+    """On MWTS the panel would be back at rest at once, and the strip nearly flat."""
+    shell, start = begun()
+    setting = {"duration": 0.3, "dt": DT, "start": start, "gravity": (0.0, 0.0, -1e-6), "damping": (2.0, 0.001)}
+    cheap, run, exact = (
+        ms.simulate(model, **setting)
+        for model in (ms.ModalWarping(ms.solve_modes(shell, 8)), ms.Auto(shell), ms.DiscreteShell(shell))
+    )
+    assert worst(shell, cheap, exact) > 0.3
+    assert worst(shell, run, exact) < 0.03
+    assert run.levels[1] == "DS"
+    assert "to DS at 0 s (the modes are " in run.message
+    assert "off the start" in run.message
+
+
+def test_a_start_that_modes_hold_begins_on_them():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 0.005, 100.0), "x < 1e-6")
+    for gravity, level in ((0.1, "MWTS"), (0.3, "RSW")):
+        start = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity)).positions
+        run = ms.simulate(ms.Auto(shell), duration=0.1, dt=DT, start=start, gravity=(0.0, 0.0, -gravity))
+        assert run.levels[1:] == (level,) * (len(run.levels) - 1)
+        assert ("to RSW at 0 s (the modes are 2" in run.message) == (level == "RSW")
+
+
+def test_the_resting_load_of_a_modal_state_holds_it(beam):
+    auto = ms.Auto(beam)
+    level, bent = auto.levels[0], np.array(beam.gravity_force((0.0, 2.0, -6.0)))
+    x = level.model.equilibrium(force=bent).positions
+    stepper = level.model.stepper(MotionSetup(DT, Damping(), Loading(beam.rest_positions, bent)))
+    state = level.entered(stepper, x, np.zeros_like(x), 0.0)
+    load = level.resting_load(stepper, state)
+    assert not np.allclose(load, bent, rtol=0.1, atol=0.1 * np.abs(bent).max())  # the least of many
+    again = level.model.equilibrium(force=load, start=x).positions
+    assert ms.measure.displacement_error(again, x, beam) < 1e-6
+
+
+def test_a_rung_that_errs_alike_is_passed_by(monkeypatch):
+    """A plate whose two modal rungs lack the same: by RSW, five steps more, it would be 8 % off."""
+    monkeypatch.setattr(blind_motions, "rungs", lambda shell, _: {"auto": ms.Auto(shell, 8, error=0.05)})
+    found = blind_motions.of_motion(25)["models"]["auto"]
+    assert {"MWTS", "DS"} == set(found["levels"])
+    assert found["worst"] < 0.03
 
 
 def test_linear_answers_lack_what_no_mode_moves(beam):

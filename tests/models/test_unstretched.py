@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.models.base.unstretched import HeldEnds
 
 MODELS = [ms.ModalWarping, ms.RotationStrain]
 SAID = "does not stretch, and supports hold opposite ends"
@@ -85,3 +86,12 @@ def test_a_linear_strain_of_the_modes_is_not_counted():
     assert np.abs(mode[:, 0]).max() > 10.0 * np.abs(mode[:, 2]).max()
     start = shell.rest_positions + 1e-4 * mode / np.abs(mode).max()
     assert SAID not in ms.simulate(ms.ModalWarping(basis), duration=0.02, dt=0.01, start=start).message
+
+
+def test_a_motion_that_diverges_is_no_overflow():
+    """The energy of a stretch goes as the fourth power of coordinates, beyond all numbers where these diverge."""
+    shell = strip(BOTH)
+    ends = HeldEnds.of(ms.solve_modes(shell, 4))
+    assert ends is not None
+    with np.errstate(over="ignore"):
+        assert ends.missed(np.full(4, 1e100))

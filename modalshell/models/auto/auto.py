@@ -48,12 +48,16 @@ class Auto(Model):
     30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every
     ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the last check, its
     error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
-    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities; where the
-    stability margin has failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is
-    left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to
-    hand back to the first from time to time, more seldom where that has not lasted: twice in a row the nearest modal
-    shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within that, and the
-    margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a snap.
+    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its
+    own statics under that load comes within as much of where the bar's steps lead); where the stability margin has
+    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is left for DS where its
+    margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first
+    from time to time, more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4
+    ``error``, modal statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So
+    the motion stays on the branch of DS, which bars alone cannot tell after a snap.
+
+    A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
+    from whose own balance there DS is no further by a bar.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -219,10 +223,11 @@ class Auto(Model):
         return [level.model.centred()[0] for level in self.levels]
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest, on the first level."""
-        modal = self.levels[0].model
-        inner = modal.start_motion(positions)
-        return self.on_level(0, inner, modal.positions(inner))
+        """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
+        level = 0 if positions is None else len(self.levels) - 1
+        model = self.levels[level].model
+        inner = model.start_motion(positions)
+        return self.on_level(level, inner, model.positions(inner))
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""

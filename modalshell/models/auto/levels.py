@@ -130,6 +130,16 @@ class ModalLevel(Level):
         state = modal.integrator.at_rest(q)
         return MotionState(q, rates, state.memory)
 
+    def resting_load(self, stepper: Stepper, state: MotionState) -> Array:
+        """Load (n, 3) [N] under which a state without free parts rests: nearly the least, in accelerations it gives."""
+        modal, root, q = stepper.model, np.sqrt(self.model.shell.mass)[:, None], state.coordinates
+        rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
+        lift, load = np.linalg.pinv(rows.T), np.zeros((len(root), 3))
+        for _ in range(_FITS):  # rows are rotated modes, nearly the derivatives that forces take
+            missing = modal.basis.eigenvalues * q - modal.modal_force(q, load)
+            load = load + root * (lift @ missing).reshape(-1, 3)
+        return np.asarray(load)
+
     def _flown(self, modal: ModalModel, frames: FreeFrames, x: Array, v: Array) -> MotionState:
         """The same in frames, which move with the shape: centres and momenta are those of x and v."""
         rest, mass, still = modal.shell.rest_positions, modal.shell.mass[:, None], self.still

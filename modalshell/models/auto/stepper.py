@@ -11,7 +11,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.models.auto.checks import Check
-from modalshell.models.auto.levels import Level
+from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
@@ -41,14 +41,21 @@ where it does."""
 _MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _LARGE = 1e9
+_LACKS_LOAD, _LACKS_START = 1.0, 2.0
+"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts."""
 
 
 class _Seen(NamedTuple):
-    """What a check found: the bar over the largest displacement, the margin, and the load (n, 3) [N] in balance."""
+    """What a check found.
+
+    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
+    the bar's steps lead to.
+    """
 
     bar: float
     margin: float
     load: Array
+    corrected: Array
 
     @property
     def alarm(self) -> bool:
@@ -106,16 +113,42 @@ class AutoStepper(Stepper):
         }
 
     def start(self, positions: Array | None) -> MotionState:
-        """State at rest at ``positions`` (n, 3) [m]: on the first level, with free parts only where that comes near."""
-        if positions is None or not self._check.least:
+        """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
+
+        A modal level holds a start that its shapes come near to, and that DS would keep under the load under which the
+        level rests there. Where that load's stability margin has failed, DS alone does. Of free parts the first level
+        is asked alone, and whether it comes near.
+        """
+        if positions is None:
             return super().start(positions)
-        lowest, still = self._levels[0], np.zeros_like(positions)
-        inner = lowest.entered(self._steppers[0], positions, still, 0.0)
-        x = self._steppers[0].positions(inner, 0.0)
-        if self._length(x - positions) > _BACK * self.model.error * self._check.moved(positions):
-            return self.state_at(positions, 0.0)
-        near: MotionState = self.model.on_level(0, inner, x)
-        return near
+        last, missed, margin = len(self._levels) - 1, 0.0, 1.0
+        for number in range(1 if self._check.least else last):
+            inner = self._levels[number].entered(self._steppers[number], positions, np.zeros_like(positions), 0.0)
+            off, stable = self._lost(number, inner, positions)
+            if number == 0:
+                missed, margin = off, stable
+            if off <= 1.0:
+                return self._begun(number, inner, missed, margin)
+            if not stable > LEAST_MARGIN:
+                break
+        return self._begun(last, self._steppers[last].state_at(positions, 0.0), missed, margin)
+
+    def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
+        """The state of a start on a level, with what the first one lacks of it, over what it may."""
+        state: MotionState = self.model.on_level(level, inner, self._steppers[level].positions(inner, 0.0))
+        if level > 0:
+            self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, _LACKS_START))
+        return state
+
+    def _lost(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
+        """What a level's state lacks of a start (n, 3) [m] over what it may, and the stability margin there."""
+        level, stepper = self._levels[number], self._steppers[number]
+        x, allowed = stepper.positions(inner, 0.0), _BACK * self.model.error * self._check.moved(start)
+        gap, margin = self._length(x - start), 1.0
+        if isinstance(level, ModalLevel) and gap <= allowed and not self._check.least:
+            bar = self._check.static(x, level.resting_load(stepper, inner))
+            gap, margin = max(gap, self._check.off(bar, x)), bar.margin
+        return (gap / allowed if allowed > 0.0 else float(gap > 0.0) * _LARGE), margin
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
@@ -174,7 +207,8 @@ class AutoStepper(Stepper):
                 memory["checked"][0] = moved
                 seen = self._seen(frames, memory, now)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
-                    wanted = self._above(level, memory, snapping=seen.alarm or back)
+                    alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
+                    wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._seen(frames, memory, now)
@@ -195,9 +229,18 @@ class AutoStepper(Stepper):
         self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
+    def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
+        """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
+        level = self._levels[number]
+        if not level.quadratic or self._check.least:
+            return False
+        answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
+        gap = self._length(answer.positions - seen.corrected)
+        return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
+
     @staticmethod
     def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float]) -> None:
-        """Remember a switch: its time, level, bar and margin, and whether it was for what the modes do not answer."""
+        """Remember a switch: its time, level, bar and margin, and the mark of what the modes lack, or zero."""
         place = int(memory["switches"][0])
         if place < _MOST_TOLD:
             memory["log"][place] = np.clip(switch, -_LARGE, _LARGE)
@@ -227,7 +270,7 @@ class AutoStepper(Stepper):
         answer = self.model.answers.following(force, memory)
         missed = answer.missing / max(answer.whole, float(memory["largest"][0]), self._check.least)
         if missed > _SWITCH * self.model.error:
-            return begin, self._above(level, memory, deaf=True), missed, 0.0, 1.0
+            return begin, self._above(level, memory, deaf=True), missed, 0.0, _LACKS_LOAD
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         memory["ahead"][0] = answer.whole
@@ -260,7 +303,7 @@ class AutoStepper(Stepper):
         bar, load = self._check.bar_under(np.array([time - 2.0 * dt, time - dt, time]), frames, dead)
         largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, frames[1])
-        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load)
+        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
 
     def _returning(
         self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
@@ -298,8 +341,10 @@ def told(state: MotionState, names: Sequence[str]) -> str:
     taken = [(name, count) for name, count in zip(names, steps, strict=True) if count]
     shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in taken)
     lines = []
-    for time, level, bar, margin, deaf in memory["log"][: int(memory["switches"][0])]:
-        if deaf:
+    for time, level, bar, margin, mark in memory["log"][: int(memory["switches"][0])]:
+        if mark == _LACKS_START and margin > LEAST_MARGIN:
+            reason = f"the modes are {share_as_text(bar)} off the start"
+        elif mark == _LACKS_LOAD:
             reason = f"the modes lack {share_as_text(bar)} of the linear answer to the load"
         elif int(level) == 0 or margin <= LEAST_MARGIN:
             reason = f"stability margin {margin:.2f}"

@@ -70,7 +70,8 @@ class HeldEnds:
         """Whether the energy of the stretch at q matters, compared with the modes' own."""
         stretch = 0.0
         for arcs in self._arcs:
-            stretch += float(arcs.dot(q).dot(q)) ** 2
+            share = float(arcs.dot(q).dot(q))
+            stretch += share * share  # a power would raise where a motion that diverges overflows
         return stretch > float((self._eigenvalues * q).dot(q))
 
 
