@@ -17,19 +17,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
 from modalshell.files.study_result import StudyResult
-from studies.contact_motions import (
-    BODIES,
-    FRAMES,
-    FRICTION,
-    GRAVITY,
-    QUICK_FRAMES,
-    STRIKES,
-    fall,
-    motion_on,
-    on_table,
-    slope,
-    strike,
-)
+from studies.contact_motions import BODIES, FRICTION, GRAVITY, STRIKES, fall, motion_on, on_table, slope, strike
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.shell_theory import FAMILIES, columns
 
@@ -110,7 +98,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "motions": lambda case: [motion_on(*case)],
         "slopes": lambda case: [slope(case)],
         "strikes": lambda case: [strike(case)],
-        "table": lambda case: on_table(case, QUICK_FRAMES if quick else FRAMES),
+        "table": lambda case: on_table(case, quick),
     }
     for kind, case in counted(cases, on_step):
         findings[kind] += answers[kind](case)

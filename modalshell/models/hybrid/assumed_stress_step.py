@@ -269,8 +269,9 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
     ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
-    ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is
-    that of the strains' slopes, as for discrete shells.
+    Newton's method begins at that state: the rates lead to one that is stretched, from which it takes more iterations
+    or fails. ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous
+    matrix is that of the strains' slopes, as for discrete shells.
 
     Returns
     -------
@@ -302,24 +303,24 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
             for j in range(i + 1):
                 outer[i, j] += factor * bending.flat[i, j]
                 outer[j, i] = outer[i, j]
-    push, ahead, way, slots = np.empty(count), np.empty(count), np.empty(count), np.empty((2, count))
+    push, begin, way, slots = np.empty(count), np.empty(count), np.empty(count), np.empty((2, count))
     for i in range(count):
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
         push[i] = force[i] + rates[i] / dt
-        ahead[i] = z[i] + dt * rates[i]
-        way[i] = ahead[i] - near[i]
+        begin[i] = near[i]
         slots[START, i] = near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
-    _predict(slopes, way, strains, stresses)
+    for k in range(modes):
+        stresses[k] = strains[k]
     slopes, strains = (
         np.empty((count, modes + reduced.bending.angles.size)),
         np.empty(modes + reduced.bending.angles.size),
     )
     step = Step(
-        reduced, z, outer, push, ahead, stresses, strains, slopes, np.empty(count), unused, slots, way,
+        reduced, z, outer, push, begin, stresses, strains, slopes, np.empty(count), unused, slots, way,
         np.array([scale, 0.0, 0.0, np.inf]),
     )  # fmt: skip
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
