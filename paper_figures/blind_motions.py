@@ -46,12 +46,13 @@ def _over_time(rows: list[dict[str, Any]]) -> Panel:
 
 def _against_cost(rows: list[dict[str, Any]]) -> Panel:
     """The worst error of every model in every motion against its cost."""
-    curves = [Curve([3e-4, 60.0], [_TOLERANCE] * 2, "5 %, asked", _GREY, dashed=True, points=False)]
-    for key in ("mwts", "rsw", "md-rom", "auto"):
-        color = _AUTO if key == "auto" else models()[key].color
+    curves = [Curve([3e-4, 3.0], [_TOLERANCE] * 2, "5 %, asked", _GREY, dashed=True, points=False)]
+    known = models()
+    for spec in (known["mwts"], known["rsw"], known["md-rom"], known["auto"]):
+        key, color = spec.key, _AUTO if spec.key == "auto" else spec.color
         costs = [row["models"][key]["cost"] / row["models"]["ds"]["cost"] for row in rows]
         errors = _percent([row["models"][key]["worst"] for row in rows])
-        curves.append(Curve(costs, errors, models()[key].name, color, joined=False))
+        curves.append(Curve(costs, errors, spec.name, color, joined=False))
     return Panel(curves, f"{len(rows)} motions", "work over that of DS", "largest error [%]", log=True, log_x=True)
 
 

@@ -40,8 +40,9 @@ EVERY = 3
 SMALLEST, LARGEST = 0.005, 0.4
 """Displacement of the linear answer to the largest load at rest, over the shell's size."""
 COURSES = ("at once", "grows", "comes and goes", "swings")
-BARRED = ("mwts", "rsw")
+BARRED = tuple(spec.key for spec in (ms.models()["mwts"], ms.models()["rsw"]))
 """Models whose motions have bars."""
+AUTO = ms.models()["auto"].key
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
@@ -96,13 +97,15 @@ def of_motion(place: int) -> dict[str, Any]:
 
 def rungs(shell: ms.Shell, basis: ms.Basis) -> dict[str, Model]:
     """The fixed rungs, and ``auto``."""
-    return {
-        "lma": ms.LinearModal(basis),
-        "mwts": ms.ModalWarping(basis),
-        "rsw": ms.RotationStrain(basis),
-        "md-rom": ms.ModalDerivatives(shell, count=MODES),
-        "auto": ms.Auto(shell, MODES, error=TOLERANCE),
-    }
+    known = ms.models()
+    found = (
+        (known["lma"], ms.LinearModal(basis)),
+        (known["mwts"], ms.ModalWarping(basis)),
+        (known["rsw"], ms.RotationStrain(basis)),
+        (known["md-rom"], ms.ModalDerivatives(shell, count=MODES)),
+        (known["auto"], ms.Auto(shell, MODES, error=TOLERANCE)),
+    )
+    return {spec.key: model for spec, model in found}
 
 
 def load_of(drawn: Drawn) -> Any:
@@ -230,14 +233,20 @@ def table(result: StudyResult) -> str:
         "{text}, to {share:.2f} of the size | {mwts:100*.2g} % | {rsw:100*.2g} % | {auto:100*.2g} % | {did} | {best} | "
         "{ratio:.2f}",
         [
-            {key: row["models"][key]["worst"] for key in ("mwts", "rsw", "auto")}
-            | {"did": next(part for part in row["models"]["auto"]["message"].split("; ") if "steps by" in part)}
+            {key: row["models"][key]["worst"] for key in (*BARRED, AUTO)}
+            | {"did": shares_of(row["models"][AUTO]["levels"][1:])}
             | {name: row[name] for name in ("text", "share", "best", "ratio")}
             for row in known
         ],
     )
     lost = [row["text"] for row in found["rows"] if not row["models"]]
     return paragraphs(warnings_, models, motions, f"DS did not complete: {'; '.join(lost)}." if lost else "")
+
+
+def shares_of(levels: list[str]) -> str:
+    """Shares of the frames by each level, as text."""
+    shares = {name: levels.count(name) / len(levels) for name in dict.fromkeys(levels)}
+    return "frames by " + ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
 
 
 def finding(result: StudyResult) -> str:

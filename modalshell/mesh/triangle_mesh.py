@@ -184,11 +184,16 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
 
     @cached_property
     def size(self) -> float:
+        """Largest extent along an axis at rest [m]."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
+    def moment_length(self) -> float:
         """Length [m] of a rectangle whose area has the largest second moment of the mesh's, over their areas.
 
         That of a rectangle is its longer side. It is the same for a mesh that is turned.
         """
-        corners, extent = self.vertices[self.faces], float(np.ptp(self.vertices, axis=0).max())
+        corners, extent = self.vertices[self.faces], self.size
         shares = self.face_areas / self.area
         corners = (corners - shares @ corners.mean(axis=1)) / extent
         # A triangle's moment is a twelfth of its area times that of its corners and of their sum.

@@ -169,5 +169,5 @@ def test_the_size_of_a_mesh_turns_with_it():
     turn, move = POSES[0]
     for mesh in (ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), panel((5, 2))[0], ms.sheet(cells=(4, 4))):
         placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
-        assert placed.size == pytest.approx(mesh.size, rel=1e-12)
-    assert ms.flat_beam(length=3.0, width=0.2, cells=(6, 2)).size == pytest.approx(3.0, rel=1e-12)
+        assert placed.moment_length == pytest.approx(mesh.moment_length, rel=1e-12)
+    assert ms.flat_beam(length=3.0, width=0.2, cells=(6, 2)).moment_length == pytest.approx(3.0, rel=1e-12)
