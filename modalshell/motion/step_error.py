@@ -148,7 +148,7 @@ class StepErrors:
     def largest(self) -> float | None:
         """Largest error so far, as a share of the shell's size; None where the rule does not know its own."""
         known = self._known and math.isfinite(self._largest)
-        return self._largest / self._stepper.shell.size if known else None
+        return self._largest / self._stepper.shell.mesh.moment_length if known else None
 
     def damping_error(self) -> float | None:
         """Error of the damping ratio at the motion's frequency, over the one asked for; None where not known."""
@@ -173,7 +173,7 @@ class StepErrors:
     def allowed(self, tolerance: Tolerance, dt: float) -> float:
         """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance."""
         adding = 1.0 / max(self.decay, 1.0 / tolerance.span)
-        return tolerance.share * self._stepper.shell.size * dt / (_COHERENT * adding)
+        return tolerance.share * self._stepper.shell.mesh.moment_length * dt / (_COHERENT * adding)
 
     def obtained(self, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s] give motion of its frequency; not a number where it is not known."""

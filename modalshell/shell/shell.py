@@ -231,8 +231,8 @@ class Shell(EnergyAccess):
 
     @property
     def size(self) -> float:
-        """Length of the rest shape [m], the same for one that is turned: its mesh's ``moment_length``."""
-        return self.mesh.moment_length
+        """Longest side of the box around the rest shape [m]."""
+        return self.mesh.size
 
     def centred(self) -> tuple[Shell, Array]:
         """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
