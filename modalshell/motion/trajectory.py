@@ -49,8 +49,8 @@ class Trajectory(Drawn):
     seconds : float
         Wall time.
     step_error : float or None
-        Largest error of a vertex that the length of the steps has made, as a share of ``mesh.moment_length``, by the steps'
-        own estimates added up: right within a factor of about two; None where the integrator knows none.
+        Largest error of a vertex that the length of the steps has made, as a share of ``mesh.moment_length``, by the
+        steps' own estimates added up: right within a factor of about two; None where the integrator knows none.
     damping_error : float or None
         Error of the damping ratio that steps give to motion of its main frequency, over the one asked for; None where
         no damping was asked for, or the integrator does not know.
