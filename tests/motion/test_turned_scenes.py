@@ -165,7 +165,7 @@ def test_a_turned_motion_from_a_start_within_a_tolerance_is_the_same(energy, run
     assert errors[1] == pytest.approx(errors[0], rel=1e-6, abs=1e-12)
 
 
-def test_the_size_of_a_mesh_turns_with_it():
+def test_the_moment_length_of_a_mesh_turns_with_it():
     turn, move = POSES[0]
     for mesh in (ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), panel((5, 2))[0], ms.sheet(cells=(4, 4))):
         placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
