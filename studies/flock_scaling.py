@@ -17,7 +17,7 @@ from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("flock_scaling",)
 
-BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000)
+BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000, 1000000)
 PAIRS = (100, 300, 1000, 3000, 10000)
 """Flocks that every pair is tried in."""
 INSTANCES = (1, 8, 64, 512, 4096)
@@ -25,8 +25,6 @@ CELLS = ((6, 5), (11, 10), (16, 14), (32, 28), (64, 56))
 """Meshes of the bird, from 72 to 7,385 vertices."""
 TOTAL = 2_000_000
 """Vertices of a crowd whose mesh changes."""
-DEVICE_BOIDS, DEVICE_INSTANCES = (300, 10000, 100000), (8, 512, 4096)
-"""Flocks and crowds on devices, timed side by side."""
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
@@ -46,10 +44,9 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         jobs.append(("vertices", partial(crowd.reconstruction, count, basis, repeats=repeats)))
     missing = missing_devices()
     if "Warp" not in missing:
-        sizes = (DEVICE_BOIDS[:1], DEVICE_INSTANCES[:1]) if quick else (DEVICE_BOIDS, DEVICE_INSTANCES)
         jobs += [
-            ("devices", partial(crowd.on_devices, near, placed, bird, repeats=repeats))
-            for near, placed in zip(*sizes, strict=True)
+            ("devices", partial(crowd.on_devices, *sizes, repeats=repeats))
+            for sizes in (crowd.DEVICES[:1] if quick else crowd.DEVICES)
         ]
     rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}
     for name, job in counted(jobs, on_step):
@@ -87,19 +84,19 @@ def table(result: StudyResult) -> str:
         row | {"pairs": pairs, "times": None if pairs is None else row["steps_per_second"] / pairs}
         for row, pairs in grid_and_pairs(found["flock"])
     ]
-    missing = [f"| {name} | {reason} | | | | | | | | |" for name, reason in found["missing"].items()]
+    missing = [f"| {name} | {reason} | | | | | | | | | |" for name, reason in found["missing"].items()]
     devices = markdown(
-        "device | precision | boids | million boids a second | sums, times faster | instances "
+        "device | precision | boids | million boids a second | sums, times faster | instances | vertices "
         "| thousands a second, left there | placed, times faster | left there, times faster | steps, times faster",
         "Warp, {device} | {dtype} | {boids:,} | {boids_per_second:1e-6*.3g} | {ratio_sums:.2f} | {instances:,} "
-        "| {instances_per_second:1e-3*,.3g} | {ratio_placed:.2f} | {ratio_left:.2f} | {ratio_step:.2f}",
+        "| {vertices:,} | {instances_per_second:1e-3*,.3g} | {ratio_placed:.2f} | {ratio_left:.2f} | {ratio_step:.2f}",
         found["devices"],
     )
     return paragraphs(
         "Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:",
         markdown(
-            "boids | neighbours of each | grid of cells | all pairs | times faster",
-            "{boids:,} | {neighbours:.1f} | {steps_per_second:,.3g} | {pairs:,.3g|} | {times:.1f|}",
+            "boids | neighbours of each | grid of cells | all pairs | times faster | megabytes",
+            "{boids:,} | {neighbours:.1f} | {steps_per_second:,.3g} | {pairs:,.3g|} | {times:.1f|} | {megabytes:,.3g}",
             flocks,
         ),
         f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more "

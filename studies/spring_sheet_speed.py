@@ -20,7 +20,7 @@ import numpy as np
 
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from modalshell.kernels.device import devices
+from modalshell.kernels.device import device_names, devices
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet
 from studies.benchmarks.devices import missing_devices
@@ -58,6 +58,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "sheets": sheets,
         "bandwidth": bandwidth,
         "missing": missing_devices(),
+        "devices": {} if "Warp" in missing_devices() else device_names(),
         "published": PUBLISHED,
     }
     findings["load"] = load
@@ -159,9 +160,10 @@ def table(result: StudyResult) -> str:
     )
     missing = [f"| all | {name} | {reason} | | | | | | |" for name, reason in found["missing"].items()]
     words = f"Machine: {machine['processor']}, {machine['cores']} cores, shared with other work"
+    words += "".join(f"; {alias} is {name}" for alias, name in found["devices"].items() if alias != "cpu")
     if found["load"] is not None:
         words += f" ({found['load']:.1f} processes wanted to run when this began). Ways of one core are timed by the "
-        words += "processor's clock; two threads and GPUs by the wall's, which on a busy machine says little"
+        words += "processor's clock; free threads and GPUs by the wall's, which on a busy machine says little"
     bounds = ", ".join(f"{most / 1e6:.0f} in {kind}" for kind, most in bound.items())
     published = "; ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in found["published"].items())
     return paragraphs(
@@ -175,13 +177,13 @@ def table(result: StudyResult) -> str:
 
 def finding(result: StudyResult) -> str:
     """Speed-ups of the largest sheet over NumPy."""
-    rows = result.findings["rows"]
+    rows, devices = result.findings["rows"], result.findings["devices"]
     size = max(row["size"] for row in rows)
     over = {(row["way"], row["precision"]): row["over_numpy_float64"] for row in rows if row["size"] == size}
-    one, free = (
-        [f"{over[way, kind]:.1f}" if (way, kind) in over else "no" for kind in PRECISIONS] for way in (BASE, FREE)
-    )
-    return (
-        f"Compiled kernels step {size}^2 masses {one[0]} times as fast as NumPy on one thread and {free[0]} times on "
-        f"two; in float32 {one[1]} and {free[1]} times."
-    )
+    places = {BASE: "on one thread", FREE: f"on threads of {result.record['machine']['cores']} cores"}
+    places |= {f"Warp, {alias}": f"on a GPU ({name})" for alias, name in devices.items() if alias != "cpu"}
+    kinds = [
+        ", ".join(f"{over[way, kind]:,.0f} times {words}" for way, words in places.items() if (way, kind) in over)
+        for kind in PRECISIONS
+    ]
+    return f"Kernels step {size}^2 masses faster than NumPy: {kinds[0]}; in float32 {kinds[1]}."

@@ -27,6 +27,11 @@ def devices() -> list[str]:
     return [device.alias for device in warp().get_devices()]
 
 
+def device_names() -> dict[str, str]:
+    """What makers call the devices of :func:`devices`."""
+    return {device.alias: device.name for device in warp().get_devices()}
+
+
 def checked_device(name: str | None) -> str:
     """Return ``name``, or for None the first GPU and else "cpu"; OptionError for what is not here."""
     known = devices()

@@ -7,6 +7,7 @@ other programs.
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
@@ -139,13 +140,19 @@ def ball(count: int, per_volume: float = 20.0) -> float:
 def flock(
     sizes: Iterable[int] = (1000, 10000, 100000), per_volume: float = 20.0, steps: int = 20, search: str = "grid"
 ) -> list[dict[str, Any]]:
-    """Steps a second, the best of ``steps``, from ``per_volume`` boids in a cube of the neighbour distance."""
+    """Steps a second, the best of ``steps``, from ``per_volume`` boids in a cube of the neighbour distance.
+
+    Of more than 100,000 boids a tenth of the steps; memory is the most that the arrays of a flock and its steps took.
+    """
     rows = []
     for count in sizes:
+        tracemalloc.start()
         boids = ms.Flock.random(count, radius=ball(count, per_volume), search=search)
         boids.step(1e-6)
+        memory = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
         seconds = []
-        for _ in range(steps):
+        for _ in range(steps if count <= 100_000 else max(3, steps // 10)):
             start = time.process_time()
             boids.step(1e-6)  # so short that the density stays
             seconds.append(time.process_time() - start)
@@ -157,9 +164,14 @@ def flock(
                 "neighbours": float(boids.neighbourhood().counts.mean()),
                 "steps_per_second": 1.0 / best,
                 "microseconds_boid": 1e6 * best / count,
+                "megabytes": 1e-6 * memory,
             }
         )
     return rows
+
+
+DEVICES = ((300, 8, (16, 14)), (10000, 512, (16, 14)), (100000, 4096, (16, 14)), (1000000, 1, (86, 75)))
+"""Boids, and instances of a mesh, timed on devices; the last crowd is one frame of 13,197 vertices."""
 
 
 def left_there(crowd: DeviceCrowd, moves: Any) -> None:
@@ -168,12 +180,13 @@ def left_there(crowd: DeviceCrowd, moves: Any) -> None:
     warp().synchronize_device(crowd.device)
 
 
-def on_devices(boids: int, instances: int, basis: ms.Basis, repeats: int = 15) -> list[dict[str, Any]]:
+def on_devices(boids: int, instances: int, cells: tuple[int, int], repeats: int = 15) -> list[dict[str, Any]]:
     """What every device does of a flock's sums, a crowd's placed MWTS and its steps; the best of ``repeats`` turns.
 
     Against one thread of the kernels: by the processor's clock on the processor, by the wall's on a GPU. Positions are
-    timed with the way back to the host's memory, and left on the device.
+    timed with the way back to the host's memory, and left on the device. Large flocks take fewer turns, at least three.
     """
+    basis, repeats = bird_basis(cells=cells), max(3, repeats * 100_000 // max(boids, 100_000))
     random = np.random.default_rng(0)
     coordinates, moves = bent(instances, basis, random), random.standard_normal((instances, 3))
     kernels = ms.Flock.random(boids, radius=ball(boids))

@@ -41,6 +41,9 @@ def main(
         "self_contact": lambda: self_contact.folded_strip((48, 8) if quick else (154, 12)),
         "crowd": lambda: crowd.reconstruction(512 if quick else 4096),
         "flock": lambda: crowd.flock((1000, 10000) if quick else (1000, 10000, 100000)),
+        "devices": lambda: [
+            row for sizes in (crowd.DEVICES[:1] if quick else crowd.DEVICES) for row in crowd.on_devices(*sizes)
+        ],
     }
     if only is not None:
         if only not in jobs:
