@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scenes import stopped_and_resumed
 
 import modalshell as ms
@@ -9,6 +11,8 @@ from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.auto.checks import HeldCheck
+from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping
 from studies import blind_motions
@@ -117,6 +121,49 @@ def test_a_shell_that_falls_at_once_is_checked_as_it_moves():
     assert len(set(run.levels)) > 1
     assert np.abs(exact.positions - mesh.vertices).max() > 0.3
     assert worst(leaf, run, exact) < 0.05
+
+
+def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
+    """A swing stays where it was checked, until a second load bends the strip another way."""
+    checked, bar_under = [], HeldCheck.bar_under
+
+    def counted(self, times, frames, dead):
+        checked.append(times[2])
+        return bar_under(self, times, frames, dead)
+
+    monkeypatch.setattr(HeldCheck, "bar_under", counted)
+    sheet = ms.Isotropic(2e11, 0.3, 0.002, 7850.0)
+    strip = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(10, 2)), sheet, "x < 0.001")
+    period = 2.0 * np.pi / np.sqrt(ms.solve_modes(strip, 1).eigenvalues[0])
+    course = [0.0, 8.0 * period, 8.5 * period], [0.0, 0.0, 1.0]
+    twist = [
+        ms.Scaled(ms.PointForce(f"nearest(1, {y}, 0)", (0.0, 0.0, force)), course)
+        for y, force in ((-0.1, 6), (0.1, -6))
+    ]
+    loads = [ms.SelfWeight((0.0, 0.0, -0.3)), *twist]
+    setting = {"duration": 10.0 * period, "dt": period / 30.0, "loads": loads, "damping": (0.1 / period, 0.0)}
+    runs = [ms.simulate(model, **setting) for model in (ms.Auto(strip), ms.DiscreteShell(strip))]
+    assert set(runs[0].levels) == {"MWTS"}
+    assert worst(strip, *runs) < 0.05
+    count = np.bincount((np.array(checked) / period).astype(int), minlength=10)
+    assert count[:2].sum() >= 4
+    assert count[2:8].sum() <= 8  # of 36 intervals
+    assert count[8:].sum() > 3
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(1, 8))
+def test_what_is_trusted_grows_by_what_was_checked(seed, size, count):
+    rng = np.random.default_rng(seed)
+    memory, points = {"trusted": np.zeros((size, size))}, rng.standard_normal((count, size))
+    for point in points:
+        before = memory["trusted"].copy()
+        AutoStepper._trust(point, memory)
+        assert np.linalg.eigvalsh(memory["trusted"] - before).min() >= -1e-12  # what was inside stays so
+        assert point @ np.linalg.pinv(memory["trusted"], rcond=1e-9) @ point <= 1.0 + 1e-6
+    alone = {"trusted": np.zeros((size, size))}
+    AutoStepper._trust(points[0], alone)
+    np.testing.assert_allclose(alone["trusted"], np.outer(points[0], points[0]), rtol=1e-9, atol=1e-12)
 
 
 @pytest.fixture(scope="module")

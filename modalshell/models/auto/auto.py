@@ -50,7 +50,9 @@ class Auto(Model):
     error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
     where it exceeds half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its
     own statics under that load comes within as much of where the bar's steps lead); where the stability margin has
-    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Coarse DS is left for DS where its
+    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Where a bar is at most a tenth of
+    ``error``, and the margin above 0.39, modal coordinates that come no further than 1.2 times these ever did, in an
+    ellipsoid about rest, are checked every eighth time alone. Coarse DS is left for DS where its
     margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first
     from time to time, more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4
     ``error``, modal statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So
@@ -79,8 +81,8 @@ class Auto(Model):
     error : float
         Share of the displacement by which positions may be off DS.
     check_every : int
-        Steps from one check of a modal rung to the next, at most. What happens between two checks is not undone: where
-        loads come suddenly and steps are long, take 1 or 2.
+        Steps from one check of a modal rung to the next, at most, where its coordinates are new. What happens between
+        two checks is not undone: where loads come suddenly and steps are long, take 1 or 2.
     coarse : Shell, optional
         The same surface with fewer vertices, for a level between; see :func:`modalshell.coarse_shell`.
     triangles : int, optional
@@ -231,7 +233,7 @@ class Auto(Model):
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
-        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates])
+        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates], self._basis.count)
         memory["level"][0] = level
         numbers = self.levels[level].packed(inner)
         memory["inner"][: numbers.size] = numbers

@@ -27,6 +27,11 @@ _BACK_MARGIN = 0.39
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
+_SURE, _WIDER, _NOISE = 0.1, 1.2, 0.1
+"""Bar over the error allowed up to which coordinates are trusted as checked, the factor by which they may grow, and the
+share of the largest displacement that any coordinates may have."""
+_SELDOM = 8
+"""Intervals of checks after which trusted coordinates are checked all the same."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
 _TRY_EVERY = 6
@@ -69,7 +74,8 @@ class AutoStepper(Stepper):
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before")
     and how many are known, the largest displacement so far and that of the last check of a modal
-    rung ("checked"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a row
+    rung ("checked"), the steps since ("looked"), the coordinates that checks were sure of ("trusted"), levels that are
+    barred, the steps before the modal rung may come back ("wait"), how often in a row
     it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the
     linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
@@ -89,8 +95,8 @@ class AutoStepper(Stepper):
         self._calm = _CALM * model.shell.size * float(np.sqrt(model.shell.mass.sum()))
 
     @staticmethod
-    def memory(x: Array, sizes: Sequence[int]) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes."""
+    def memory(x: Array, sizes: Sequence[int], modes: int) -> dict[str, Array]:
+        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes and of modes."""
         return {
             "level": np.zeros(1),
             "since": np.zeros(1),
@@ -99,6 +105,8 @@ class AutoStepper(Stepper):
             "frames": np.zeros(1),
             "largest": np.zeros(1),
             "checked": np.zeros(1),
+            "looked": np.zeros(1),
+            "trusted": np.zeros((modes, modes)),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
@@ -179,7 +187,7 @@ class AutoStepper(Stepper):
             memory["largest"][0] = max(memory["largest"][0], self._check.moved(x))
         if np.isfinite(memory["largest"][0]) and memory["frames"][0] >= 1.0:
             frames = np.stack([memory["before"], state.coordinates, x])
-            level, after = self._switched(level, after, (frames, v), memory, (time, dt, load))
+            level, after = self._switched(level, (inner, after), (frames, v), memory, (time, dt, load))
         numbers = self._levels[level].packed(after)
         memory["inner"][: numbers.size] = numbers
         memory["before"] = state.coordinates.copy()
@@ -189,13 +197,13 @@ class AutoStepper(Stepper):
     def _switched(
         self,
         level: int,
-        after: MotionState,
+        states: tuple[MotionState, MotionState],
         motion: tuple[Array, Array],
         memory: dict[str, Array],
         now: tuple[float, float, Array],
     ) -> tuple[int, MotionState]:
-        """The level and its state to take."""
-        (frames, v), time, since = motion, now[0], int(memory["since"][0])
+        """The level and its state to take, after a step from one of two states to the other."""
+        (inner, after), (frames, v), time, since = states, motion, now[0], int(memory["since"][0])
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
@@ -203,9 +211,11 @@ class AutoStepper(Stepper):
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
             back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
             grown = moved > _GROWN * max(memory["checked"][0], self._calm)
-            if back or grown or since % self._check_every == 0:
-                memory["checked"][0] = moved
+            if back or grown or (since % self._check_every == 0 and not self._trusts(after.coordinates, memory)):
+                memory["checked"][0], memory["looked"][0] = moved, since
                 seen = self._seen(frames, memory, now)
+                if seen.bar <= _SURE * self.model.error and seen.margin > _BACK_MARGIN:
+                    self._trust(_WIDER * inner.coordinates, memory)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
@@ -229,6 +239,28 @@ class AutoStepper(Stepper):
         self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
+    def _trusts(self, q: Array, memory: dict[str, Array]) -> bool:
+        """Whether coordinates (m,) of a modal rung lie where checks were sure, and one was not long ago.
+
+        That is within an ellipsoid about rest, q . A^-1 q <= 1, of A the matrix of :meth:`_trust`: the error of a modal
+        rung is a function of its coordinates, as even as the shell, and grows with them. What the modes lack of the
+        load is looked at apart.
+        """
+        if self._check.least or memory["since"][0] - memory["looked"][0] >= _SELDOM * self._check_every:
+            return False
+        wide = memory["trusted"] + (_NOISE * memory["largest"][0]) ** 2 * np.eye(q.size)
+        return bool(memory["trusted"].any() and q @ np.linalg.solve(wide, q) <= 1.0)
+
+    @staticmethod
+    def _trust(q: Array, memory: dict[str, Array]) -> None:
+        """The ellipsoid of what was trusted, grown along q (m,) until q is on it, unless it was inside."""
+        trusted = memory["trusted"]
+        values, axes = np.linalg.eigh(trusted)
+        wide = axes @ (np.maximum(values, 1e-12 * max(values[-1], q @ q)) * axes).T
+        beyond = q @ np.linalg.solve(wide, q) if q.any() else 0.0
+        if beyond > 1.0:
+            trusted += (1.0 - 1.0 / beyond) * np.outer(q, q)
+
     def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
         level = self._levels[number]
@@ -246,7 +278,8 @@ class AutoStepper(Stepper):
             memory["log"][place] = np.clip(switch, -_LARGE, _LARGE)
         memory["switches"] += 1.0
         memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
-        memory["ahead"][0] = 0.0
+        memory["ahead"][0] = memory["looked"][0] = 0.0
+        memory["trusted"][:] = 0.0
 
     def _foreseen(
         self, level: int, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, float, Array]
