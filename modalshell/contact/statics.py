@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
+from modalshell.contact.descent import descend
 from modalshell.contact.layered import LayeredEnergy, Patterns, pressure_of
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import Touching, put_out
@@ -120,5 +121,5 @@ def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Arr
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
     """Where the shell comes to in a thick fluid, after some ``iterations`` in vain."""
     solver = ActiveSet(problem, touching, problem.measure(problem.push))
-    rest = solver.descend(start, rules_of(problem, method.GOAL, DIRECT))
+    rest = descend(solver, start, rules_of(problem, method.GOAL, DIRECT))
     return replace(rest, iterations=iterations + rest.iterations)

@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
+from modalshell.contact.descent import descend
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
@@ -192,7 +193,7 @@ class TouchingSteps:
             if not rest.converged:
                 begin, held = problem.origin.copy(), problem.shell.clamped
                 begin[held] = first[held]  # where supports have moved to
-                rest = solver.descend(begin, rules)
+                rest = descend(solver, begin, rules)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             new = (pushes > 0.0) & (lagged <= 0.0)
             if settled or not (self.rubs and rest.converged and new.any()):
