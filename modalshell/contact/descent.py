@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple, final
 
 import numpy as np
+import scipy.sparse as sps
 
 from modalshell.contact.active_set import PULL, ActiveSet, Rest
 from modalshell.contact.rotated import Rotated
@@ -34,7 +35,7 @@ SUB_STEPS = 150
 """Steps in a fluid at most."""
 _MOST = 900
 """Iterations from which no further step is taken."""
-_PAUSE, _LONGER = 4, 4
+_PAUSE, _LONGER = 8, 4
 """Single steps after the first failure in the fluid, and by how many times more after each further one."""
 _STIFF = 1e-4
 """First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
@@ -48,6 +49,8 @@ _WHOLE, _LONG = 0.999, 0.9
 """Share of a part that counts as all of it, and of a step from which the drag of the next one falls."""
 _SHORT = 0.2
 """Part of a single step below which the drag of the next one rises."""
+_MIX = 0.25
+"""Share of the exact Hessian to begin with."""
 _STEEPER = 10.0
 """Factor on that drag after a step in vain."""
 _LAST = 10
@@ -55,16 +58,13 @@ _LAST = 10
 _NEARER = 0.1
 """Residual from which a way tries to end once more, over that of the try before."""
 
+
 def descend(solver: ActiveSet, start: Array, rules: method.Rules) -> Rest:
     """Minimum that a way downhill from ``start`` (n, 3) leads to; saddles, in which symmetric ways end, are left."""
     way = _Way(solver, start)
-    tried, waits, pause, saddles = np.inf, 0, _PAUSE, 0
+    tried, saddles = np.inf, 0
     while way.failures < FAILURES and way.iterations < _MOST:
-        if waits:
-            waits -= 1
-            went = way.step()
-        elif not (went := way.flow()):
-            waits, pause = pause, _LONGER * pause
+        went = way.go()
         if not went or way.residual > method.NEAR or way.residual > _NEARER * tried:
             continue
         tried = way.residual
@@ -107,8 +107,9 @@ class _Way:
     def __init__(self, solver: ActiveSet, start: Array) -> None:
         self.solver, self.x, self.active = solver, start, solver.near(start)
         self.value, self.drag = first_drag(solver, start)
-        self.least, self.shift = _LEAST * self.drag, 0.0
+        self.least, self.shift, self.mix = _LEAST * self.drag, 0.0, _MIX
         self.residual, self.iterations, self.failures = np.inf, 0, 0
+        self._waits, self._pause = 0, _PAUSE
 
     def rest(self) -> Rest:
         """Where it has come to, as an end that is none."""
@@ -121,7 +122,19 @@ class _Way:
         """Potential at x (n, 3), infinite where the way there leads through a collider."""
         return np.inf if self.solver.touching.crossed(self.x, x) else self.solver.potential(x)[0]
 
-    def flow(self) -> bool:
+    def go(self) -> bool:
+        """Go a step in the fluid, or for some time after one that failed single steps; whether it was not in vain."""
+        if self._waits:
+            self._waits -= 1
+            if not (went := self._step()):
+                self.shift = max(self.shift * _STEEPER, self.least)
+        elif not (went := self._flow()):
+            self.drag *= RISE
+            self._waits, self._pause = self._pause, _LONGER * self._pause
+        self.failures = 0 if went else self.failures + 1
+        return went
+
+    def _flow(self) -> bool:
         """Go a step in the thick fluid, unless Newton's method fails in it or the potential rises; whether so."""
         fluid = self.solver.dragged(self.x, self.drag)
         loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
@@ -129,29 +142,19 @@ class _Way:
         self.iterations += step.iterations
         reached = self._potential(step.point) if step.converged else np.inf
         if not reached <= self.value + method.HIGHER * abs(self.value):
-            self.drag *= RISE
-            self.failures += 1
             return False
         if step.iterations <= EASY:
             self.drag *= FALL
-        self.x, self.active, self.value, self.failures = step.point, step.active, reached, 0
+        self.x, self.active, self.value = step.point, step.active, reached
         self.residual = self.solver.free_residual(step)
         return True
 
-    def step(self) -> bool:
+    def _step(self) -> bool:
         """Go a single step, as far as the potential falls; whether it does."""
         solver, x = self.solver, self.x
-        gradient, hessian = solver.dragged(x, self.shift).linearise(x, PROJECTED)
-        rows = np.flatnonzero(self.active)
-        gaps = solver.touching.gaps(x, rows)
-        equations = Rotated(solver.problem, solver.touching, gradient, hessian, rows, np.zeros(rows.size), gaps)
-        self.iterations += 1
-        try:
-            direction, found = equations.solve()
-        except SolverError:
-            return self._in_vain()
-        if not np.isfinite(direction).all():
-            return self._in_vain()
+        if (newton := self._newton()) is None:
+            return False
+        equations, hessian, gradient, direction, found = newton
         rows, slope = equations.frames.rows, _FALLEN * abs(float(gradient @ direction))
 
         def tried(part: float) -> _Tried:
@@ -163,7 +166,7 @@ class _Way:
         while not best.value < self.value - slope * best.share:
             part *= 0.5
             if part < _SHORTEST:
-                return self._in_vain()
+                return False
             best = tried(part)
         while part >= 1.0 and best.share > _WHOLE * part and part < _LONGEST:
             part *= 2.0
@@ -174,7 +177,7 @@ class _Way:
         pushes = np.zeros(self.active.size)
         pushes[rows] = found
         self.residual = float(np.linalg.norm(equations.unbalanced(gradient))) / solver.scale(pushes)
-        self.x, self.value, self.failures = best.put, best.value, 0
+        self.x, self.value = best.put, best.value
         self.active = solver.next_set(best.moved, pushes, rows, PULL)
         if best.share > _LONG:
             self.shift *= FALL
@@ -182,9 +185,30 @@ class _Way:
             self.shift = max(self.shift / FALL, self.least)
         return True
 
-    def _in_vain(self) -> bool:
-        self.shift, self.failures = max(self.shift * _STEEPER, self.least), self.failures + 1
-        return False
+    def _newton(self) -> tuple[Rotated, sps.csc_array, Array, Array, Array] | None:
+        """Newton's equations by a definite Hessian, that Hessian, the gradient, and the solution; None without one.
+
+        Near the end as much of the exact Hessian goes into it as leaves it definite: saddles are passed in fewer steps.
+        """
+        solver, x = self.solver.dragged(self.x, self.shift), self.x
+        rows = np.flatnonzero(self.active)
+        gradient, hessian = solver.linearise(x, PROJECTED)
+        known, near = hessian.data.copy(), self.residual < method.NEAR
+        exact = solver.linearise(x, EXACT)[1].data - known if near else known
+        for mix in (self.mix, 0.0) if near else (0.0,):
+            hessian.data = known + mix * exact if mix else known.copy()
+            gaps = solver.touching.gaps(x, rows)
+            equations = Rotated(solver.problem, solver.touching, gradient, hessian, rows, np.zeros(rows.size), gaps)
+            self.iterations += 1
+            try:
+                direction, found = equations.solve(definite=mix > 0.0)
+            except SolverError:
+                self.mix *= 0.5
+                continue
+            if mix:
+                self.mix = min(1.0, 2.0 * mix)
+            return (equations, hessian, gradient, direction, found) if np.isfinite(direction).all() else None
+        return None
 
     def end(self, rules: method.Rules) -> Rest | None:
         """The end of the way by Newton's steps of the potential itself, with its verdict; None where there is none."""
@@ -239,6 +263,6 @@ class _Aside:
 
     def potential(self) -> tuple[float, float]:
         """Potential, infinite where something enters a collider."""
-        passes = self._solver.entered(self.x, self._rest.active).any()
+        passes = bool(self._solver.entered(self.x, self._rest.active).any())
         passes = passes or self._solver.touching.crossed(self._rest.point, self.x)
         return (np.inf, np.inf) if passes else (self._solver.potential(self.x)[0], 0.0)

@@ -9,8 +9,8 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
-from modalshell.contact.descent import descend
 from modalshell.contact.contact import Contact
+from modalshell.contact.descent import descend
 from modalshell.contact.friction import Friction, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
