@@ -24,9 +24,9 @@ from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
 
 _MOST = 40
-"""Iterations at most of a step, before the thick fluid."""
+"""Iterations at most of a step, before the way downhill."""
 _AMONG_LAYERS = 20
-"""The same with self-contact, whose steps the thick fluid finds the sooner."""
+"""The same with self-contact, whose steps the way downhill finds the sooner."""
 _PRESSED = 0.5
 """Residual of where a step among layers begins, over that of a guess, below which it is the better guess."""
 _TURNS, _TURNED = 6, 1e-6

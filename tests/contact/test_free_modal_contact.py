@@ -68,10 +68,11 @@ def test_momenta_change_by_the_impulses_of_contact_and_gravity(shell, models, na
     assert motion.unconverged == 0
 
 
+@pytest.mark.filterwarnings("ignore:no basis")
 def test_a_hybrid_in_flight_changes_its_momentum_by_the_impulses_of_a_ball_and_flies_on():
     shell = ms.Shell(
         ms.sheet(length=0.4, width=0.3, cells=(4, 3)),
-        ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=300.0),
+        ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=300.0),
     )
     bent = np.zeros_like(shell.rest_positions)
     bent[:, 2] = (shell.rest_positions[:, 0] - 0.2) ** 2
@@ -88,7 +89,7 @@ def test_a_hybrid_in_flight_changes_its_momentum_by_the_impulses_of_a_ball_and_f
             # While it touches, its coarse shell moves, here of the same vertices.
             first, second = (mass @ model.as_coarse(state).rates for state in (before, motion.state))
             off = np.abs((second - first) * 120 - found.forces.sum(axis=0) - weight).max()
-            assert off <= 1e-5 * np.linalg.norm(weight)
+            assert off <= 1e-5 * np.linalg.norm(found.forces.sum(axis=0) + weight)
             assert found.deepest <= 1e-9 * shell.size
             assert energy - last <= 1e-12
     assert 3 < touched < 50
