@@ -78,8 +78,8 @@ def rest_on_contacts(
 def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start: Array) -> tuple[Rest, Layers]:
     """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the layers.
 
-    The shell goes downhill, by :mod:`.descent`. The barrier is stiffened, from the load over the area on, until no two layers are
-    nearer than a small part of the gap.
+    The shell goes downhill, by :mod:`.descent`. The barrier is stiffened, from the load over the area on, until no two
+    layers are nearer than a small part of the gap.
 
     Raises
     ------

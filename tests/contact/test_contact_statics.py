@@ -285,8 +285,8 @@ def test_a_limp_cloth_finds_its_folds_in_few_iterations(kind, where):
     """Its weight is 1,400 times what its flexure bears over its length: symmetric ways down end in saddles."""
     length, thickness, density, radius = 0.3, 4e-4, 300.0, 0.07
     flexure = thickness * density * 9.81 * length**3 / 1400.0
-    mesh, constants = ms.sheet(length=length, width=length, cells=(10, 10)), {"thickness": thickness, "density": density}
-    constants |= {"young": 12.0 * flexure * 0.91 / thickness**3, "poisson": 0.3}
+    mesh, constants = ms.sheet(length=length, width=length, cells=(10, 10)), {"poisson": 0.3, "density": density}
+    constants |= {"young": 12.0 * flexure * 0.91 / thickness**3, "thickness": thickness}
     theory = kind == "theory"
     sheet = ms.Isotropic(**constants) if theory else ms.Material.from_physical(**constants, mesh=mesh)
     held = [ms.Pin("nearest(0.15, 0, 0)"), ms.Fix("nearest(0.3, 0, 0)", "y")]
