@@ -211,7 +211,7 @@ class _Way:
         return None
 
     def end(self, rules: method.Rules) -> Rest | None:
-        """The end of the way by Newton's steps of the potential itself, with its verdict; None where there is none."""
+        """The end of the way by Newton's steps of the potential itself, with its verdict; None if there is none."""
         last = self.solver.iterate(self.x, self.active, rules._replace(most=_LAST), self._stresses())
         self.iterations += last.iterations
         reached = self._potential(last.point) if last.converged else np.inf
