@@ -2,7 +2,7 @@
 
 Of the rows that touch, the gaps are prescribed in each of Newton's steps, and what the step leaves out of balance
 along their normals are the forces; rows that pull are let go, and rows that entered are taken in. There is no gap left,
-and no stiffness to choose. Where the sets cycle, or leave a mechanism, the shell moves in a thick fluid.
+and no stiffness to choose. Where the sets cycle, or leave a mechanism, :mod:`.descent` leads the shell downhill.
 """
 
 from __future__ import annotations
@@ -19,33 +19,25 @@ from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
-from modalshell.modes import Factor, TangentStiffness
+from modalshell.modes import Factor
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.potential import Potential
-from modalshell.statics.warped import warped_step
 
-_PULL = 1e-9
+PULL = 1e-9
 """Pull, as a share of the scale of forces, that rounding explains: a row that lies on its collider without force."""
 DIRECT = 60
 """Iterations at most from a start; sets change by a few rows an iteration."""
-_SUB_STEP = 15
-"""Iterations at most of a step in the thick fluid."""
-EASY = 7
-FALL, RISE = 0.25, 6.0
-"""Iterations of such a step up to which the drag falls, and factors on it after a success and a failure."""
-FAILURES = 12
-"""Failures of steps in the fluid, one after the other, after which it gives up."""
-_STIFF = 1e-4
-"""First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
-_STAYS = 5
-"""Steps that end at a saddle, from which they might go on by themselves, after which it is left."""
-SUB_STEPS = 150
-"""Steps in the fluid at most."""
+_CUT = 8
+"""Steps at most, of one solve, that are cut short as they would turn a vertex too far: where that goes on, it ends at
+nothing."""
 _REFINEMENTS = 10
 """Refinements at most."""
 _REVISITS = 4
 """Times that one set may come back before sets are taken to cycle."""
+
+_WHOLE = 0.999
+"""Share of a step from which it counts as whole."""
 
 Mask = NDArray[np.bool_]
 
@@ -117,12 +109,12 @@ class ActiveSet:
             chosen[rows] = self.touching.movable(rows, self.touching.gaps(x, rows)[1])
         return chosen
 
-    def _linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
+    def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
         """Gradient (N,) and Hessian of the potential, that of friction with it."""
         gradient, hessian = self.problem.linearise(x, geometric, stresses)
         return (gradient if self._friction is None else self._friction.add(x, gradient, hessian)), hessian
 
-    def _potential(self, x: Array) -> tuple[float, Array]:
+    def potential(self, x: Array) -> tuple[float, Array]:
         """Potential [J] and its gradient (N,), those of friction with them."""
         value, gradient = self.problem.potential(x)
         if self._friction is not None:
@@ -140,10 +132,10 @@ class ActiveSet:
         pushes = np.zeros(active.size)
         best, stalled, allowed, repeated = np.inf, 0, 0.0, False
         seen: dict[bytes, int] = {}
-        size, solved = np.inf, False
+        size, solved, cut = np.inf, False, 0
         for iteration in range(rules.most + 1):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
-            gradient, hessian = self._linearise(x, geometric, stresses)
+            gradient, hessian = self.linearise(x, geometric, stresses)
             rows = np.flatnonzero(active)
             gaps = touching.gaps(x, rows)
             equations = Rotated(self.problem, touching, gradient, hessian, rows, pushes[rows], gaps)
@@ -158,7 +150,7 @@ class ActiveSet:
                     break
             else:
                 best, stalled, solved = np.inf, 0, False
-            if iteration == rules.most:
+            if iteration == rules.most or cut > _CUT:
                 break
             try:
                 direction, found = equations.solve()
@@ -167,11 +159,12 @@ class ActiveSet:
             if not np.isfinite(direction).all():
                 break
             x, share, allowed, stresses = self.moved(x, hessian, direction, equations.frames.rows)
+            cut += share < _WHOLE
             pushes = np.zeros(active.size)
             pushes[equations.frames.rows] = found
             allowed /= self.scale(pushes)
-            last, active = active, self._next(x, pushes, equations.frames.rows, max(_PULL, allowed))
-            repeated = bool(share > 0.999 and np.array_equal(last, active))
+            last, active = active, self.next_set(x, pushes, equations.frames.rows, max(PULL, allowed))
+            repeated = bool(share > _WHOLE and np.array_equal(last, active))
             if not repeated and active.size:
                 key = np.packbits(active).tobytes()
                 seen[key] = seen.get(key, 0) + 1
@@ -187,7 +180,7 @@ class ActiveSet:
         active, stresses = self.near(x), None
         pushes, repeated, count = np.zeros(active.size), False, 0
         while count < least or not (repeated or count == most):
-            gradient, hessian = self._linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+            gradient, hessian = self.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
             rows = np.flatnonzero(active)
             gaps = self.touching.gaps(x, rows)
             equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
@@ -198,28 +191,29 @@ class ActiveSet:
                 raise SolverError("Newton steps from this answer leave the finite numbers")
             pushes = np.zeros(active.size)
             pushes[equations.frames.rows] = found
-            last, active = active, self._next(x, pushes, equations.frames.rows, _PULL)
-            repeated = bool(share > 0.999 and np.array_equal(last, active))
+            last, active = active, self.next_set(x, pushes, equations.frames.rows, PULL)
+            repeated = bool(share > _WHOLE and np.array_equal(last, active))
         assert stresses is not None
         return Rest(x, active, np.where(active, pushes, 0.0), np.inf, count, repeated), stresses
 
     def moved(
-        self, x: Array, hessian: sps.csc_array, direction: Array, rows: Index
+        self, x: Array, hessian: sps.csc_array, direction: Array, rows: Index, wanted: float = 1.0
     ) -> tuple[Array, float, float, list[Array]]:
-        """Where a step from x (n, 3) leads, with ``rows`` put onto their colliders.
+        """Where the ``wanted`` part of a step from x (n, 3) leads, with ``rows`` put onto their colliders.
 
         Also returns the part of it that was taken, the residual that rounding allows there [N], and the stresses.
         """
-        moved, stresses, share = self.problem.moved(x, direction)
+        moved, stresses, share = self.problem.moved(x, wanted * direction)
         if (part := self.touching.safe_part(x, moved)) < 1.0:
-            moved, stresses, within = self.problem.moved(x, part * direction)
+            moved, stresses, within = self.problem.moved(x, part * wanted * direction)
             share = min(share, part * within)
-        left = (1.0 - share) * self.touching.gaps(x, rows)[0]
+        share *= wanted
+        left = max(0.0, 1.0 - share) * self.touching.gaps(x, rows)[0]
         self.touching.put_on(moved, rows, left)
         length = float(np.abs(moved - x).max(initial=0.0))
         return moved, share, self.problem.rounding(moved, hessian, length), stresses
 
-    def _next(self, x: Array, pushes: Array, kept: Index, pull: float) -> Mask:
+    def next_set(self, x: Array, pushes: Array, kept: Index, pull: float) -> Mask:
         """The next set: rows that do not ``pull``, as a share of the scale, stay, and rows that entered come in."""
         stays = np.zeros(pushes.size, dtype=bool)
         stays[kept] = pushes[kept] > -pull * self.scale(pushes)
@@ -231,9 +225,9 @@ class ActiveSet:
         """Rows (r,), those that were in the set left out, that lie inside at positions x (n, 3)."""
         return self._movable(x, ~was & (self.touching.distances(x) < -self._deep))
 
-    def _equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
+    def equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""
-        gradient, hessian = self._linearise(rest.point, geometric)
+        gradient, hessian = self.linearise(rest.point, geometric)
         rows = np.flatnonzero(rest.active)
         gaps = self.touching.gaps(rest.point, rows)
         return Rotated(self.problem, self.touching, gradient, hessian, rows, rest.pushes[rows], gaps), gradient
@@ -246,7 +240,7 @@ class ActiveSet:
         """
         if not rest.converged:
             return rest
-        equations, gradient = self._equations(rest, EXACT)
+        equations, gradient = self.equations(rest, EXACT)
         factor = equations.definite_factor()
         if factor is not None and rest.residual > method.ACCEPTED and self.problem.refinable:
             rest, gradient = self._refined(rest, equations, factor)
@@ -256,7 +250,7 @@ class ActiveSet:
 
     def negative_eigenvalues(self, rest: Rest) -> int:
         """Number of negative eigenvalues of the exact Hessian on the motions that keep the gaps."""
-        return self._equations(rest, EXACT)[0].factor().negative_eigenvalues()
+        return self.equations(rest, EXACT)[0].factor().negative_eigenvalues()
 
     def _refined(self, rest: Rest, equations: Rotated, factor: Factor) -> tuple[Rest, Array]:
         """The end refined as :mod:`modalshell.statics.refine` does it, with what touches staying on its collider."""
@@ -280,88 +274,15 @@ class ActiveSet:
         refined = replace(rest, point=point, residual=residual, limited=limited, iterations=rest.iterations + iteration)
         return refined, kept
 
-    def descend(self, start: Array, rules: method.Rules) -> Rest:
-        """Go downhill from ``start`` (n, 3) as the shell would move in a thick fluid, by steps with active sets.
+    def dragged(self, x: Array, drag: float) -> ActiveSet:
+        """The same with ``drag |y - x|^2 / 2`` added to the potential, in the norm of the mass."""
+        return ActiveSet(self.problem.dragged(x, drag), self.touching, self._load, self._friction)
 
-        Saddles, in which symmetric ways end, are left.
-        """
-        problem, shell = self.problem, self.problem.shell
-        loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
-        x, active, iterations = start, self.near(start), 0
-        value, drag = self.first_drag(x)
-        present, failures, saddles, stays = np.zeros_like(x), 0, 0, 0
-        rest = Rest(x, active, np.zeros(active.size), np.inf, 0, False)
-        for _ in range(SUB_STEPS):
-            fluid = ActiveSet(problem.dragged(x, drag), self.touching, self._load, self._friction)
-            step = fluid.iterate(x, active, loose, shell.predicted_stresses(x, present))
-            iterations += step.iterations
-            reached = self._potential(step.point)[0] if step.converged else np.inf
-            if not reached <= value + method.HIGHER * abs(value) or self.touching.crossed(x, step.point):
-                drag, failures = drag * RISE, failures + 1
-                if failures == FAILURES:
-                    break
-                continue
-            x, active, value, failures = step.point, step.active, reached, 0
-            if step.iterations <= EASY:
-                drag *= FALL
-            rest = self._free_residual(step)
-            if rest.residual > method.NEAR:
-                continue
-            plain = rules._replace(most=_SUB_STEP)
-            last = self.iterate(x, active, plain, shell.predicted_stresses(x, present))
-            iterations += last.iterations
-            reached = self._potential(last.point)[0] if last.converged else np.inf
-            if reached <= value + method.HIGHER * abs(value) and not self.touching.crossed(x, last.point):
-                last = self.settled(last)
-                if last.stable:
-                    return replace(last, iterations=iterations)
-                stays += 1
-                if stays == _STAYS and saddles < method.SADDLES:
-                    x, value, drag = self._off_saddle(last, reached)
-                    active, saddles, stays = last.active, saddles + 1, 0
-        return replace(rest, iterations=iterations, converged=False)
+    def is_inside(self, x: Array) -> bool:
+        """Whether a vertex lies inside a collider at positions x (n, 3)."""
+        return bool(self.touching.distances(x).min(initial=0.0) < -self._deep)
 
-    def _off_saddle(self, rest: Rest, value: float) -> tuple[Array, float, float]:
-        """Where the lowest mode on the motions that keep the gaps leads from a saddle, the potential there, and a drag.
-
-        Both ways are tried, with steps that double for as long as the potential falls and nothing enters.
-        """
-        problem, shell, equations = self.problem, self.problem.shell, self._equations(rest, EXACT)[0]
-        best, rows = rest.point, np.flatnonzero(rest.active)
-        try:
-            curvature, turned = TangentStiffness(shell, equations.kept(), problem.factoriser).lowest_mode()
-        except SolverError:
-            return best, value, self.first_drag(best)[1]
-        way = equations.frames.turned(turned, back=True)
-        way *= shell.size / max(float(np.abs(way).max()), 1e-300)
-        for sign in (1.0, -1.0):
-            last = np.inf
-            for halvings in range(method.HALVINGS, 0, -1):
-                x = warped_step(shell, rest.point, sign * 0.5**halvings * way, method.LARGEST_TURN)[0]
-                self.touching.put_on(x, rows, np.zeros(rows.size))
-                passes = self.entered(x, rest.active).any() or self.touching.crossed(rest.point, x)
-                reached = np.inf if passes else self._potential(x)[0]
-                if not reached < last:
-                    break
-                last = reached
-                if reached < value:
-                    value, best = reached, x
-        return best, value, 2.0 * abs(curvature)
-
-    def first_drag(self, x: Array) -> tuple[float, float]:
-        """Potential at x (n, 3), infinite where vertices lie inside, and a drag to begin with."""
-        shell = self.problem.shell
-        value, gradient = self._potential(x)
-        drag = float(np.linalg.norm(gradient))
-        drag /= float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size
-        if self.touching.distances(x).min(initial=0.0) < -self._deep:
-            value = np.inf
-            diagonal = self._linearise(x, EXACT)[1].diagonal()
-            drag = max(drag, _STIFF * float(np.abs(diagonal).mean() / shell.mass.mean()))
-        return value, drag
-
-    def _free_residual(self, step: Rest) -> Rest:
-        """A step's end, with the residual without the drag."""
-        equations, gradient = self._equations(step, GAUSS_NEWTON)
-        size = float(np.linalg.norm(equations.unbalanced(gradient)))
-        return replace(step, residual=size / self.scale(step.pushes), converged=False)
+    def free_residual(self, step: Rest) -> float:
+        """Residual at the end of a step with a drag, without that drag."""
+        equations, gradient = self.equations(step, GAUSS_NEWTON)
+        return float(np.linalg.norm(equations.unbalanced(gradient))) / self.scale(step.pushes)

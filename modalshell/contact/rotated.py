@@ -9,6 +9,7 @@ import scipy.sparse as sps
 
 from modalshell.contact import kernels
 from modalshell.contact.touching import Touching
+from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Factor
 from modalshell.modes.factorisation import CondensedFactor
@@ -177,13 +178,19 @@ class Rotated:
         kernels.prescribe(*structure, frames.unknowns, frames.coordinates(self._moves), diagonal, right_side)
         return sps.csc_array((data, hessian.indices, hessian.indptr), shape=hessian.shape)
 
-    def solve(self) -> tuple[Array, Array]:
-        """Newton's direction (N,), and the forces [N] on the rows at its end; SolverError if it is singular."""
+    def solve(self, *, definite: bool = False) -> tuple[Array, Array]:
+        """Newton's direction (N,), and the forces [N] on the rows at its end; SolverError if it is singular.
+
+        SolverError, too, where it is to be ``definite`` and is not.
+        """
         size, count = self._hessian.shape[0], self._gradient.size
         right = np.zeros(size)
         right[:count] = self.frames.turned(-self._gradient)
         matrix = self.matrix(right)
-        factor = whole_factor(self._problem.factor(matrix))
+        found = self._problem.definite_factor(matrix) if definite else self._problem.factor(matrix)
+        if found is None:
+            raise SolverError("the Hessian is not positive definite")
+        factor = whole_factor(found)
         with self._problem.costs.part("solution"):
             turned = factor.solve(right)
         direction = self.frames.turned(turned, back=True)

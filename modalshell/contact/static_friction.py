@@ -15,7 +15,8 @@ import numpy as np
 import scipy.sparse as sps
 
 from modalshell.contact import kernels
-from modalshell.contact.active_set import EASY, FAILURES, FALL, RISE, SUB_STEPS, ActiveSet, Mask, Rest
+from modalshell.contact.active_set import ActiveSet, Mask, Rest
+from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, SUB_STEPS, first_drag
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import INSIDE, Touching
 from modalshell.core.errors import SolverError
@@ -109,7 +110,7 @@ def _arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:
 
 def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
     """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins."""
-    drag = ActiveSet(problem, touching, problem.measure(problem.push)).first_drag(before.rest.point)[1]
+    drag = first_drag(ActiveSet(problem, touching, problem.measure(problem.push)), before.rest.point)[1]
     reached, failures, iterations = before, 0, 0
     for _ in range(SUB_STEPS):
         x = reached.rest.point

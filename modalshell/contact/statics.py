@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
+from modalshell.contact.descent import descend
 from modalshell.contact.layered import LayeredEnergy, Patterns, pressure_of
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import Touching, put_out
@@ -34,8 +35,8 @@ def rest_on_contacts(
 
     The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one
     that lies behind a collider, it is tried from the ``guess`` (n, 3) that is then asked for, if there is one; where
-    that does not help either, the shell moves from the start in a thick fluid. A start inside colliders that push out
-    is led out in steps, without a guess: the surfaces come from where they touch its deepest vertices.
+    that does not help either, the shell goes downhill from the start, by :mod:`.descent`. A start inside colliders that
+    push out is led out in steps, without a guess: the surfaces come from where they touch its deepest vertices.
 
     Iterations are Newton's of all that was tried; but from the guess on where the minimum is found from it.
 
@@ -77,8 +78,8 @@ def rest_on_contacts(
 def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start: Array) -> tuple[Rest, Layers]:
     """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the layers.
 
-    The shell moves in a thick fluid. The barrier is stiffened, from the load over the area on, until no two layers are
-    nearer than a small part of the gap.
+    The shell goes downhill, by :mod:`.descent`. The barrier is stiffened, from the load over the area on, until no two
+    layers are nearer than a small part of the gap.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Arr
 
 
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
-    """Where the shell comes to in a thick fluid, after some ``iterations`` in vain."""
+    """Where the way downhill leads, after some ``iterations`` in vain."""
     solver = ActiveSet(problem, touching, problem.measure(problem.push))
-    rest = solver.descend(start, rules_of(problem, method.GOAL, DIRECT))
+    rest = descend(solver, start, rules_of(problem, method.GOAL, DIRECT))
     return replace(rest, iterations=iterations + rest.iterations)

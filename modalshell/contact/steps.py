@@ -10,6 +10,7 @@ import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
+from modalshell.contact.descent import descend
 from modalshell.contact.friction import Friction, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
@@ -23,9 +24,9 @@ from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
 
 _MOST = 40
-"""Iterations at most of a step, before the thick fluid."""
+"""Iterations at most of a step, before the way downhill."""
 _AMONG_LAYERS = 20
-"""The same with self-contact, whose steps the thick fluid finds the sooner."""
+"""The same with self-contact, whose steps the way downhill finds the sooner."""
 _PRESSED = 0.5
 """Residual of where a step among layers begins, over that of a guess, below which it is the better guess."""
 _TURNS, _TURNED = 6, 1e-6
@@ -192,7 +193,7 @@ class TouchingSteps:
             if not rest.converged:
                 begin, held = problem.origin.copy(), problem.shell.clamped
                 begin[held] = first[held]  # where supports have moved to
-                rest = solver.descend(begin, rules)
+                rest = descend(solver, begin, rules)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             new = (pushes > 0.0) & (lagged <= 0.0)
             if settled or not (self.rubs and rest.converged and new.any()):

@@ -30,8 +30,9 @@ class DiscreteShell(FullModel):
 
     Statics with contacts without friction tries the whole load from rest; where that fails, from the answer of RSW in a
     few modes with contacts at some vertices spread over the shell; and where this fails too, or would raise the
-    potential or pass a collider, the shell moves from rest in a thick fluid. ``iterations`` are Newton's of DS: from
-    RSW's answer on where the minimum is found from it, else all.
+    potential or pass a collider, the shell goes downhill from rest: in a thick fluid, and where that fails by steps
+    that lower the potential. ``iterations`` are Newton's of DS: from RSW's answer on where the minimum is found from
+    it, else all.
 
     Parameters
     ----------

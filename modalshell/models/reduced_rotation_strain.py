@@ -32,6 +32,8 @@ _FALLING, _UNBENT = 0.5, 1e-6
 """Turn [rad] to train on where loads bend no part without supports, and the largest one that counts as none."""
 _MIXED = 1.5
 """Largest factor of a coordinate in a mixture of training."""
+_AXES: Array = np.repeat([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1], TILE)[None]
+"""Shape of a tile whose columns of F are wanted in the triangles' own frames."""
 
 
 class ReducedWarp(NamedTuple):
@@ -225,7 +227,7 @@ class ReducedRotationStrain(TurnedTriangles):
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates."""
         columns, regression = self._by_triangle
         slopes, expansion = np.empty(columns.shape), self._patch_rows(self._expansion, vertices)
-        kernel.deformation_rows(columns, q, slopes)
+        kernel.deformation_rows(self._modal, _AXES, columns, q, slopes)
         return expansion[:, :, : q.size] + expansion[:, :, q.size :] @ (regression @ slopes.reshape(-1, q.size))
 
     @cached_property

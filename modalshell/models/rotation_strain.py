@@ -86,9 +86,9 @@ class RotationStrain(TurnedTriangles):
         fit = self._fit
         if fit.coupled or fit.floating:
             return super().contact_rows(q, vertices)
-        columns, frames, sides, slots = self._by_triangle
+        columns, slots = self._by_triangle
         right = np.empty((fit.rows, 3, q.size))
-        kernel.spread_rows(columns, frames, sides, slots, q, right)
+        kernel.spread_rows(self._modal, self._shape, columns, slots, q, right)
         places = self._places[vertices]
         if places.size and places.min() < 0:
             missing = np.unique(vertices[places < 0])
@@ -100,11 +100,10 @@ class RotationStrain(TurnedTriangles):
         return (self._green[places] @ right[:-1].reshape(fit.rows - 1, -1)).reshape(vertices.size, 3, q.size)
 
     @cached_property
-    def _by_triangle(self) -> tuple[Array, Array, Array, Index]:
-        """Turns and strains (T, 6, m), frames, sides and rows of all triangles."""
+    def _by_triangle(self) -> tuple[Array, Index]:
+        """Turns and strains (T, 6, m), and rows of all triangles."""
         columns = self.turns_and_strains(np.arange(len(self.shell.mesh.faces))).transpose(0, 2, 1)
-        fit = self._fit
-        return np.ascontiguousarray(columns), np.array(fit.frames), np.array(fit.sides), np.array(fit.slots)
+        return np.ascontiguousarray(columns), np.array(self._fit.slots)
 
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""

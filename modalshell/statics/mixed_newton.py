@@ -267,12 +267,12 @@ def descend(problem: Any, rules: Rules) -> Solved:
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
         saddles += 1
-        value, factor = _leave_saddle(problem, reached)
+        value, factor = leave_saddle(problem, reached)
     return Solved(size, iterations, False, saddles)
 
 
 @_jitable
-def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
+def leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     """Move the iterate off a saddle; the potential there, and a drag that steadies the way down.
 
     Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the

@@ -68,6 +68,36 @@ def test_momenta_change_by_the_impulses_of_contact_and_gravity(shell, models, na
     assert motion.unconverged == 0
 
 
+@pytest.mark.filterwarnings("ignore:no basis")
+def test_a_hybrid_in_flight_changes_its_momentum_by_the_impulses_of_a_ball_and_flies_on():
+    shell = ms.Shell(
+        ms.sheet(length=0.4, width=0.3, cells=(4, 3)),
+        ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=300.0),
+    )
+    bent = np.zeros_like(shell.rest_positions)
+    bent[:, 2] = (shell.rest_positions[:, 0] - 0.2) ** 2
+    bent[:, 2] -= bent[:, 2].mean()
+    model = ms.HybridStress.trained(shell, force=bent, modes=8, motions=4)
+    motion, mass = falling(model, BALL, start=tilted(shell), dt=1 / 120), shell.mass
+    weight, energy, touched = mass.sum() * np.array(GRAVITY), motion.energies().sum(), 0
+    for _ in range(60):
+        before = motion.state
+        motion.advance()
+        found, last, energy = motion.touched(), energy, motion.energies().sum()
+        if found.touches.any():
+            touched += 1
+            # While it touches, its coarse shell moves, here of the same vertices.
+            first, second = (mass @ model.as_coarse(state).rates for state in (before, motion.state))
+            off = np.abs((second - first) * 120 - found.forces.sum(axis=0) - weight).max()
+            assert off <= 1e-5 * np.linalg.norm(found.forces.sum(axis=0) + weight)
+            assert found.deepest <= 1e-9 * shell.size
+            assert energy - last <= 1e-12
+    assert 3 < touched < 50
+    assert not found.touches.any()
+    assert motion.unconverged == 0
+    assert motion.state.coordinates.ndim == 1  # the hybrid's own again
+
+
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW"])
 def test_a_panel_falls_on_its_corner_as_its_discrete_shell(shell, models, name):
     given = {"duration": 0.5, "dt": 1 / 120, "gravity": GRAVITY, "damping": (1.0, 0.0), "contacts": [FLOOR]}

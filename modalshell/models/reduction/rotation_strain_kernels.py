@@ -269,99 +269,106 @@ def add_curvature(modal, adjoint, q, work, blocks, hessian):  # type: ignore[no-
                     hessian[other, mode] += amount
 
 
-@njit(error_model="numpy", fastmath=False)
-def _slopes_of(columns, q, work, by_a, by_b):  # type: ignore[no-untyped-def]
-    """Derivatives (6, 3) of the columns of F by turn and strain of a triangle with ``columns`` (6, m), at q (m,).
+@_kernel
+def _turned(j, frame, tile, x, y, z):  # type: ignore[no-untyped-def]
+    """A vector in the frame of triangle ``j`` in the world's axes."""
+    return (
+        frame[tile, j] * x + frame[tile, 3 * TILE + j] * y + frame[tile, 6 * TILE + j] * z,
+        frame[tile, TILE + j] * x + frame[tile, 4 * TILE + j] * y + frame[tile, 7 * TILE + j] * z,
+        frame[tile, 2 * TILE + j] * x + frame[tile, 5 * TILE + j] * y + frame[tile, 8 * TILE + j] * z,
+    )
 
-    ``work`` are arrays (6,), (3, 3), (3, 3), (3,) and (3,) for values on the way.
+
+@_kernel
+def _slopes(modal, shape, tile, q, work, slopes):  # type: ignore[no-untyped-def]
+    """Derivatives of what a tile's triangles spread by their turn and strain: ``dF = [Rt(w) dw] F + e^[w] dS``.
+
+    Into ``slopes`` (36, 128): axis by axis of the first part by the six, then of the second one.
     """
-    value, spin, turn, first, second = work
-    v0, v1, v2, v3, v4, v5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(q.size):  # six sums side by side: each waits for its last addition
-        p = q[k]
-        v0 += columns[0, k] * p
-        v1 += columns[1, k] * p
-        v2 += columns[2, k] * p
-        v3 += columns[3, k] * p
-        v4 += columns[4, k] * p
-        v5 += columns[5, k] * p
-    value[0], value[1], value[2], value[3], value[4], value[5] = v0, v1, v2, v3, v4, v5
-    x, y, z = value[0], value[1], value[2]
-    c1, c2, c3 = coefficients(x, y, z)
-    _matrix(x, y, z, c1, c2, turn)
-    _matrix(x, y, z, c2, c3, spin)
-    for j in range(3):
-        by_a[3, j], by_a[4, j], by_a[5, j] = turn[j, 0], 0.0, turn[j, 1]
-        by_b[3, j], by_b[4, j], by_b[5, j] = 0.0, turn[j, 1], turn[j, 0]
-        first[j] = turn[j, 0] * (1.0 + value[3]) + turn[j, 1] * value[5]
-        second[j] = turn[j, 0] * value[5] + turn[j, 1] * (1.0 + value[4])
-    for i in range(3):
-        for j in range(3):
-            n, p = (j + 1) % 3, (j + 2) % 3
-            by_a[i, j] = spin[n, i] * first[p] - spin[p, i] * first[n]
-            by_b[i, j] = spin[n, i] * second[p] - spin[p, i] * second[n]
+    _combine(modal, tile, q, work)
+    for j in range(TILE):
+        x, y, z = work[j], work[TILE + j], work[2 * TILE + j]
+        c2, c3 = work[6 * TILE + j], work[7 * TILE + j]
+        c1 = 1.0 - (x * x + y * y + z * z) * c3
+        first, second, mixed = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+        height, foot, length = shape[tile, 9 * TILE + j], shape[tile, 10 * TILE + j], shape[tile, 11 * TILE + j]
+        ax, ay, az = 1.0 - c2 * (y * y + z * z), c1 * z + c2 * x * y, c2 * x * z - c1 * y
+        bx, by, bz = c2 * x * y - c1 * z, 1.0 - c2 * (x * x + z * z), c1 * x + c2 * y * z
+        fx, fy, fz = ax + first * ax + mixed * bx, ay + first * ay + mixed * by, az + first * az + mixed * bz
+        gx, gy, gz = bx + mixed * ax + second * bx, by + mixed * ay + second * by, bz + mixed * az + second * bz
+        for i in range(3):
+            # Column i of I + c2 [w] + c3 [w]^2.
+            if i == 0:
+                u, v, w = 1.0 - c3 * (y * y + z * z), c3 * x * y + c2 * z, c3 * x * z - c2 * y
+            elif i == 1:
+                u, v, w = c3 * x * y - c2 * z, 1.0 - c3 * (x * x + z * z), c3 * y * z + c2 * x
+            else:
+                u, v, w = c3 * x * z + c2 * y, c3 * y * z - c2 * x, 1.0 - c3 * (x * x + y * y)
+            dx, dy, dz = _turned(j, shape, tile, v * fz - w * fy, w * fx - u * fz, u * fy - v * fx)
+            ex, ey, ez = _turned(j, shape, tile, v * gz - w * gy, w * gx - u * gz, u * gy - v * gx)
+            slopes[i, j], slopes[18 + i, j] = height * dx - foot * ex, length * ex
+            slopes[6 + i, j], slopes[24 + i, j] = height * dy - foot * ey, length * ey
+            slopes[12 + i, j], slopes[30 + i, j] = height * dz - foot * ez, length * ez
+        dx, dy, dz = _turned(j, shape, tile, ax, ay, az)
+        ex, ey, ez = _turned(j, shape, tile, bx, by, bz)
+        slopes[3, j], slopes[9, j], slopes[15, j] = height * dx, height * dy, height * dz
+        slopes[4, j], slopes[10, j], slopes[16, j] = -foot * ex, -foot * ey, -foot * ez
+        slopes[5, j], slopes[11, j], slopes[17, j] = (
+            height * ex - foot * dx,
+            height * ey - foot * dy,
+            height * ez - foot * dz,
+        )
+        slopes[21, j] = slopes[27, j] = slopes[33, j] = 0.0
+        slopes[22, j], slopes[28, j], slopes[34, j] = length * ex, length * ey, length * ez
+        slopes[23, j], slopes[29, j], slopes[35, j] = length * dx, length * dy, length * dz
 
 
 @njit(error_model="numpy", fastmath=False)
-def deformation_rows(columns, q, out):  # type: ignore[no-untyped-def]
-    """Derivatives ``out`` (T, 6, m) of :func:`deformations` by q (m,), of triangles with ``columns`` (T, 6, m)."""
-    by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
-    work = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-def]
+    """Derivatives ``out`` (T, 6, m) of :func:`deformations` by q (m,), of triangles with ``columns`` (T, 6, m).
+
+    The ``shape`` of their tiles has the axes for their frames, and 1, 0 and 1 for sides.
+    """
+    work, slopes = np.empty(WORK), np.empty((36, TILE))
     for t in range(columns.shape[0]):
-        own = columns[t]
-        _slopes_of(own, q, work, by_a, by_b)
-        for j in range(3):
+        j = t % TILE
+        if j == 0:
+            _slopes(modal, shape, t // TILE, q, work, slopes)
+        for row in range(6):
+            a0, a1, a2 = slopes[6 * row, j], slopes[6 * row + 1, j], slopes[6 * row + 2, j]
+            a3, a4, a5 = slopes[6 * row + 3, j], slopes[6 * row + 4, j], slopes[6 * row + 5, j]
             for k in range(q.size):
-                out[t, j, k] = out[t, 3 + j, k] = 0.0
-            for i in range(6):
-                for k in range(q.size):
-                    out[t, j, k] += by_a[i, j] * own[i, k]
-                    out[t, 3 + j, k] += by_b[i, j] * own[i, k]
+                p0, p1, p2 = columns[t, 0, k], columns[t, 1, k], columns[t, 2, k]
+                p3, p4, p5 = columns[t, 3, k], columns[t, 4, k], columns[t, 5, k]
+                out[t, row, k] = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
 
 
 @njit(error_model="numpy", fastmath=False)
-def spread_rows(columns, frames, sides, corners, q, out):  # type: ignore[no-untyped-def]
+def spread_rows(modal, shape, columns, corners, q, out):  # type: ignore[no-untyped-def]
     """Derivatives ``out`` (N + 1, 3, m) of the right side of :func:`spread` by the coordinates q (m,).
 
-    ``columns`` (T, 6, m) are the turns and strains of the triangles in each mode, ``frames`` (T, 3, 3) their axes,
-    ``sides`` (T, 3) height, foot and length, ``corners`` (T, 3) rows of ``out``. With ``F = e^[w] (I + S)``,
-    ``dF = [Rt(w) dw] F + e^[w] dS``.
+    ``columns`` (T, 6, m) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``.
     """
     out[:] = 0.0
-    by_a, by_b = np.empty((6, 3)), np.empty((6, 3))
-    work = np.empty(6), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    one, two, ones, twos = np.empty((3, 6)), np.empty((3, 6)), np.empty(q.size), np.empty(q.size)
+    work, slopes = np.empty(WORK), np.empty((36, TILE))
+    ones, twos = np.empty(q.size), np.empty(q.size)
     for t in range(columns.shape[0]):
-        _slopes_of(columns[t], q, work, by_a, by_b)
-        height, foot, length = 0.5 * sides[t, 0], 0.5 * sides[t, 1], 0.5 * sides[t, 2]
-        for i in range(6):
-            for axis in range(3):
-                fa, fb = 0.0, 0.0
-                for j in range(3):
-                    fa += by_a[i, j] * frames[t, j, axis]
-                    fb += by_b[i, j] * frames[t, j, axis]
-                one[axis, i], two[axis, i] = height * fa - foot * fb, length * fb
+        j = t % TILE
+        if j == 0:
+            _slopes(modal, shape, t // TILE, q, work, slopes)
         at0, at1, at2 = corners[t, 0], corners[t, 1], corners[t, 2]
         for axis in range(3):
-            a0, a1, a2, a3, a4, a5 = one[axis, 0], one[axis, 1], one[axis, 2], one[axis, 3], one[axis, 4], one[axis, 5]
-            b0, b1, b2, b3, b4, b5 = two[axis, 0], two[axis, 1], two[axis, 2], two[axis, 3], two[axis, 4], two[axis, 5]
+            at = 6 * axis
+            a0, a1, a2 = slopes[at, j], slopes[at + 1, j], slopes[at + 2, j]
+            a3, a4, a5 = slopes[at + 3, j], slopes[at + 4, j], slopes[at + 5, j]
+            b0, b1, b2 = slopes[at + 18, j], slopes[at + 19, j], slopes[at + 20, j]
+            b4, b5 = slopes[at + 22, j], slopes[at + 23, j]
             for k in range(q.size):
                 p0, p1, p2 = columns[t, 0, k], columns[t, 1, k], columns[t, 2, k]
                 p3, p4, p5 = columns[t, 3, k], columns[t, 4, k], columns[t, 5, k]
                 ones[k] = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
-                twos[k] = b0 * p0 + b1 * p1 + b2 * p2 + b3 * p3 + b4 * p4 + b5 * p5
+                twos[k] = b0 * p0 + b1 * p1 + b2 * p2 + b4 * p4 + b5 * p5
             for k in range(q.size):
                 out[at1, axis, k] += ones[k]
                 out[at2, axis, k] += twos[k]
                 out[at0, axis, k] -= ones[k] + twos[k]
-
-
-@njit(error_model="numpy", fastmath=False, forceinline=True)
-def _matrix(x, y, z, linear, quadratic, out):  # type: ignore[no-untyped-def]
-    """``I + linear [w] + quadratic [w]^2`` into ``out`` (3, 3)."""
-    out[0, 0] = 1.0 - quadratic * (y * y + z * z)
-    out[1, 1] = 1.0 - quadratic * (x * x + z * z)
-    out[2, 2] = 1.0 - quadratic * (x * x + y * y)
-    out[0, 1], out[1, 0] = quadratic * x * y - linear * z, quadratic * x * y + linear * z
-    out[0, 2], out[2, 0] = quadratic * x * z + linear * y, quadratic * x * z - linear * y
-    out[1, 2], out[2, 1] = quadratic * y * z - linear * x, quadratic * y * z + linear * x
