@@ -137,6 +137,23 @@ clamped = "{clamped}"
 """
 
 
+def stiff_beam_text(cells=20):
+    """The same of a V-beam of a stiff membrane, which snaps; ``cells`` along, two rows of vertices held."""
+    return f"""
+[mesh]
+shape = "v_beam"
+fold = 150.0
+cells = [{cells}, {cells // 5}]
+[material]
+stretch = 2000.0
+shear = 2000.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < {1.0 / cells + 1e-3:g}"
+"""
+
+
 SWEPT_BEAM = (
     beam_text(prefix="scene.")
     + """[scene.model]
