@@ -54,6 +54,16 @@ def leaf(cells=(8, 6), clamped=None):
     return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)
 
 
+def jittered(cells=(8, 6), length=0.3, width=0.2):
+    """A flat sheet whose inner vertices lie up to a fifth of a cell beside their places."""
+    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
+    points = np.array(mesh.vertices)
+    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
+    cell = np.array([length / cells[0], width / cells[1]])
+    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
+    return ms.TriangleMesh(points, mesh.faces)
+
+
 SHELLS = Made(
     {
         "clamped v_beam": lambda: cantilever((10, 4)),
