@@ -12,6 +12,7 @@ most 1 % of the load. Where it names none, none must meet both demands.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ from modalshell.compare.advise import choose
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
-from modalshell.compare.runs import Measurement
-from modalshell.core.typing import Array, Progress
+from modalshell.compare.runs import answer_error
+from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
@@ -163,59 +164,47 @@ def checked(case: Case, errors: Sequence[float], shares: tuple[float, ...]) -> l
     """The advice on one scene for each asked error, and whether it is right at held-out shares of the load."""
     fps = FRAMES_PER_SECOND if isinstance(case.shell.material, ms.Material) else OF_THEORY
     measured, truth = ms.tradeoff(case), ms.DiscreteShell(case.shell)
-    exact = [truth.equilibrium(force=share * case.load) for share in shares]
-    off: dict[str, list[float]] = {}
+    answers = {share: truth.equilibrium(force=share * case.load) for share in shares}
+    exact = {share: answer for share, answer in answers.items() if answer.converged}
 
-    def errors_of(row: Measurement) -> list[float]:
-        """Its errors at the held-out loads, infinite where the rung has no answer, zero where DS has none."""
-        if row.label not in off:
+    @cache
+    def errors_of(label: str) -> dict[float, float]:
+        """Errors of a rung by held-out share, infinite where it has no answer."""
+        row = next(row for row in measured.rows if row.label == label)
+        found = dict.fromkeys(exact, 0.0)
+        for share, answer in exact.items() if not row.is_truth else ():
             assert row.model is not None
-            off[row.label] = [
-                0.0 if row.is_truth or not answer.converged else _error(row.model, share * case.load, answer, case)
-                for share, answer in zip(shares, exact, strict=True)
-            ]
-        return off[row.label]
+            apart = answer_error(row.model.equilibrium(force=share * case.load), answer, case.shell)
+            found[share] = np.inf if apart is None else apart
+        return found
 
-    return [_judged(choose(measured, error, fps), shares, exact, errors_of) for error in errors]
-
-
-def _error(model: ms.Model, force: Array, exact: ms.Equilibrium, case: Case) -> float:
-    mine = model.equilibrium(force=force)
-    return ms.measure.displacement_error(mine.positions, exact.positions, case.shell) if mine.converged else np.inf
+    told = {"held_out_loads": shares, "truths": len(exact)}
+    return [told | judged(choose(measured, error, fps), errors_of) for error in errors]
 
 
-def _judged(
-    advice: ms.Advice,
-    shares: tuple[float, ...],
-    exact: list[ms.Equilibrium],
-    errors_of: Callable[[Measurement], list[float]],
-) -> dict[str, Any]:
-    """A row: an advice, and what is true of it."""
-    chosen, case = advice.chosen, advice.measured.case
-    there = [answer.converged for answer in exact]
-    said = [any(low < share < high for low, high in advice.missed_loads) for share in shares]
-    found = [] if chosen is None else list(zip(errors_of(chosen), there, said, strict=True))
-    held_out = [apart for apart, known, excluded in found if known and not excluded]
-    missed = [apart for apart, known, excluded in found if known and excluded]
+def judged(advice: ms.Advice, errors_of: Callable[[str], dict[float, float]]) -> dict[str, Any]:
+    """An advice, and what is true of it, by the errors of rungs at held-out shares of the load."""
+    chosen = advice.chosen
+    found = {} if chosen is None else errors_of(chosen.label)
+    missed = {at: apart for at, apart in found.items() if any(low < at < high for low, high in advice.missed_loads)}
+    held_out = [apart for at, apart in found.items() if at not in missed]
     width = float(sum(high - low for low, high in advice.missed_loads))
     meets = not held_out or (max(held_out) <= advice.error and width <= WIDEST)
     fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * advice.frames_per_second]
-    cheaper = [row for row in fast if chosen is None or NEAR_TIE * row.cost < chosen.cost]
-    also = [row.label for row in cheaper if max(errors_of(row)) <= advice.error]
+    cheaper = [row.label for row in fast if chosen is None or NEAR_TIE * row.cost < chosen.cost]
+    also = [label for label in cheaper if max(errors_of(label).values(), default=0.0) <= advice.error]
     return {
-        "scene": case.note,
+        "scene": advice.measured.case.note,
         "error": advice.error,
         "snap": None if advice.snap is None else str(advice.snap),
         "chosen": None if chosen is None else chosen.label,
         "measured_error": None if chosen is None else chosen.worst_error,
         "measured_errors": {row.label: row.worst_error for row in advice.rows},
         "held_out_error": max(held_out, default=None),
-        "held_out_loads": shares,
         "missed_loads": advice.missed_loads,
-        "missed_error": max(missed, default=None),
+        "missed_error": max(missed.values(), default=None),
         "missed_width": width,
         "frames_per_second": None if chosen is None else chosen.frames_per_second,
-        "truths": sum(there),
         "meets": meets,
         "cheaper_that_meet": also,
         "right": meets and not also,
