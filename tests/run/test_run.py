@@ -152,7 +152,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     finish(started(scene, tmp_path / "whole"))
     whole = time.perf_counter() - begin
     chance = np.random.default_rng(5)
-    for delay in 1.1 * whole * (np.arange(5) + chance.uniform(size=5)) / 5:  # one in each fifth
+    for delay in 1.1 * whole * (np.arange(10) + chance.uniform(size=10)) / 10:  # one in each tenth
         process = started(scene, tmp_path / "killed")
         time.sleep(delay)
         process.kill()
