@@ -178,8 +178,8 @@ def checked(case: Case, errors: Sequence[float], shares: tuple[float, ...]) -> l
             found[share] = np.inf if apart is None else apart
         return found
 
-    told = {"held_out_loads": shares, "truths": len(exact)}
-    return [told | judged(choose(measured, error, fps), errors_of) for error in errors]
+    common = {"held_out_loads": shares, "truths": len(exact)}
+    return [common | judged(choose(measured, error, fps), errors_of) for error in errors]
 
 
 def judged(advice: ms.Advice, errors_of: Callable[[str], dict[float, float]]) -> dict[str, Any]:

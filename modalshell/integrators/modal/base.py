@@ -24,7 +24,7 @@ Step = float | Array
 
 
 class ModalStep(NamedTuple):
-    """What a rule is told of a step.
+    """What a rule knows of a step.
 
     Attributes
     ----------
