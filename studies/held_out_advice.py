@@ -11,16 +11,19 @@ most 1 % of the load. Where it names none, none must meet both demands.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN
+from modalshell.compare.advise import choose
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
-from modalshell.compare.runs import Measurement
+from modalshell.compare.runs import answer_error
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
@@ -41,21 +44,26 @@ HELD_OUT = (0.31, 0.6, 0.87, 0.97)
 """Shares of the load at which the advice is checked."""
 AROUND_SNAP = (0.95, 0.99, 0.999, 1.001, 1.01, 1.05)
 """Further ones, over the load of the snap."""
+Draw = tuple[int, int, Callable[[np.random.Generator, str], tuple[Case, float, tuple[float, ...]]]]
+"""Seed, place and kind of a scene."""
 WIDEST = 0.01
 """Share of the load, next to snaps, up to which an advised rung may not serve."""
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
-    """Check the advice on all scenes; ``quick`` takes one."""
-    rows = []
-    kinds = [random_case] * (1 if quick else SCENES) + [snapping_case] * (1 if quick else SNAPPING)
-    draws = [(SEED, place, kind) for place, kind in enumerate(kinds)]
-    for place in range(0 if quick else FURTHER):  # every fourth of shell theory, whose models train longer
-        draws.append((FURTHER_SEED, place, further_case if place % 4 == 3 else snapping_case))
-    draws += [] if quick else [(SEED, ONCE_WRONG, snapping_case)]
-    for number, (seed, place, kind) in counted(list(enumerate(draws)), on_step):
-        rows.append(checked(*kind(np.random.default_rng([seed, place]), f"scene {number + 1}")))
+    """Check the advice on all scenes; ``quick`` takes one of each kind."""
+    draws = [(SEED, 0, random_case), (SEED, 1, snapping_case)] if quick else DRAWS
+    rows: list[dict[str, Any]] = []
+    for place, draw in counted(list(enumerate(draws, 1)), on_step):
+        case, error, loads = drawn(draw, f"scene {place}")
+        rows += checked(case, (error,), loads)
     return result_of("held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, SEED, scenes=len(draws))
+
+
+def drawn(draw: Draw, name: str) -> tuple[Case, float, tuple[float, ...]]:
+    """A scene, the error asked for it, and held-out shares of its load."""
+    seed, place, kind = draw
+    return kind(np.random.default_rng([seed, place]), name)
 
 
 def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple[float, ...]]:
@@ -142,49 +150,61 @@ def snapping_case(
     return case, float(rng.choice(ERRORS)), (*HELD_OUT, *around)
 
 
-def checked(case: Case, error: float, shares: tuple[float, ...]) -> dict[str, Any]:
-    """The advice on one scene and whether it is right at held-out shares of the load."""
+DRAWS: list[Draw] = [
+    *((SEED, place, random_case) for place in range(SCENES)),
+    *((SEED, place, snapping_case) for place in range(SCENES, SCENES + SNAPPING)),
+    # Every fourth of shell theory, whose models train longer.
+    *((FURTHER_SEED, place, further_case if place % 4 == 3 else snapping_case) for place in range(FURTHER)),
+    (SEED, ONCE_WRONG, snapping_case),
+]
+"""All scenes."""
+
+
+def checked(case: Case, errors: Sequence[float], shares: tuple[float, ...]) -> list[dict[str, Any]]:
+    """The advice on one scene for each asked error, and whether it is right at held-out shares of the load."""
     fps = FRAMES_PER_SECOND if isinstance(case.shell.material, ms.Material) else OF_THEORY
-    advice = ms.advise(case, error=error, fps=fps)
-    truth = ms.DiscreteShell(case.shell)
-    exact = [truth.equilibrium(force=share * case.load) for share in shares]
-    fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * fps]
-    cheaper = [row for row in fast if advice.chosen is None or NEAR_TIE * row.cost < advice.chosen.cost]
+    measured, truth = ms.tradeoff(case), ms.DiscreteShell(case.shell)
+    answers = {share: truth.equilibrium(force=share * case.load) for share in shares}
+    exact = {share: answer for share, answer in answers.items() if answer.converged}
 
-    def worst(row: Measurement, excluded: bool | None = None) -> float | None:
-        """Largest error at the held-out loads, infinite where the rung has no answer.
+    @cache
+    def errors_of(label: str) -> dict[float, float]:
+        """Errors of a rung by held-out share, infinite where it has no answer."""
+        row = next(row for row in measured.rows if row.label == label)
+        found = dict.fromkeys(exact, 0.0)
+        for share, answer in exact.items() if not row.is_truth else ():
+            assert row.model is not None
+            apart = answer_error(row.model.equilibrium(force=share * case.load), answer, case.shell)
+            found[share] = np.inf if apart is None else apart
+        return found
 
-        ``excluded``: only at loads for which the advice says that the rung does not serve, or only at the others.
-        """
-        found = [0.0] if excluded is None else []
-        for share, answer in zip(shares, exact, strict=True):
-            said = any(low < share < high for low, high in advice.missed_loads)
-            if answer.converged and excluded in (None, said):
-                assert row.model is not None
-                mine = answer if row.is_truth else row.model.equilibrium(force=share * case.load)
-                apart = ms.measure.displacement_error(mine.positions, answer.positions, case.shell)
-                found.append(apart if mine.converged else np.inf)
-        return float(max(found)) if found else None
+    common = {"held_out_loads": shares, "truths": len(exact)}
+    return [common | judged(choose(measured, error, fps), errors_of) for error in errors]
 
-    held_out = None if advice.chosen is None else worst(advice.chosen, excluded=False)
+
+def judged(advice: ms.Advice, errors_of: Callable[[str], dict[float, float]]) -> dict[str, Any]:
+    """An advice, and what is true of it, by the errors of rungs at held-out shares of the load."""
+    chosen = advice.chosen
+    found = {} if chosen is None else errors_of(chosen.label)
+    missed = {at: apart for at, apart in found.items() if any(low < at < high for low, high in advice.missed_loads)}
+    held_out = [apart for at, apart in found.items() if at not in missed]
     width = float(sum(high - low for low, high in advice.missed_loads))
-    meets = held_out is None or (held_out <= error and width <= WIDEST)
-    others = {row.label: worst(row) for row in cheaper}
-    also = [label for label, apart in others.items() if apart is not None and apart <= error]
+    meets = not held_out or (max(held_out) <= advice.error and width <= WIDEST)
+    fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * advice.frames_per_second]
+    cheaper = [row.label for row in fast if chosen is None or NEAR_TIE * row.cost < chosen.cost]
+    also = [label for label in cheaper if max(errors_of(label).values(), default=0.0) <= advice.error]
     return {
-        "scene": case.note,
-        "error": error,
+        "scene": advice.measured.case.note,
+        "error": advice.error,
         "snap": None if advice.snap is None else str(advice.snap),
-        "chosen": None if advice.chosen is None else advice.chosen.label,
-        "measured_error": None if advice.chosen is None else advice.chosen.worst_error,
-        "measured_errors": {row.label: row.worst_error for row in advice.measured.rows},
-        "held_out_error": held_out,
-        "held_out_loads": shares,
+        "chosen": None if chosen is None else chosen.label,
+        "measured_error": None if chosen is None else chosen.worst_error,
+        "measured_errors": {row.label: row.worst_error for row in advice.rows},
+        "held_out_error": max(held_out, default=None),
         "missed_loads": advice.missed_loads,
-        "missed_error": None if advice.chosen is None else worst(advice.chosen, excluded=True),
+        "missed_error": max(missed.values(), default=None),
         "missed_width": width,
-        "frames_per_second": None if advice.chosen is None else advice.chosen.frames_per_second,
-        "truths": sum(answer.converged for answer in exact),
+        "frames_per_second": None if chosen is None else chosen.frames_per_second,
         "meets": meets,
         "cheaper_that_meet": also,
         "right": meets and not also,

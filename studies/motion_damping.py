@@ -14,9 +14,8 @@ from studies.motion_rungs import LENGTH, REFERENCE, Rung, first_frequency, moved
 from studies.pages import counted
 
 RATIOS = (0.01, 0.03, 0.1)
-FULL_STEPS = (10, 20, 50, 75, 100, 200, 400)
-MODAL_STEPS = (3, 5, *FULL_STEPS)
-"""Steps a period; at fewer than 10 full models are not asked."""
+STEPS, QUICK_STEPS, FEWEST = (3, 5, 10, 20, 50, 75, 100, 200, 400), (3, 10, 20, 75), 10
+"""Steps a period; at fewer than the last full models are not asked."""
 AMPLITUDE = 1e-3
 """Largest displacement of the mode at the start [L]: motion is linear."""
 THIN = "Isotropic, thin"
@@ -64,15 +63,15 @@ def damping_rungs(energy: str) -> list[tuple[Rung, ms.Shell]]:
 
 
 def damping_rows(
-    rung: Rung, shell: ms.Shell, ratios: tuple[float, ...], most: int, rules: tuple[str, ...] | None = None
+    rung: Rung, shell: ms.Shell, ratios: tuple[float, ...], asked: tuple[int, ...]
 ) -> list[dict[str, Any]]:
-    """What is obtained by each rule, for each ratio asked, at up to ``most`` steps a period."""
+    """What is obtained by each rule, for each ratio asked, at the ``asked`` steps a period."""
     basis = ms.solve_modes(shell, 1)
     omega, shape = float(2.0 * np.pi * basis.frequencies[0]), basis.modes[:, 0].reshape(-1, 3)
     rows = []
-    for rule in rules or rung.rules:
+    steps = [count for count in asked if rung.modal or count >= FEWEST]
+    for rule in rung.rules:
         model = rung.make(rule)
-        steps = [count for count in (MODAL_STEPS if rung.modal else FULL_STEPS) if count <= most]
         for ratio in ratios:
             found = [obtained(model, shape, omega, ratio, count) for count in steps]
             rows.append({"rung": rung.name, "rule": rule, "asked": ratio, "steps": steps, "obtained": found})
@@ -136,7 +135,7 @@ def damping_findings(quick: bool, on_step: Progress | None) -> dict[str, Any]:
     cases = [(energy, *pair) for energy in energies for pair in damping_rungs(energy)]
     found: dict[str, Any] = {"damping": [], "orders": [], "linear": []}
     for energy, rung, shell in counted(cases, on_step):
-        rows = damping_rows(rung, shell, RATIOS[1:2] if quick else RATIOS, 75 if quick else max(FULL_STEPS))
+        rows = damping_rows(rung, shell, RATIOS[1:2] if quick else RATIOS, QUICK_STEPS if quick else STEPS)
         found["damping"] += [{"energy": energy} | row for row in rows]
         if rung.name not in (ms.LinearModal.name, ms.SpringSheet.name):
             counts = ORDER_STEPS["modal" if rung.modal or quick else "full"]

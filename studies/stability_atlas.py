@@ -239,7 +239,7 @@ def work(name: str, quick: bool) -> dict[str, Any]:
     """Maps of one row with theory's lines over them, its limits, and its own step at the base point."""
     row, maps = ROWS[name], {}
     base = BASE if row.theory != "explicit" else replace(BASE, step=0.5 * explicit_limit(row, BASE))
-    for key, plane in chosen_slices(quick).items():
+    for key, plane in chosen_slices(quick).items() if name in mapped(quick) else ():
         scenes = [[replace(base, **{plane.y: y, plane.x: x}) for x in plane.x_values] for y in plane.y_values]
         lines = key in ("ratio", "load", "damping") or (key == "needles" and row.theory == "explicit")
         maps[key] = {
@@ -248,6 +248,11 @@ def work(name: str, quick: bool) -> dict[str, Any]:
             "coloured": [coloured_step(row, line[0]) if plane.x == "step" else None for line in scenes],
         }
     return {"maps": maps, "limits": limits.limits_of(name, quick), "step": base.step}
+
+
+def mapped(quick: bool) -> list[str]:
+    """The rows that are mapped: all, or of each model that with its default integrator."""
+    return list({name.partition(", ")[0]: name for name in reversed(ROWS)}.values())[::-1] if quick else list(ROWS)
 
 
 def chosen_slices(quick: bool) -> dict[str, Slice]:
@@ -262,13 +267,13 @@ def thinned(plane: Slice) -> Slice:
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
-    """Map every row, two at a time; ``quick`` takes a few cells of each map, and the limits less finely."""
+    """Map every row, two at a time; ``quick`` takes few rows, few cells of each map, and the limits less finely."""
     slices, order = chosen_slices(quick), list(ROWS)[::-1]  # the dearest first, so that two processes end together
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         answers = (map if quick else pool.map)(work, order, repeat(quick))
         done = dict(zip(counted(order, on_step), answers, strict=False))
     findings = {
-        "rows": {name: done[name]["maps"] for name in ROWS},
+        "rows": {name: done[name]["maps"] for name in mapped(quick)},
         "limits": [limit for name in ROWS for limit in done[name]["limits"]] + limits.grid_limits(quick),
         "slices": {key: asdict(plane) for key, plane in slices.items()},
         "outcomes": OUTCOMES,
@@ -276,7 +281,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     }
     arrays = {}
     for key in slices:
-        classes = [done[name]["maps"][key]["classes"] for name in ROWS]
+        classes = [done[name]["maps"][key]["classes"] for name in mapped(quick)]
         arrays[key] = np.array([[[OUTCOMES.index(c) for c in line] for line in lines] for lines in classes])
     strip = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
     return result_of("stability_atlas", findings, arrays, base=asdict(BASE), **strip)

@@ -54,6 +54,16 @@ def leaf(cells=(8, 6), clamped=None):
     return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)
 
 
+def jittered(cells=(8, 6), length=0.3, width=0.2):
+    """A flat sheet whose inner vertices lie up to a fifth of a cell beside their places."""
+    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
+    points = np.array(mesh.vertices)
+    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
+    cell = np.array([length / cells[0], width / cells[1]])
+    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
+    return ms.TriangleMesh(points, mesh.faces)
+
+
 SHELLS = Made(
     {
         "clamped v_beam": lambda: cantilever((10, 4)),
@@ -134,6 +144,23 @@ flexure = 0.05
 density = 0.2
 [{prefix}supports]
 clamped = "{clamped}"
+"""
+
+
+def stiff_beam_text(cells=20):
+    """The same of a V-beam of a stiff membrane, which snaps; ``cells`` along, two rows of vertices held."""
+    return f"""
+[mesh]
+shape = "v_beam"
+fold = 150.0
+cells = [{cells}, {cells // 5}]
+[material]
+stretch = 2000.0
+shear = 2000.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < {1.0 / cells + 1e-3:g}"
 """
 
 

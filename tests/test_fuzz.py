@@ -275,7 +275,15 @@ needs_interchange = pytest.mark.skipif(
 
 SEEDS = {two_lines: 1}
 """Random seeds with which what is found late by the derandomised search is found soon; it is found with any."""
-PARTS = {measured_from_the_origin: properties.offsets, shared_scratch: properties.threads}
+PARTS = {
+    measured_from_the_origin: lambda _: properties.offsets(),
+    shared_scratch: lambda _: properties.threads(),
+    clamps_left_behind: lambda _: properties.carried(),
+    units_of_exports_forgotten: outputs.sizes,
+    far_from_the_origin: outputs.sizes,
+    flat_shading_kept: outputs.parts,
+    clips_unchecked: saved.forged_clips,
+}
 """The part of a surface that meets a bug, where the search of all of it comes to that late."""
 
 
@@ -312,7 +320,7 @@ PARTS = {measured_from_the_origin: properties.offsets, shared_scratch: propertie
 def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     inputs = SURFACES[surface].make(tmp_path)  # what is known to be sound is made first
-    inputs = PARTS[plant]() if plant in PARTS else inputs
+    inputs = PARTS[plant](tmp_path) if plant in PARTS else inputs
     plant(monkeypatch)
     with pytest.raises((Exception, BaseExceptionGroup)) as caught:
         fuzz(inputs, 2000, limit=0.5 if kinds is Hang else 10.0, random_seed=SEEDS.get(plant), shrink=False)

@@ -387,8 +387,18 @@ def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
     assert tall > short
 
 
+HELD_OUT_SCENES = (1, 2, 3, 7, 9, 21, 24, 25, 42)
+"""Of the study's, each asked for all of its errors: every shape, two ways to snap, one on which advice was wrong."""
+
+
 @pytest.mark.slow
-def test_advice_is_right_on_scenes_it_was_not_made_for():
-    rows = held_out_advice.main().findings["rows"]
+def test_advice_is_right_on_scenes_it_was_not_made_for(monkeypatch):
+    monkeypatch.setattr(held_out_advice, "FRAMES_PER_SECOND", 1.0)  # so low that no busy machine changes the advice
+    rows = []
+    for number in HELD_OUT_SCENES:
+        case, _, loads = held_out_advice.drawn(held_out_advice.DRAWS[number], "held out")
+        rows += held_out_advice.checked(case, held_out_advice.ERRORS, loads)
+        print(*(f"{row['error']}: {row['chosen']}, {row['meets']} {row['right']};" for row in rows[-3:]), case.note)
+    assert len({str(row["chosen"]).partition(" ")[0] for row in rows}) >= 5
     assert all(row["meets"] for row in rows)
     assert sum(row["right"] for row in rows) >= 0.9 * len(rows)

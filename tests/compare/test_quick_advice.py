@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import stiff_beam_text
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -11,23 +12,14 @@ from modalshell.compare.advise import choose
 from modalshell.compare.candidates import Candidate
 from modalshell.models.registry import models
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-fold = 150.0
-cells = [20, 4]
-[material]
-stretch = 2000.0
-shear = 2000.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.051"
-[loads]
+SCENE = (
+    stiff_beam_text()
+    + """[loads]
 gravity = [0.0, 2.0, %g]
 [model]
 name = "lma"
 """
+)
 
 
 @pytest.fixture

@@ -38,7 +38,8 @@ _OF_EXPORT = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "cli
 
 def make(folder: Path) -> st.SearchStrategy[Input]:
     """Inputs of every kind; files are written into ``folder``."""
-    return st.one_of(_commands(folder), _commands(folder), _sizes(folder), _parts(folder))
+    often = [_commands(folder)] * 3 + [sizes(folder)] * 2  # parts take longest
+    return st.one_of(*often, parts(folder))
 
 
 # ---- files of the user
@@ -193,7 +194,7 @@ def _sized(folder: Path, units: UnitSystem, offset: Any, suffix: str) -> Any:
     return found
 
 
-def _sizes(folder: Path) -> st.SearchStrategy[Input]:
+def sizes(folder: Path) -> st.SearchStrategy[Input]:
     suffixes = [".pc2", ".clip", ".npz"]
     suffixes += [".usda"] if importlib.util.find_spec("pxr") else []
     suffixes += [".glb"] if importlib.util.find_spec("pygltflib") else []
@@ -244,7 +245,7 @@ def _same_parts(folder: Path, count: int, cells: tuple[int, int], suffix: str, f
     return found.vertices
 
 
-def _parts(folder: Path) -> st.SearchStrategy[Input]:
+def parts(folder: Path) -> st.SearchStrategy[Input]:
     def build(count: int, cells: tuple[int, int], suffix: str, flat: bool, gap: float) -> Input:
         text = f"{count} sheets of {cells} cells in {suffix}{', flat-shaded' * flat}, {gap} apart"
         return Input(text, lambda: _same_parts(folder, count, cells, suffix, flat, gap))

@@ -364,11 +364,21 @@ def _json_junk(folder: Path, saved: Saved) -> st.SearchStrategy[Input]:
     )
 
 
-def make(folder: Path) -> st.SearchStrategy[Input]:
-    """Inputs that are written into ``folder``."""
-    kinds = results()
+def forged_clips(folder: Path) -> st.SearchStrategy[Input]:
+    """Sound files of clips with other contents."""
+    return _forgeries(_place(folder), next(saved for saved in results() if saved.name == "clip"))
+
+
+def _place(folder: Path) -> Path:
+    """Where files of saved results are written."""
     place = folder / "saved"
     place.mkdir(exist_ok=True)
+    return place
+
+
+def make(folder: Path) -> st.SearchStrategy[Input]:
+    """Inputs that are written into ``folder``."""
+    kinds, place = results(), _place(folder)
     anywhere = st.one_of(flips.map(lambda flip: [flip]), st.lists(byte_damage, max_size=2))
     quick = [saved for saved in kinds if not any(name.endswith(".toml") for name in saved.files)]
     large = [saved for saved in kinds if saved.name == "exported archive"]

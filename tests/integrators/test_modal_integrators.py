@@ -7,6 +7,7 @@ from scipy.linalg import expm
 import modalshell as ms
 from modalshell.core.errors import OptionError
 from modalshell.integrators.modal import Exponential, ImplicitEuler, ImplicitMidpoint, ModalIntegrator
+from modalshell.integrators.modal.base import ModalStep
 from modalshell.integrators.modal.flow import flow
 
 STIFFNESS = np.array([1e-3, 0.5, 30.0, 4e4, 1e9])
@@ -114,7 +115,7 @@ def test_forces_that_turn_are_taken_again_where_they_are_large_and_modes_hardly_
 
     state = rule.at_rest(np.zeros(3))
     for _ in range(5):
-        state = rule.advance(state, force, stiffness, np.zeros(3), 1.0, 1.0)
+        state = rule.advance(state, force, ModalStep(stiffness, np.zeros(3), 1.0, 1.0))
     assert len(asked) == 1 + 5 * (count if steps == 3.5 else 1)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import stopped_and_resumed
+from scenes import stiff_beam_text, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.compare.candidates import candidates
@@ -18,19 +18,9 @@ from modalshell.shell.damping import Damping
 from studies import blind_motions
 
 DT = 1.0 / 60.0
-SCENE = """
-[mesh]
-shape = "v_beam"
-fold = 150.0
-cells = [20, 4]
-[material]
-stretch = 2000.0
-shear = 2000.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.051"
-[loads]
+SCENE = (
+    stiff_beam_text()
+    + """[loads]
 gravity = [0.0, 3.0, -45.0]
 [model]
 name = "auto"
@@ -41,6 +31,7 @@ duration = 0.6
 dt = 0.0166
 damping = [2.0, 0.001]
 """
+)
 
 
 @pytest.fixture(scope="module")

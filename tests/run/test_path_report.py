@@ -6,31 +6,23 @@ import re
 import numpy as np
 import pytest
 from printed import check_numbers, rows_of
+from scenes import stiff_beam_text
 
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.run.path_files import scene_path
 from modalshell.run.path_report import path_numbers
 
-SNAPPING = """
-[mesh]
-shape = "v_beam"
-fold = 150.0
-cells = [40, 8]
-[material]
-stretch = 2000.0
-shear = 2000.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.026"
-[loads]
+SNAPPING = (
+    stiff_beam_text(40)
+    + """[loads]
 gravity = [0.0, 0.0, -70.0]
 [model]
 name = "ds"
 [path]
 branches = 1
 """
+)
 
 
 def command(*arguments):

@@ -127,7 +127,7 @@ def stopped_frames(scene, folder):
     [
         ("mwts", 150, 16, 2),
         pytest.param("ds", 60, 6, 3, marks=pytest.mark.slow),
-        pytest.param("mwts", 1000, 40, 8, marks=pytest.mark.slow),
+        pytest.param("mwts", 1000, 40, 4, marks=pytest.mark.slow),
     ],
 )
 def test_killed_runs_end_as_uninterrupted_ones(tmp_path, model, frames, cells, kills):

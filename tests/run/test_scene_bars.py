@@ -4,29 +4,21 @@ import json
 
 import numpy as np
 import pytest
+from scenes import stiff_beam_text
 
 import modalshell as ms
 from modalshell.commands.cli import main
 
-SCENE = """
-bar = %s
-[mesh]
-shape = "v_beam"
-fold = 150.0
-cells = [20, 4]
-[material]
-stretch = 2000.0
-shear = 2000.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.051"
-[loads]
+SCENE = (
+    "bar = %s"
+    + stiff_beam_text()
+    + """[loads]
 gravity = [0.0, 0.0, %g]
 [model]
 name = "mwts"
 modes = 4
 """
+)
 
 
 def run_main(*arguments):

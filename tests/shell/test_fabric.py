@@ -2,23 +2,15 @@
 
 import numpy as np
 import pytest
+from scenes import jittered
 
 import modalshell as ms
 
 DENIM = {"stretch": (2000.0, 1500.0, 300.0), "bending": (64e-6, 97e-6, 33e-6), "density": 0.324}
 
 
-def jittered(cells=(10, 8), length=0.5, width=0.4):
-    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
-    points = np.array(mesh.vertices)
-    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
-    cell = np.array([length / cells[0], width / cells[1]])
-    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
-    return ms.TriangleMesh(points, mesh.faces)
-
-
 def test_a_fabric_with_the_matrices_of_an_orthotropic_sheet_is_that_sheet():
-    mesh = jittered()
+    mesh = jittered((10, 8), 0.5, 0.4)
     thickness, first, second, poisson, shear = 2e-3, 1e8, 2e7, 0.3, 1.5e7
     wood = ms.Orthotropic(
         young=(first, second), shear=shear, poisson=poisson, thickness=thickness, density=500.0, direction=20.0
@@ -45,7 +37,7 @@ def test_a_fabric_with_the_matrices_of_an_orthotropic_sheet_is_that_sheet():
 @pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 90.0])
 def test_a_cylinder_has_the_stiffness_of_its_direction(angle):
     """Bent about the y axis, the warp at an angle to x: the energy per area is B(angle) / (2 R^2)."""
-    mesh, radius = jittered((16, 12)), 4.0
+    mesh, radius = jittered((16, 12), 0.5, 0.4), 4.0
     shell = ms.Shell(mesh, ms.Fabric(**DENIM, direction=angle))
     turned = mesh.vertices[:, 0] / radius
     x = np.column_stack([radius * np.sin(turned), mesh.vertices[:, 1], radius * (np.cos(turned) - 1.0)])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import jittered
 
 import modalshell as ms
 
@@ -42,15 +43,6 @@ def test_a_quasi_isotropic_stack_is_the_same_in_all_directions_in_its_plane():
     assert membrane[2, 2] == pytest.approx((membrane[0, 0] - membrane[0, 1]) / 2.0, rel=1e-12)
     q11, q22, q12, q66 = plane()
     assert membrane[0, 0] == pytest.approx(THICK * 8 * (3 * q11 + 3 * q22 + 2 * q12 + 4 * q66) / 8, rel=1e-12)
-
-
-def jittered(cells=(8, 6), length=0.3, width=0.2):
-    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
-    points = np.array(mesh.vertices)
-    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
-    cell = np.array([length / cells[0], width / cells[1]])
-    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
-    return ms.TriangleMesh(points, mesh.faces)
 
 
 def test_plies_of_one_angle_are_one_sheet_in_that_direction():

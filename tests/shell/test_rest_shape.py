@@ -3,19 +3,11 @@
 import numpy as np
 import pytest
 from junctions import frame
+from scenes import jittered
 
 import modalshell as ms
 
 SHEET = ms.Isotropic(young=1e9, poisson=0.3, thickness=2e-3, density=1000.0)
-
-
-def jittered(cells, length, width):
-    mesh = ms.sheet(length=length, width=width, cells=cells, family="alternating")
-    points = np.array(mesh.vertices)
-    inner = np.setdiff1d(np.arange(len(points)), mesh.boundary_vertices)
-    cell = np.array([length / cells[0], width / cells[1]])
-    points[inner, :2] += np.random.default_rng(0).uniform(-0.2, 0.2, (inner.size, 2)) * cell
-    return ms.TriangleMesh(points, mesh.faces)
 
 
 @pytest.mark.parametrize("curvature", [1.5, -3.0])

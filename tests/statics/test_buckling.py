@@ -2,29 +2,21 @@
 
 import numpy as np
 import pytest
+from scenes import stiff_beam_text
 
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.statics.buckling import buckles
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-fold = 150.0
-cells = [40, 8]
-[material]
-stretch = 2000.0
-shear = 2000.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.026"
-[loads]
+SCENE = (
+    stiff_beam_text(40)
+    + """[loads]
 gravity = [0.0, 0.0, %g]
 [model]
 name = "%s"
 modes = 4
 """
+)
 
 
 @pytest.mark.parametrize("material", ["hinges", "shell theory"])

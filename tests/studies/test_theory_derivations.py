@@ -113,9 +113,12 @@ def adjoint(matrix):
 
 
 @pytest.mark.slow
-def test_a_plane_wave_on_pairs_of_equilateral_triangles():
+@pytest.mark.parametrize(
+    ("nu", "weight"), [(sp.S(0), sp.S(0)), (sp.S(1) / 4, sp.S(5) / 6), (-sp.S(1) / 2, sp.S(1) / 3)]
+)
+def test_a_plane_wave_on_pairs_of_equilateral_triangles(nu, weight):
     """Theory 5, eq. 4 and 5: of the flexibility of eq. 2, expanded by the wave number, the mean over directions."""
-    nu, weight, angle = sp.symbols("nu w theta", real=True)
+    angle = sp.symbols("theta", real=True)
     across, down = sp.symbols("c s", real=True)
     wave, high = sp.Matrix([across, down]), sp.sqrt(3) / 2
     own, turned, other = steps = [

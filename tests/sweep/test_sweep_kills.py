@@ -128,14 +128,14 @@ def check(tmp_path, sweep, total, kills, last, seed):
 
 
 @pytest.mark.slow
-def test_twelve_kills_of_a_sweep_of_fifty_six_cases(tmp_path, monkeypatch):
+def test_six_kills_of_a_sweep_of_fifty_six_cases(tmp_path, monkeypatch):
     """Against the sweep in this process, which no kill meets."""
     sweep = write(tmp_path, (2, 5, 8), 8, 6.0)
     with monkeypatch.context() as patch:
         patch.setattr("modalshell.sweep.driver.run_locally", lambda tasks, *_: (run_case(task) for task in tasks))
         ms.run_sweep(sweep, out=tmp_path / "whole")
-    done = check(tmp_path, sweep, 56, 12, 0.95, seed=0)
-    assert done["driver"] >= 4
+    done = check(tmp_path, sweep, 56, 6, 0.95, seed=0)
+    assert done["driver"] >= 2
 
 
 @pytest.mark.slow

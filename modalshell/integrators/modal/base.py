@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,28 @@ ForceInTime = Callable[[Array, Array, float], Array]
 ForceChange = Callable[[Array, Array, Array], Array | None]
 """Change of a modal force from coordinates (m,) to others near by, given the force at the first; None if not known."""
 Step = float | Array
+
+
+class ModalStep(NamedTuple):
+    """What a rule knows of a step.
+
+    Attributes
+    ----------
+    stiffness, damp : ndarray, shape (m,)
+        As in :meth:`ModalIntegrator.step`.
+    h : float
+        Length [s].
+    size : float
+        Size of the shell in the norm of the mass [m sqrt(kg)].
+    change : callable, optional
+        What may tell cheaply how the force changes over a short way.
+    """
+
+    stiffness: Array
+    damp: Array
+    h: float
+    size: float
+    change: ForceChange | None = None
 
 
 class ModalIntegrator(Integrator):
@@ -65,35 +87,10 @@ class ModalIntegrator(Integrator):
         """The rule for forces that turn with the shell; itself, unless it has another one for them."""
         return self
 
-    def advance(
-        self,
-        state: MotionState,
-        force: ForceInTime,
-        stiffness: Array,
-        damp: Array,
-        h: float,
-        size: float,  # noqa: ARG002 (for rules that judge a motion)
-        change: ForceChange | None = None,  # noqa: ARG002 (for rules that ask twice)
-    ) -> MotionState:
-        """State after one step of ``h`` [s].
-
-        Parameters
-        ----------
-        state : MotionState
-            At its beginning.
-        force : callable
-            Modal force, its rates those of the coordinates.
-        stiffness, damp : ndarray, shape (m,)
-            As in :meth:`step`.
-        h : float
-            Step [s].
-        size : float
-            Size of the shell in the norm of the mass [m sqrt(kg)].
-        change : callable, optional
-            What may tell cheaply how the force changes over a short way.
-        """
-        v = state.rates
-        return MotionState(*self.step(state.coordinates, v, lambda q: force(q, v, 1.0), stiffness, damp, h))
+    def advance(self, state: MotionState, force: ForceInTime, step: ModalStep) -> MotionState:
+        """State after one step from ``state``, under a modal force whose rates are those of the coordinates."""
+        q, v, h = state.coordinates, state.rates, step.h
+        return MotionState(*self.step(q, v, lambda q: force(q, v, 1.0), step.stiffness, step.damp, h))
 
     def stood_in_for(
         self,

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.modal.base import Force, ForceChange, ForceInTime, ModalIntegrator, Step
+from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, ModalStep, Step
 from modalshell.integrators.modal.exponential_kernels import correct, predict
 from modalshell.integrators.modal.flow import flow, hardly_followed, outrun, turning_flow
 from modalshell.integrators.state import COST, MotionState
@@ -57,17 +57,9 @@ class Exponential(ModalIntegrator, key="exponential"):
         memory = {"force": none.copy(), "gain": none.copy(), "curvature": none.copy(), "step": np.zeros(1)}
         return MotionState(coordinates, none, memory | {COST: np.zeros(3)})
 
-    def advance(
-        self,
-        state: MotionState,
-        force: ForceInTime,
-        stiffness: Array,
-        damp: Array,
-        h: float,
-        size: float,
-        change: ForceChange | None = None,
-    ) -> MotionState:
+    def advance(self, state: MotionState, force: ForceInTime, step: ModalStep) -> MotionState:
         """State after a step."""
+        stiffness, damp, h, size, change = step
         # A state that was not made by the rule is taken for a start.
         q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
         coefficients, reach, lost, stiff = self._flow(stiffness, damp, h)

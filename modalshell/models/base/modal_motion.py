@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
-from modalshell.integrators.modal.base import ForceChange, ForceInTime
+from modalshell.integrators.modal.base import ForceChange, ForceInTime, ModalStep
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
@@ -185,15 +185,16 @@ class ModalMotion(ModalShape, FrameModel):
         Also returns whether the frames of free parts turned as they should.
         """
         damp, eigenvalues, frames = self._modal_damping(damping), self.basis.eigenvalues, self.frames
+        step = ModalStep(eigenvalues, damp, dt, self._mass_size, change if frames is None else None)
         if frames is None:
-            return self.integrator.advance(state, force, eigenvalues, damp, dt, self._mass_size, change), True
+            return self.integrator.advance(state, force, step), True
         seen: list[Array] = []
 
         def felt(q: Array, rates: Array, share: float) -> Array:
             seen.append(force(frames.predicted(q, state.memory["turn_back"], share * dt), rates, share))
             return seen[-1]
 
-        after = self.integrator.advance(state, felt, eigenvalues, damp, dt, self._mass_size)
+        after = self.integrator.advance(state, felt, step)
         memory = state.memory
         first = memory["force"] if "force" in memory and memory["step"][0] else seen[0]
         return frames.flown(state, after, (first, seen[-1]), dt, damping.mass_factor, self.warped_positions)
