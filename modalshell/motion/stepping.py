@@ -32,6 +32,8 @@ _PARTS = 1 << 12
 """Parts of a step, the shortest that a tolerance asks for."""
 _EASY = 0.1
 """Share of the allowed error below which the next step is twice as long."""
+_FIRST = 4
+"""Halvings of the first step by a tolerance: its error is not known, as nothing was before."""
 _STATE = "state_"
 """Before the names of the state's arrays in a checkpoint."""
 _FARTHEST = 1e60
@@ -98,6 +100,7 @@ class Motion:
         self._tolerance = tolerance
         if tolerance is not None and not self.errors.are_known(dt):
             raise OptionError(f"{model.name} by this integrator does not know its steps' errors: leave out tolerance")
+        self.errors.halvings = 0 if tolerance is None else _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
         self._moved = np.empty(shell.rest_positions.shape)

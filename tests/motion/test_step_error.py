@@ -1,5 +1,7 @@
 """What a motion says of its steps' cost, and steps that are divided to a tolerance."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -185,13 +187,26 @@ def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
     assert errors[1] < errors[0] < np.linalg.norm(coarse.positions - fine.positions, axis=2).max()
 
 
+@pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell, partial(ms.Auto, error=0.3)])
+def test_a_step_before_which_nothing_is_known_is_divided_too(strip, basis, build):
+    """A weight that comes at once: the first frame is as near as the later ones."""
+    period = 2.0 * np.pi / np.sqrt(basis.eigenvalues[0])
+    model, tolerance = build(basis if build is ms.RotationStrain else strip), 1e-4
+    options = {"gravity": (0, 0, -0.1), "damping": (0.3 / period, 0.0), "duration": 0.6 * period}
+    fine = ms.simulate(model, dt=period / 960, store_every=64, **options)
+    run = ms.simulate(model, dt=period / 15, tolerance=tolerance, **options)
+    off = np.linalg.norm(run.positions - fine.positions, axis=2).max(axis=1) / strip.mesh.moment_length
+    assert off.max() <= tolerance
+    assert run.step_error <= tolerance
+
+
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 2.0, float("nan"), "small"])
 def test_tolerances_out_of_range_are_refused(basis, tolerance):
     with pytest.raises(ms.OptionError, match="tolerance"):
         ms.simulate(ms.LinearModal(basis), duration=1.0, tolerance=tolerance)
 
 
-@pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
+@pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell, ms.Auto])
 def test_divided_steps_resume_to_the_last_bit(strip, basis, build):
     def made():
         model = build(basis if build is ms.RotationStrain else strip)

@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.base.setup import MotionSetup
@@ -72,11 +72,11 @@ class AutoStepper(Stepper):
     """Takes each step by the present level, and switches levels after it.
 
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
-    ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before")
-    and how many are known, the largest displacement so far and that of the last check of a modal
-    rung ("checked"), the steps since ("looked"), the coordinates that checks were sure of ("trusted"), levels that are
-    barred, the steps before the modal rung may come back ("wait"), how often in a row
-    it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the
+    ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
+    of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
+    that of the last check of a modal rung ("checked"), the steps since ("looked"), the coordinates that checks were
+    sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a
+    row it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the
     linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
 
@@ -102,6 +102,8 @@ class AutoStepper(Stepper):
             "since": np.zeros(1),
             "inner": np.zeros(max(sizes)),
             "before": x.copy(),
+            "step": np.zeros(1),
+            COST: np.zeros(3),
             "frames": np.zeros(1),
             "largest": np.zeros(1),
             "checked": np.zeros(1),
@@ -179,6 +181,7 @@ class AutoStepper(Stepper):
             inner = self._levels[level].entered(self._steppers[level], state.coordinates, state.rates, begin)
         stepper = self._steppers[level]
         after, solved = stepper.advance(begin, dt, inner, load)
+        memory[COST] = _cost(stepper, inner, after, dt)
         x, v = self._levels[level].left(stepper, after, time, dt)
         memory["time"][0] = time
         memory["since"] += 1.0
@@ -190,7 +193,7 @@ class AutoStepper(Stepper):
             level, after = self._switched(level, (inner, after), (frames, v), memory, (time, dt, load))
         numbers = self._levels[level].packed(after)
         memory["inner"][: numbers.size] = numbers
-        memory["before"] = state.coordinates.copy()
+        memory["before"], memory["step"] = state.coordinates.copy(), np.array([dt])
         memory["frames"] += 1.0
         return MotionState(x, v, memory), solved
 
@@ -333,7 +336,8 @@ class AutoStepper(Stepper):
     def _seen(self, frames: Array, memory: dict[str, Array], now: tuple[float, float, Array]) -> _Seen:
         """The check of the middle one of three frames, the last of them at the present time."""
         time, dt, dead = now
-        bar, load = self._check.bar_under(np.array([time - 2.0 * dt, time - dt, time]), frames, dead)
+        middle = time - dt
+        bar, load = self._check.bar_under(np.array([middle - memory["step"][0], middle, time]), frames, dead)
         largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, frames[1])
         return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
@@ -364,6 +368,15 @@ class AutoStepper(Stepper):
 
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
+
+
+def _cost(stepper: Stepper, before: MotionState, after: MotionState, dt: float) -> Array:
+    """What :data:`COST` names of a level's step."""
+    if (known := after.memory.get(COST)) is not None:
+        return known.copy()
+    model, error = stepper.model, stepper.model.local_error(before, after, dt)
+    changes = (error, after.rates - before.rates, after.coordinates - before.coordinates)
+    return np.array([0.0 if change is None else model.squared(change) for change in changes])
 
 
 def told(state: MotionState, names: Sequence[str]) -> str:
