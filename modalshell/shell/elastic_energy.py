@@ -76,6 +76,12 @@ class ElasticEnergy(ABC):
         ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``) and PROJECTED.
         """
 
+    def hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> Array:
+        """The Hessian values alone."""
+        return self.energy_gradient_hessian(slots, pattern, x, geometric, stresses)[2]
+
     @abstractmethod
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""

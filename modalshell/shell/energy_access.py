@@ -119,6 +119,10 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         """
         return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
 
+    def hessian(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> Array:
+        """The Hessian values alone; see :meth:`energy_gradient_hessian`."""
+        return self._energy.hessian(self._slots, self.pattern, x, geometric, stresses)
+
     def rates_by_constant(self, name: str, x: Array, step: Array | None = None) -> Array:
         """Derivative (n, 3) of the gradient at ``x``, or of the first part of the Hessian times ``step``."""
         of = self._energy, self.rest_mesh, self.material, self._slopes, self.clamped

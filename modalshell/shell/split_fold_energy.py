@@ -282,25 +282,32 @@ class SplitFoldEnergy(RestFolds):
         """Energy, gradient and Hessian values."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        total, gradient = state.energy(couples, tensions), self._gradient(state, couples, tensions)
-        data = self._material_part(slots, pattern, state)
-        others = self._further.elements
-        if others:
-            more = None if stresses is None else stresses[2:]
-            added = self._further.energy_gradient_hessian(slots[5:-1], pattern, x, geometric, more)
-            total, gradient = total + added[0], gradient + added[1]
-            data += added[2]
-        if geometric == MIXED and stresses is not None:
-            couples, tensions = stresses[:2]
-        if geometric != GAUSS_NEWTON:
-            projected = geometric == PROJECTED
-            strides = pattern.strides
-            hinges = self._folds.hinges
+        further, gradient = self._further.energy_gradient(x)
+        total, gradient = state.energy(couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
+        acting = stresses if stresses is not None and geometric == MIXED else [couples, tensions]
+        return total, gradient, self._hessian(slots, pattern, x, state, geometric, acting)
+
+    def hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> Array:
+        """Hessian values; with stresses given, those at ``x`` and their fold shares are not solved for."""
+        if stresses is None or geometric != MIXED:
+            return super().hessian(slots, pattern, x, geometric, stresses)
+        return self._hessian(slots, pattern, x, self._measured(x), geometric, stresses)
+
+    def _hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, state: Measures, how: int, stresses: list[Array]
+    ) -> Array:
+        data, strides = self._material_part(slots, pattern, state), pattern.strides
+        if self._further.elements:
+            data += self._further.energy_gradient_hessian(slots[5:-1], pattern, x, how, stresses[2:] or None)[2]
+        if how != GAUSS_NEWTON:
+            (couples, tensions), projected = stresses[:2], how == PROJECTED
             self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
-            couples = self._mirrors.without(couples)
-            add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            own = self._folds.hinges, self._mirrors.without(couples), projected, slots[1]
+            add_fold_curvatures(state.points, *own, strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
-        return total, gradient, data
+        return data
 
     def _material_part(self, slots: list[Index], pattern: SparsePattern, state: Measures) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""

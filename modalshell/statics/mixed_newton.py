@@ -33,7 +33,7 @@ STALLED = 7
 """Iterations without halving the residual after which mixed Newton gives up."""
 LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
-FIRST = 1e-3
+FIRST = 5e-3
 """The same where no iteration before tells how fast Newton's method converges; its first step gains less."""
 LARGEST_TURN = 1.0
 """Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""

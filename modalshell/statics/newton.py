@@ -254,6 +254,8 @@ class Iterate(ABC, Generic[Matrix]):
         self.factored_at: Array | None = None
         self.stable: bool | None = None
         self.moves = 0
+        self._sizes = 0.0, 0.0
+        self._in_time = problem.is_step and problem.keeps_factor(0.0)
         self.slots = np.stack([start, start])
         self._keeping = True
         self._lent: Factored | None = None
@@ -267,11 +269,21 @@ class Iterate(ABC, Generic[Matrix]):
         """Out-of-balance force."""
         geometric = GAUSS_NEWTON if self.stresses is None else MIXED
         self._gradient, self._make = self.problem.prepared(self.x, geometric, self.stresses)
-        return self.problem.measure(self._gradient) / self.scale
+        self._sizes = self._sizes[1], self.problem.measure(self._gradient) / self.scale
+        return self._sizes[1]
+
+    def _stays(self, accuracy: float) -> bool:
+        """Whether the Hessian of the iterate before serves, the linear equations being solved to ``accuracy``.
+
+        It leaves about the share of the gradient that the last step has left.
+        """
+        before, now = self._sizes
+        return self._in_time and now <= accuracy * before
 
     def solve(self, accuracy: float) -> bool:
         """Find Newton's direction."""
-        self._hessian = self._make()
+        if not self._stays(accuracy):
+            self._hessian = self._make()
         last = self.factor
         serves = self._keeping and last is not None and _serves(self.problem, self.factored_at, self.x)
         kept = Kept(last, self.factored_at) if serves else None  # type: ignore[arg-type]

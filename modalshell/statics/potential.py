@@ -170,7 +170,7 @@ class Potential(Problem[sps.csc_array]):
 
         def hessian() -> sps.csc_array:
             with self.costs.part("assembly"):
-                return self._matrix(x, self.shell.energy_gradient_hessian(x, geometric, stresses)[2], geometric)
+                return self._matrix(x, self.shell.hessian(x, geometric, stresses), geometric)
 
         return gradient, hessian
 
@@ -342,6 +342,7 @@ class _Descent(Iterate[sps.csc_array]):
         self.problem = self._free.dragged(self.slots[method.START].copy(), factor) if factor else self._free
         self.stresses = _present(self.problem.shell, self.x)
         self.factor, self.factored_at, self.moves, self._keeping, self._bare = None, None, 0, True, False
+        self._sizes = 0.0, 0.0
 
     def first_drag(self, size: float) -> float:
         """Drag to begin with."""

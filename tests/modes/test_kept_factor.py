@@ -9,6 +9,7 @@ import modalshell as ms
 from modalshell.core.cost import counted
 from modalshell.modes import Factoriser, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
+from modalshell.statics.newton import Iterate
 
 
 def step_matrix(stiffer=1.0, heavier=1.0):
@@ -118,6 +119,27 @@ def test_implicit_steps_take_fewer_factors_to_the_same_answer():
     assert work[0].factorisations <= 0.6 * work[1].factorisations
     travel = np.abs(runs[1].positions[-1] - runs[1].positions[0]).max()
     np.testing.assert_allclose(runs[0].positions, runs[1].positions, rtol=0, atol=1e-6 * travel)
+
+
+def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
+    mesh = ms.sheet(cells=(30, 30))
+    shell = ms.Shell(mesh, ms.Isotropic(1e5, 0.3, 2e-3, 100.0), clamped=mesh.vertices[:, 0] < 0.01)
+    whole, made, runs = ms.Shell.hessian, [], []
+    monkeypatch.setattr(ms.Shell, "hessian", lambda *arguments: (made.append(1), whole(*arguments))[1])
+    for again in (True, False):
+        if not again:
+            monkeypatch.setattr(Iterate, "_stays", lambda *_: False)
+        made.clear()
+        model = ms.DiscreteShell(shell, backend="cholesky")
+        run = ms.simulate(model, duration=6 / 60, dt=1 / 60, gravity=(0, 0, -9.81), damping=(0.1, 0.0))
+        assert run.status == "completed"
+        runs.append((len(made), run))
+    (some, mine), (all_of_them, plain) = runs
+    assert some <= 0.9 * all_of_them
+    travel = np.abs(plain.positions[-1] - plain.positions[0]).max()
+    np.testing.assert_allclose(mine.positions, plain.positions, rtol=0, atol=1e-6 * travel)
+    elastic = plain.energies[:, 1]
+    np.testing.assert_allclose(mine.energies[:, 1], elastic, rtol=0, atol=1e-5 * elastic.max())
 
 
 @pytest.mark.parametrize("young", [1e6, 2e11])

@@ -85,6 +85,9 @@ def test_kinds_of_hessian(supports):
     # The exact stresses make the mixed Hessian exact, and the rates' energy is half the first part.
     stresses = shell.predicted_stresses(x, np.zeros_like(x))
     mixed = shell.pattern.condensed(shell.energy_gradient_hessian(x, MIXED, stresses)[2])
+    later = shell.predicted_stresses(x, step)
+    for kind, given in ((GAUSS_NEWTON, None), (EXACT, later), (MIXED, None), (MIXED, later), (PROJECTED, None)):
+        np.testing.assert_array_equal(shell.hessian(x, kind, given), shell.energy_gradient_hessian(x, kind, given)[2])
     assert abs(mixed - products[EXACT]).max() < 1e-12 * abs(mixed).max()
     linear = 0.5 * step.ravel() @ (products[GAUSS_NEWTON] @ step.ravel())
     assert shell.linear_energy(x, step) == pytest.approx(linear, rel=1e-10)

@@ -236,9 +236,11 @@ def _first_guess(problem: Potential, start: EulerStart, explicit: Array, held: A
     near = hold(shell, start.near, held)
     here = out_of_balance(near)
     expected = hold(shell, start.guess_ahead, held)
-    if out_of_balance(expected) < _AT_ONCE * here:
+    ahead = out_of_balance(expected)
+    if ahead < _AT_ONCE * here:
         return expected
-    return explicit if out_of_balance(explicit) < _STRETCHED * here else near
+    led = ahead if start.expected_rates is start.rates else out_of_balance(explicit)
+    return explicit if led < _STRETCHED * here else near
 
 
 class Floating(Protocol):

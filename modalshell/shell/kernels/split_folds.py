@@ -32,6 +32,8 @@ from modalshell.shell.kernels.generated.flexure import (
 EDGES = (0, 1), (0, 2), (1, 2), (0, 3), (1, 3)
 """Edges of two triangles in the order of a hinge's vertices; the first three are the left one's."""
 _EDGES, _WIDTH = len(EDGES), 12
+_COLUMNS = 24
+"""Unknowns of the eight vertices about a pair of triangles."""
 _FIRST, _SECOND = tuple(zip(*EDGES, strict=True))
 
 
@@ -194,54 +196,48 @@ def add_bending(
     the hinge at each edge (or -1), ``places`` (B, 5, 4) where its vertices stand among the eight, ``shares`` (B, 5) the
     factors of the fold shares, ``moments`` (B, 5, 5) is K. Pairs without hinges are passed over.
     """
-    rows = np.empty((5, 8, 3))
-    stressed = np.empty((5, 8, 3))
-    own = np.empty(5, np.int64)
+    rows, stressed, products = np.empty((5, _COLUMNS)), np.empty((5, _COLUMNS)), np.empty((3, _COLUMNS))
     for pair in range(stencils.shape[0]):
         count = 0
-        rows[:] = 0.0
-        stressed[:] = 0.0
         for k in range(5):
+            for column in range(_COLUMNS):
+                rows[k, column] = 0.0
             hinge = folds[pair, k]
             if hinge < 0:
                 continue
-            own[count] = k
             count += 1
             for axis in range(3):
                 g1, g2, g3 = slopes[hinge, axis], slopes[hinge, 3 + axis], slopes[hinge, 6 + axis]
-                rows[k, places[pair, k, 0], axis] = -(g1 + g2 + g3)
-                rows[k, places[pair, k, 1], axis] = g1
-                rows[k, places[pair, k, 2], axis] = g2
-                rows[k, places[pair, k, 3], axis] = g3
-        for place in range(count):
-            fold = own[place]
-            for corner in range(4):
-                vertex = places[pair, fold, corner]
-                a, b, c = rows[fold, vertex, 0], rows[fold, vertex, 1], rows[fold, vertex, 2]
-                for k in range(5):
-                    moment = moments[pair, k, fold]
-                    stressed[k, vertex, 0] += moment * a
-                    stressed[k, vertex, 1] += moment * b
-                    stressed[k, vertex, 2] += moment * c
-        for place in range(count):
-            fold = own[place]
-            for corner in range(4):
-                first = places[pair, fold, corner]
-                if slots[pair, first, first] < 0:  # a ghost has no rows
-                    continue
-                a, b, c = rows[fold, first, 0], rows[fold, first, 1], rows[fold, first, 2]
-                stride = strides[stencils[pair, first]]
-                for second in range(8):
-                    slot = slots[pair, first, second]
-                    if slot < 0:
-                        continue
-                    for axis in range(3):
-                        entry = stressed[fold, second, axis]
-                        data[slot + axis] += a * entry
-                        data[slot + stride + axis] += b * entry
-                        data[slot + 2 * stride + axis] += c * entry
+                rows[k, 3 * places[pair, k, 0] + axis] = -(g1 + g2 + g3)
+                rows[k, 3 * places[pair, k, 1] + axis] = g1
+                rows[k, 3 * places[pair, k, 2] + axis] = g2
+                rows[k, 3 * places[pair, k, 3] + axis] = g3
         if count == 0:
             continue
+        for k in range(5):
+            m0, m1, m2 = moments[pair, k, 0], moments[pair, k, 1], moments[pair, k, 2]
+            m3, m4 = moments[pair, k, 3], moments[pair, k, 4]
+            for c in range(_COLUMNS):
+                stressed[k, c] = m0 * rows[0, c] + m1 * rows[1, c] + m2 * rows[2, c] + m3 * rows[3, c] + m4 * rows[4, c]
+        for first in range(8):
+            if slots[pair, first, first] < 0:  # a ghost has no rows
+                continue
+            for axis in range(3):
+                row = 3 * first + axis
+                a0, a1, a2, a3, a4 = rows[0, row], rows[1, row], rows[2, row], rows[3, row], rows[4, row]
+                for c in range(_COLUMNS):
+                    products[axis, c] = (
+                        a0 * stressed[0, c] + a1 * stressed[1, c] + a2 * stressed[2, c]
+                        + a3 * stressed[3, c] + a4 * stressed[4, c]
+                    )  # fmt: skip
+            stride = strides[stencils[pair, first]]
+            for second in range(8):
+                slot = slots[pair, first, second]
+                if slot < 0:
+                    continue
+                for axis in range(3):
+                    for column in range(3):
+                        data[slot + axis * stride + column] += products[axis, 3 * second + column]
         for k in range(5):
             share = shares[pair, k]
             if share == 0.0:
@@ -250,7 +246,7 @@ def add_bending(
                 slot = share_slots[pair, k, vertex]
                 if slot >= 0:
                     for axis in range(3):
-                        data[slot + axis] += share * stressed[k, vertex, axis]
+                        data[slot + axis] += share * stressed[k, 3 * vertex + axis]
 
 
 @njit(**OPTIONS)
