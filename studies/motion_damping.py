@@ -14,8 +14,10 @@ from studies.motion_rungs import LENGTH, REFERENCE, Rung, first_frequency, moved
 from studies.pages import counted
 
 RATIOS = (0.01, 0.03, 0.1)
-STEPS, QUICK_STEPS, FEWEST = (3, 5, 10, 20, 50, 75, 100, 200, 400), (3, 10, 20, 75), 10
-"""Steps a period; at fewer than the last full models are not asked."""
+STEPS, QUICK_STEPS = (3, 5, 10, 20, 50, 75, 100, 200, 400), (3, 10, 20, 75)
+"""Steps a period."""
+FEWEST = 10
+"""Steps a period at fewer of which full models are not asked."""
 AMPLITUDE = 1e-3
 """Largest displacement of the mode at the start [L]: motion is linear."""
 THIN = "Isotropic, thin"

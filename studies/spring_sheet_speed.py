@@ -155,11 +155,11 @@ def table(result: StudyResult) -> str:
         "masses | way | precision | million masses a second | over NumPy, float64 | over NumPy, same precision "
         "| over numba's one core | share of the streaming bound | distance from NumPy, float64",
         "{size}^2 | {way} | {precision} | {masses_per_second:1e-6*.1f} | {over_numpy_float64:.1f} | {over_numpy:.1f} "
-        "| {over_one_core:.2f} | {share:100*.0f} % | {distance_from_numpy:.0e}",
-        [row | {"share": row["masses_per_second"] / bound[row["precision"]]} for row in found["rows"]],
+        "| {over_one_core:.2f} | {share} | {distance_from_numpy:.0e}",
+        [row | {"share": _share(row, bound)} for row in found["rows"]],
     )
     missing = [f"| all | {name} | {reason} | | | | | | |" for name, reason in found["missing"].items()]
-    words = f"Machine: {machine['processor']}, {machine['cores']} cores, shared with other work"
+    words = f"Machine: {machine['processor']}, {machine['cores']} cores"
     words += "".join(f"; {alias} is {name}" for alias, name in found["devices"].items() if alias != "cpu")
     if found["load"] is not None:
         words += f" ({found['load']:.1f} processes wanted to run when this began). Ways of one core are timed by the "
@@ -173,6 +173,11 @@ def table(result: StudyResult) -> str:
         f"masses a second: {bounds}.",
         f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}.",
     )
+
+
+def _share(row: dict[str, Any], bound: dict[str, float]) -> str:
+    """Share of the streaming bound of one core, for ways of one core."""
+    return f"{100 * row['masses_per_second'] / bound[row['precision']]:.0f} %" if row["way"] in ONE_CORE else ""
 
 
 def finding(result: StudyResult) -> str:

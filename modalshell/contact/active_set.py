@@ -29,14 +29,14 @@ PULL = 1e-9
 DIRECT = 60
 """Iterations at most from a start; sets change by a few rows an iteration."""
 _CUT = 8
-"""Steps at most, of one solve, that are cut short as they would turn a vertex too far: where that goes on, it ends at
-nothing."""
+"""Steps at most, of one solve, that are cut short, mostly as they would turn a vertex too far: where that goes on, it
+ends at nothing."""
 _REFINEMENTS = 10
 """Refinements at most."""
 _REVISITS = 4
 """Times that one set may come back before sets are taken to cycle."""
 
-_WHOLE = 0.999
+WHOLE = 0.999
 """Share of a step from which it counts as whole."""
 
 Mask = NDArray[np.bool_]
@@ -159,12 +159,12 @@ class ActiveSet:
             if not np.isfinite(direction).all():
                 break
             x, share, allowed, stresses = self.moved(x, hessian, direction, equations.frames.rows)
-            cut += share < _WHOLE
+            cut += share < WHOLE
             pushes = np.zeros(active.size)
             pushes[equations.frames.rows] = found
             allowed /= self.scale(pushes)
             last, active = active, self.next_set(x, pushes, equations.frames.rows, max(PULL, allowed))
-            repeated = bool(share > _WHOLE and np.array_equal(last, active))
+            repeated = bool(share > WHOLE and np.array_equal(last, active))
             if not repeated and active.size:
                 key = np.packbits(active).tobytes()
                 seen[key] = seen.get(key, 0) + 1
@@ -192,7 +192,7 @@ class ActiveSet:
             pushes = np.zeros(active.size)
             pushes[equations.frames.rows] = found
             last, active = active, self.next_set(x, pushes, equations.frames.rows, PULL)
-            repeated = bool(share > _WHOLE and np.array_equal(last, active))
+            repeated = bool(share > WHOLE and np.array_equal(last, active))
         assert stresses is not None
         return Rest(x, active, np.where(active, pushes, 0.0), np.inf, count, repeated), stresses
 

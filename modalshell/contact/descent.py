@@ -14,7 +14,7 @@ from typing import NamedTuple, final
 import numpy as np
 import scipy.sparse as sps
 
-from modalshell.contact.active_set import PULL, ActiveSet, Rest
+from modalshell.contact.active_set import PULL, WHOLE, ActiveSet, Rest
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import put_out
 from modalshell.core.errors import SolverError
@@ -31,8 +31,6 @@ FALL, RISE = 0.25, 6.0
 """Iterations of such a step up to which the drag falls, and factors on it after a success and a failure."""
 FAILURES = 12
 """Failures of steps, one after the other, after which there is no way."""
-SUB_STEPS = 150
-"""Steps in a fluid at most."""
 _MOST = 900
 """Iterations from which no further step is taken."""
 _PAUSE, _LONGER = 8, 4
@@ -45,14 +43,14 @@ _FALLEN = 1e-4
 """Fall of the potential in a single step, over that of its tangent, at least."""
 _SHORTEST, _LONGEST = 1e-3, 256.0
 """Least and largest part of a single step that is tried."""
-_WHOLE, _LONG = 0.999, 0.9
-"""Share of a part that counts as all of it, and of a step from which the drag of the next one falls."""
+_LONG = 0.9
+"""Share of a step from which the drag of the next one falls."""
 _SHORT = 0.2
 """Part of a single step below which the drag of the next one rises."""
-_MIX = 0.25
-"""Share of the exact Hessian to begin with."""
 _STEEPER = 10.0
 """Factor on that drag after a step in vain."""
+_MIX = 0.25
+"""Share of the exact Hessian to begin with."""
 _LAST = 10
 """Iterations of the potential itself at most, by which a way ends."""
 _NEARER = 0.1
@@ -98,8 +96,14 @@ class _Way:
 
     Attributes
     ----------
-    residual : float
-        Residual near there.
+    x, active : ndarray
+        Positions (n, 3) [m] and rows in contact there.
+    value, residual : float
+        Potential there, infinite where vertices lie inside, and residual near there.
+    drag, shift : float
+        Drags of the next step in the fluid and of the next single one.
+    mix : float
+        Share of the exact Hessian in that of single steps near the end.
     iterations, failures : int
         Newton's, of all steps, and steps in vain since the last one that was not.
     """
@@ -122,8 +126,12 @@ class _Way:
         """Potential at x (n, 3), infinite where the way there leads through a collider."""
         return np.inf if self.solver.touching.crossed(self.x, x) else self.solver.potential(x)[0]
 
+    def _falls(self, reached: float) -> bool:
+        """Whether a potential is no higher than the present one, which is infinite where vertices lie inside."""
+        return bool(np.isfinite(reached) and reached <= self.value + method.HIGHER * abs(self.value))
+
     def go(self) -> bool:
-        """Go a step in the fluid, or for some time after one that failed single steps; whether it was not in vain."""
+        """Go a step in the fluid, or for some time after one that failed single steps; True if the potential fell."""
         if self._waits:
             self._waits -= 1
             if not (went := self._step()):
@@ -141,7 +149,7 @@ class _Way:
         step = fluid.iterate(self.x, self.active, loose, self._stresses())
         self.iterations += step.iterations
         reached = self._potential(step.point) if step.converged else np.inf
-        if not reached <= self.value + method.HIGHER * abs(self.value):
+        if not self._falls(reached):
             return False
         if step.iterations <= EASY:
             self.drag *= FALL
@@ -168,7 +176,7 @@ class _Way:
             if part < _SHORTEST:
                 return False
             best = tried(part)
-        while part >= 1.0 and best.share > _WHOLE * part and part < _LONGEST:
+        while part >= 1.0 and best.share > WHOLE * part and part < _LONGEST:
             part *= 2.0
             further = tried(part)
             if not further.value < best.value:
@@ -186,7 +194,7 @@ class _Way:
         return True
 
     def _newton(self) -> tuple[Rotated, sps.csc_array, Array, Array, Array] | None:
-        """Newton's equations by a definite Hessian, that Hessian, the gradient, and the solution; None without one.
+        """Newton's equations by a Hessian made definite, it, the gradient, and the solution; None without one.
 
         Near the end as much of the exact Hessian goes into it as leaves it definite: saddles are passed in fewer steps.
         """
@@ -203,7 +211,7 @@ class _Way:
             try:
                 direction, found = equations.solve(definite=mix > 0.0)
             except SolverError:
-                self.mix *= 0.5
+                self.mix *= 0.5 if mix else 1.0
                 continue
             if mix:
                 self.mix = min(1.0, 2.0 * mix)
@@ -215,7 +223,7 @@ class _Way:
         last = self.solver.iterate(self.x, self.active, rules._replace(most=_LAST), self._stresses())
         self.iterations += last.iterations
         reached = self._potential(last.point) if last.converged else np.inf
-        return self.solver.settled(last) if reached <= self.value + method.HIGHER * abs(self.value) else None
+        return self.solver.settled(last) if self._falls(reached) else None
 
     def leave(self, rest: Rest) -> None:
         """Leave a saddle along the lowest mode on the motions that keep the gaps."""

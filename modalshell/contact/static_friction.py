@@ -16,7 +16,7 @@ import scipy.sparse as sps
 
 from modalshell.contact import kernels
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
-from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, SUB_STEPS, first_drag
+from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, first_drag
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import INSIDE, Touching
 from modalshell.core.errors import SolverError
@@ -28,6 +28,8 @@ from modalshell.statics.potential import Potential
 LOAD_STEPS = 10
 """Steps of the load from the rest shape."""
 SLIDES = "it slides: friction does not hold the shell"
+_SUB_STEPS = 150
+"""Steps in the thick fluid at most."""
 _MOST, _SLOW = 150, 30
 """Iterations of a step at most, and of one in the thick fluid."""
 _PULL = 1e-9
@@ -112,7 +114,7 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
     """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins."""
     drag = first_drag(ActiveSet(problem, touching, problem.measure(problem.push)), before.rest.point)[1]
     reached, failures, iterations = before, 0, 0
-    for _ in range(SUB_STEPS):
+    for _ in range(_SUB_STEPS):
         x = reached.rest.point
         found = _Step(problem.dragged(x, drag), touching, x).solve(reached, _SLOW, method.LOOSE)
         iterations += found.rest.iterations

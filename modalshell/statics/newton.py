@@ -275,7 +275,8 @@ class Iterate(ABC, Generic[Matrix]):
     def _stays(self, accuracy: float) -> bool:
         """Whether the Hessian of the iterate before serves, the linear equations being solved to ``accuracy``.
 
-        It leaves about the share of the gradient that the last step has left.
+        A step by it leaves about as large a share of the gradient as the last step has left: near the end no more than
+        the linear equations do.
         """
         before, now = self._sizes
         return self._in_time and now <= accuracy * before
@@ -283,7 +284,7 @@ class Iterate(ABC, Generic[Matrix]):
     def solve(self, accuracy: float) -> bool:
         """Find Newton's direction."""
         if not self._stays(accuracy):
-            self._hessian = self._make()
+            self._hessian, self._made_at = self._make(), self.x.copy()
         last = self.factor
         serves = self._keeping and last is not None and _serves(self.problem, self.factored_at, self.x)
         kept = Kept(last, self.factored_at) if serves else None  # type: ignore[arg-type]
@@ -294,7 +295,7 @@ class Iterate(ABC, Generic[Matrix]):
         # No second try once one of its own was in vain.
         self._keeping = self._keeping and (kept is None or last is self._lent or self.factor is last)
         if kept is None or self.factor is not last:
-            self.factored_at = self.x.copy()
+            self.factored_at = self._made_at
         return bool(np.isfinite(self._direction).all())
 
     def advance(self) -> float:

@@ -9,10 +9,11 @@ from scenes import stiff_beam_text, stopped_and_resumed
 import modalshell as ms
 from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
+from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
-from modalshell.models.auto.stepper import AutoStepper
+from modalshell.models.auto.trusted import trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping
 from studies import blind_motions
@@ -143,18 +144,28 @@ def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(1, 8))
-def test_what_is_trusted_grows_by_what_was_checked(seed, size, count):
+@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(1, 8), st.floats(-150.0, 10.0))
+def test_what_is_trusted_grows_by_what_was_checked(seed, size, count, exponent):
     rng = np.random.default_rng(seed)
-    memory, points = {"trusted": np.zeros((size, size))}, rng.standard_normal((count, size))
+    trusted, points = np.zeros((size, size)), 10.0**exponent * rng.standard_normal((count, size))
     for point in points:
-        before = memory["trusted"].copy()
-        AutoStepper._trust(point, memory)
-        assert np.linalg.eigvalsh(memory["trusted"] - before).min() >= -1e-12  # what was inside stays so
-        assert point @ np.linalg.pinv(memory["trusted"], rcond=1e-9) @ point <= 1.0 + 1e-6
-    alone = {"trusted": np.zeros((size, size))}
-    AutoStepper._trust(points[0], alone)
-    np.testing.assert_allclose(alone["trusted"], np.outer(points[0], points[0]), rtol=1e-9, atol=1e-12)
+        before = trusted.copy()
+        trust(trusted, point)
+        if point @ point > 1e-190:
+            scale = np.abs(trusted).max()
+            assert np.linalg.eigvalsh((trusted - before) / scale).min() >= -1e-12  # what was inside stays so
+            assert 1.44 * point @ np.linalg.pinv(trusted / scale, rcond=1e-9) @ point / scale <= 1.0 + 1e-6
+        assert trusts(trusted, point, float(np.linalg.norm(point))) == trusted.any()
+    far = 1e6 * max(points, key=np.linalg.norm)
+    assert not trusts(trusted, far, 0.1 * float(np.linalg.norm(points)))
+
+
+@pytest.mark.parametrize("weight", [1e-150, 1e-156])
+def test_weights_of_almost_nothing_move_it(weight):
+    sheet = ms.Isotropic(2e11, 0.3, 0.002, 7850.0)
+    strip = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), sheet, "x < 0.001")
+    run = ms.simulate(ms.Auto(strip), duration=0.5, dt=DT, gravity=(0.0, 0.0, -weight))
+    assert run.outcome is Outcome.COMPLETED
 
 
 @pytest.fixture(scope="module")

@@ -239,6 +239,7 @@ def _first_guess(problem: Potential, start: EulerStart, explicit: Array, held: A
     ahead = out_of_balance(expected)
     if ahead < _AT_ONCE * here:
         return expected
+    # Where the rates expected are those of the state, both guesses are one.
     led = ahead if start.expected_rates is start.rates else out_of_balance(explicit)
     return explicit if led < _STRETCHED * here else near
 

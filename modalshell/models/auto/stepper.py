@@ -12,6 +12,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
+from modalshell.models.auto.trusted import SELDOM, SURE, trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
@@ -27,11 +28,6 @@ _BACK_MARGIN = 0.39
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
-_SURE, _WIDER, _NOISE = 0.1, 1.2, 0.1
-"""Bar over the error allowed up to which coordinates are trusted as checked, the factor by which they may grow, and the
-share of the largest displacement that any coordinates may have."""
-_SELDOM = 8
-"""Intervals of checks after which trusted coordinates are checked all the same."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
 _TRY_EVERY = 6
@@ -74,10 +70,11 @@ class AutoStepper(Stepper):
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
-    that of the last check of a modal rung ("checked"), the steps since ("looked"), the coordinates that checks were
-    sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how often in a
-    row it could have ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the
-    linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
+    that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the coordinates that
+    checks were sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how
+    often in a row it could have ("ready"), the last load that was compared with what the modes answer ("pushed",
+    "answer"), the linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why
+    ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -214,11 +211,10 @@ class AutoStepper(Stepper):
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
             back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
             grown = moved > _GROWN * max(memory["checked"][0], self._calm)
-            if back or grown or (since % self._check_every == 0 and not self._trusts(after.coordinates, memory)):
+            if back or grown or self._due(after.coordinates, memory):
                 memory["checked"][0], memory["looked"][0] = moved, since
                 seen = self._seen(frames, memory, now)
-                if seen.bar <= _SURE * self.model.error and seen.margin > _BACK_MARGIN:
-                    self._trust(_WIDER * inner.coordinates, memory)
+                self._checked(seen, inner.coordinates, memory)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
@@ -242,27 +238,20 @@ class AutoStepper(Stepper):
         self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
         return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
 
-    def _trusts(self, q: Array, memory: dict[str, Array]) -> bool:
-        """Whether coordinates (m,) of a modal rung lie where checks were sure, and one was not long ago.
+    def _checked(self, seen: _Seen, q: Array, memory: dict[str, Array]) -> None:
+        """Trust coordinates (m,) that a check was sure of, of held shells, and none from one that was not."""
+        if not (seen.bar <= SURE * self.model.error and seen.margin > _BACK_MARGIN):
+            memory["trusted"][:] = 0.0
+        elif not self._check.least:
+            trust(memory["trusted"], q)
 
-        That is within an ellipsoid about rest, q . A^-1 q <= 1, of A the matrix of :meth:`_trust`: the error of a modal
-        rung is a function of its coordinates, as even as the shell, and grows with them. What the modes lack of the
-        load is looked at apart.
-        """
-        if self._check.least or memory["since"][0] - memory["looked"][0] >= _SELDOM * self._check_every:
+    def _due(self, q: Array, memory: dict[str, Array]) -> bool:
+        """Whether a modal rung at coordinates (m,) is to be checked: each time its turn comes, trusted ones seldom."""
+        since = memory["since"][0]
+        if since % self._check_every:
             return False
-        wide = memory["trusted"] + (_NOISE * memory["largest"][0]) ** 2 * np.eye(q.size)
-        return bool(memory["trusted"].any() and q @ np.linalg.solve(wide, q) <= 1.0)
-
-    @staticmethod
-    def _trust(q: Array, memory: dict[str, Array]) -> None:
-        """The ellipsoid of what was trusted, grown along q (m,) until q is on it, unless it was inside."""
-        trusted = memory["trusted"]
-        values, axes = np.linalg.eigh(trusted)
-        wide = axes @ (np.maximum(values, 1e-12 * max(values[-1], q @ q)) * axes).T
-        beyond = q @ np.linalg.solve(wide, q) if q.any() else 0.0
-        if beyond > 1.0:
-            trusted += (1.0 - 1.0 / beyond) * np.outer(q, q)
+        late = since - memory["looked"][0] >= SELDOM * self._check_every
+        return bool(late or not trusts(memory["trusted"], q, memory["largest"][0]))
 
     def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
@@ -374,9 +363,10 @@ def _cost(stepper: Stepper, before: MotionState, after: MotionState, dt: float) 
     """What :data:`COST` names of a level's step."""
     if (known := after.memory.get(COST)) is not None:
         return known.copy()
-    model, error = stepper.model, stepper.model.local_error(before, after, dt)
+    error = stepper.model.local_error(before, after, dt)
+    assert error is not None  # the rules that levels take by default know theirs
     changes = (error, after.rates - before.rates, after.coordinates - before.coordinates)
-    return np.array([0.0 if change is None else model.squared(change) for change in changes])
+    return np.array([stepper.model.squared(change) for change in changes])
 
 
 def told(state: MotionState, names: Sequence[str]) -> str:
