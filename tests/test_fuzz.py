@@ -23,6 +23,7 @@ from fuzzing.harness import (
     Escape,
     HalfRead,
     Hang,
+    Input,
     SilentNonFinite,
     UncaughtException,
     Unsaid,
@@ -30,6 +31,8 @@ from fuzzing.harness import (
     fuzz,
     outcome,
 )
+from hypothesis import find, settings
+from hypothesis import strategies as st
 
 import modalshell as ms
 from modalshell.commands import cli
@@ -285,6 +288,23 @@ PARTS = {
     clips_unchecked: saved.forged_clips,
 }
 """The part of a surface that meets a bug, where the search of all of it comes to that late."""
+
+
+@pytest.mark.parametrize(
+    ("module", "part"),
+    [
+        (properties, "offsets"),
+        (properties, "threads"),
+        (properties, "carried"),
+        (outputs, "sizes"),
+        (outputs, "parts"),
+        (saved, "_forgeries"),
+    ],
+)
+def test_a_part_in_which_bugs_are_searched_is_in_the_whole(module, part, tmp_path, monkeypatch):
+    mark = Input("the part", lambda: None)
+    monkeypatch.setattr(module, part, lambda *_: st.just(mark))
+    find(module.make(tmp_path), lambda drawn: drawn is mark, settings=settings(max_examples=500, database=None))
 
 
 @pytest.mark.parametrize(
