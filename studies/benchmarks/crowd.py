@@ -145,7 +145,7 @@ def flock(
     Of more than 100,000 boids a tenth of the steps; memory is the most that the arrays of a flock and its steps took.
     """
     rows = []
-    ms.Flock.random(8, search=search).step(1e-6)  # what is loaded and compiled once is no memory of a flock
+    ms.Flock.random(8, radius=1.0, search=search).step(1e-6)  # what is loaded and compiled once is no memory of a flock
     for count in sizes:
         tracemalloc.start()
         boids = ms.Flock.random(count, radius=ball(count, per_volume), search=search)
