@@ -182,11 +182,11 @@ def _share(row: dict[str, Any], bound: dict[str, float]) -> str:
 
 def finding(result: StudyResult) -> str:
     """Speed-ups of the largest sheet over NumPy."""
-    rows, devices = result.findings["rows"], result.findings["devices"]
+    rows, names = result.findings["rows"], result.findings["devices"]
     size = max(row["size"] for row in rows)
     over = {(row["way"], row["precision"]): row["over_numpy_float64"] for row in rows if row["size"] == size}
     places = {BASE: "on one thread", FREE: f"on threads of {result.record['machine']['cores']} cores"}
-    places |= {f"Warp, {alias}": f"on a GPU ({name})" for alias, name in devices.items() if alias != "cpu"}
+    places |= {f"Warp, {alias}": f"on a GPU ({name})" for alias, name in names.items() if alias != "cpu"}
     kinds = [
         ", ".join(f"{over[way, kind]:,.0f} times {words}" for way, words in places.items() if (way, kind) in over)
         for kind in PRECISIONS

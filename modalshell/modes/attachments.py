@@ -40,7 +40,7 @@ def with_attachments(
     New vectors are rotated so that the stiffness is diagonal on them: their eigenvalues are Ritz values, above those of
     the modes.
     """
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    data = shell.hessian(shell.rest_positions, GAUSS_NEWTON)
     internal = shell.pattern.internal
     factor = Factoriser(backend, use="solve").definite(shell.pattern.free_matrix(data))
     solve = condensed_factor(factor, 0 if internal is None else internal.count).solve

@@ -66,7 +66,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
 
     def stiffness() -> Array:
         # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
-        return shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+        return shell.hessian(shell.rest_positions, GAUSS_NEWTON)
 
     name = "dense"
     if elastic <= 0:
@@ -147,7 +147,7 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
     With ``data``, values on the shell's pattern, of the matrix ``M^-1 data`` instead.
     """
     if data is None:
-        data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+        data = shell.hessian(shell.rest_positions, GAUSS_NEWTON)
     scaled = mass_scaled(shell, data)
     start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)

@@ -86,7 +86,7 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     if count > unknowns.count:
         raise OptionError(f"count must be at most {unknowns.count}, the number of free unknowns (got {count})")
     mass = unknowns.masses(shell.mass)
-    data = shell.energy_gradient_hessian(x, EXACT)[2]
+    data = shell.hessian(x, EXACT)
     if state is not None:
         data += state.load_stiffness(shell.pattern)
     if not np.isfinite(data).all():

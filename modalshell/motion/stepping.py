@@ -98,9 +98,11 @@ class Motion:
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
         self.errors = StepErrors(self.stepper, self.state)
         self._tolerance = tolerance
-        if tolerance is not None and not self.errors.are_known(dt):
-            raise OptionError(f"{model.name} by this integrator does not know its steps' errors: leave out tolerance")
-        self.errors.halvings = 0 if tolerance is None else _FIRST
+        if tolerance is not None:
+            if not self.errors.are_known(dt):
+                fault = "does not know its steps' errors: leave out tolerance"
+                raise OptionError(f"{model.name} by this integrator {fault}")
+            self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
         self._moved = np.empty(shell.rest_positions.shape)

@@ -288,7 +288,7 @@ class Shell(EnergyAccess):
         of some thousand vertices; the solvers never form it.
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
-        data = self.energy_gradient_hessian(x, EXACT)[2]
+        data = self.hessian(x, EXACT)
         refuse_collapse(self.mesh, "stiffness", data, x)
         return self.pattern.condensed(data)
 

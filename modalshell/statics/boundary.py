@@ -97,7 +97,7 @@ def _predicted(
     held, moved = problem.shell, np.zeros_like(x)
     moved[vertices] = target - x[vertices]
     gradient, hessian = problem.linearise(x, EXACT)
-    tangent = held.energy_gradient_hessian(x, EXACT)[2]
+    tangent = held.hessian(x, EXACT)
     pull = held.pattern.product(tangent, moved.ravel())
     direction = problem.step(problem.factor(hessian), gradient + held.unknowns.restrict(pull))
     moved += held.unknowns.prolong(direction).reshape(-1, 3)

@@ -111,7 +111,7 @@ def buckling_factors(
     if loose := left_free(shell):
         raise OptionError(f"buckling needs a shell that its supports hold, but {loose}: hold more vertices")
     rest, unknowns, pattern = shell.rest_positions, shell.unknowns, shell.pattern
-    stiffness = shell.energy_gradient_hessian(rest, GAUSS_NEWTON)[2]
+    stiffness = shell.hessian(rest, GAUSS_NEWTON)
     factor = _definite_factor(shell, stiffness)
     if factor is None:
         raise SolverError("the stiffness at rest is not positive definite: check the mesh for slivers")
@@ -197,7 +197,7 @@ def buckles(shell: Shell, load: Array) -> bool:
     """
     if not (load.any() and shell.unknowns.supported.any()):
         return False
-    factor = _definite_factor(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])
+    factor = _definite_factor(shell, shell.hessian(shell.rest_positions, GAUSS_NEWTON))
     return factor is not None and _definite_factor(shell, _loaded(shell, factor, load)) is None
 
 
@@ -205,7 +205,7 @@ def _loaded(shell: Shell, factor: Factor, load: Array) -> Array:
     """Hessian values at rest with the stresses of the linear answer to a load (n, 3)."""
     rest, unknowns = shell.rest_positions, shell.unknowns
     answer = unknowns.prolong(factor.solve(unknowns.restrict(load.ravel()))).reshape(-1, 3)
-    return shell.energy_gradient_hessian(rest, MIXED, shell.predicted_stresses(rest, answer))[2]
+    return shell.hessian(rest, MIXED, shell.predicted_stresses(rest, answer))
 
 
 def _definite_factor(shell: Shell, data: Array) -> Factor | None:

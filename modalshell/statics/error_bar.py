@@ -179,8 +179,8 @@ class Estimator(ABC):
         """The stability margin at x (n, 3) with predicted stresses."""
         shell = self.shell
         unknowns, pattern = shell.unknowns, shell.pattern
-        stiffness = shell.energy_gradient_hessian(x, GAUSS_NEWTON)[2]
-        stressed = shell.energy_gradient_hessian(x, MIXED, stresses)[2]
+        stiffness = shell.hessian(x, GAUSS_NEWTON)
+        stressed = shell.hessian(x, MIXED, stresses)
         difference = stressed - stiffness
         if problem.live is not None:
             problem.live.add_stiffness(pattern, x, difference)

@@ -80,4 +80,4 @@ class LinearAnswers:
 
 def _solver_at_rest(shell: Shell) -> RigidFreeSolver:
     """Solver of the stiffness at rest, of free parts on the complement of their rigid motions."""
-    return RigidFreeSolver.of(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])
+    return RigidFreeSolver.of(shell, shell.hessian(shell.rest_positions, GAUSS_NEWTON))

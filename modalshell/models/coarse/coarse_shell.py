@@ -315,7 +315,7 @@ def _alike(fine: _Spaces, own: _Spaces, sampled: Array, mass: Array, pair: list[
 
 def _small_displacements(shell: Shell) -> Array:
     """Linear static displacements (n, 3, 3) [m] under a gravity of 1 m/s^2 along each axis, which comes last."""
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    data = shell.hessian(shell.rest_positions, GAUSS_NEWTON)
     factor = Factoriser(use="solve").symmetric(shell.pattern.free_matrix(data))
     weights = np.kron(shell.mass[:, None], np.eye(3))
     answers = shell.unknowns.prolong(factor.solve(np.asarray(shell.unknowns.restrict(weights))))

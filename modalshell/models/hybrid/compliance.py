@@ -47,7 +47,7 @@ class LinearCompliance:
             part.sort_indices()
             self._whole = partial(_work, partial(np.take, indices=held), ProfileAnalysis(part).factorise(part))
         else:
-            unknowns, data = coarse.unknowns, coarse.energy_gradient_hessian(coarse.rest_positions, EXACT)[2]
+            unknowns, data = coarse.unknowns, coarse.hessian(coarse.rest_positions, EXACT)
             self._whole = partial(_work, unknowns.restrict, RigidFreeSolver.of(coarse, data))
 
     def refusal(self, load: Array) -> str:

@@ -94,7 +94,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     rigid, unknowns = modes.rigid_modes, shell.unknowns
     forces, difference_error, asymmetry = _derivative_forces(shell, modes.modes[:, rigid:])
     # At rest the exact Hessian is its Gauss-Newton part, positive definite beside rigid motions.
-    data, mass = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2], unknowns.masses(shell.mass)
+    data, mass = shell.hessian(shell.rest_positions, EXACT), unknowns.masses(shell.mass)
     solved = RigidFreeSolver.of(shell, data, backend).solve(-unknowns.restrict(forces))
     derivatives = unknowns.prolong(solved)
     found = orthonormal_extension(unknowns.values(modes.modes), solved, mass)
@@ -148,9 +148,7 @@ def _change(former: Array, latter: Array) -> float:
 
 def _stiffness_slope(shell: Shell, modes: Array, direction: Array, step: float) -> Array:
     """``(dK/dq) Phi`` (3n, m) along ``direction`` (n, 3)."""
-    ahead, behind = (
-        shell.energy_gradient_hessian(shell.rest_positions + side * step * direction, EXACT)[2] for side in (1.0, -1.0)
-    )
+    ahead, behind = (shell.hessian(shell.rest_positions + side * step * direction, EXACT) for side in (1.0, -1.0))
     return (shell.pattern.product(ahead, modes) - shell.pattern.product(behind, modes)) / (2.0 * step)
 
 
