@@ -63,6 +63,7 @@ kernels.rotations.vertex_rotations d2 d2 rl2 d2
 integrators.modal.exponential_kernels.correct d2 d1 d1 d d1 d1 d1 d1 d1 d1 d1 d1 d1
 integrators.modal.exponential_kernels.predict d2 d1 d1 d1 d1 d1
 shell.kernels.split_folds.add_fold_curvatures d2 l2 d1 i3 l1 d1
+loads.work.dead_work d2 d2 rd2
 kernels.frame.push_frame d3 d2 d1 d1 d1
 kernels.frame.warp_frame d3 d2 d1 d2 d2
 """

@@ -15,6 +15,7 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.loads import Loading
+from modalshell.loads.work import dead_work
 from modalshell.models import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.motion.step_error import StepErrors, Tolerance
@@ -105,7 +106,6 @@ class Motion:
             self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
-        self._moved = np.empty(shell.rest_positions.shape)
 
     @property
     def time(self) -> float:
@@ -147,9 +147,8 @@ class Motion:
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
         own = self.stepper.loaded_positions(self.state)
-        moved = np.subtract(own, self.model.shell.rest_positions, out=self._moved)
         model, state, loading = self.present_model, self.state, self.setup.loading
-        potential = -float(np.vdot(self.load, moved))
+        potential = -dead_work(self.load, own, self.model.shell.rest_positions)
         if loading.live:
             potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
         elastic = model.elastic_energy(state) + self.stepper.further_energy(state)

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from scenes import Made, jittered
 
 import modalshell as ms
 from modalshell.mesh.topology import area_vectors
@@ -118,3 +119,48 @@ def test_surface_changes_are_those_of_every_face_and_pair():
             assert area == pytest.approx(0.5 * lengths.sum(), rel=1e-13)
             assert changed == pytest.approx(mesh.face_areas[(ratio > 2.0) | (ratio < 0.5)].sum(), rel=1e-13)
             assert counted == folded or (counted == 0 and folded <= ignored)
+
+
+SURFACES = Made(
+    {
+        "flat": lambda: ms.flat_beam(cells=(80, 24)),
+        "jittered": lambda: jittered((64, 30)),
+        "folded": lambda: ms.v_beam(cells=(100, 20)),
+    }
+)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_a_sample_of_the_surface_misses_no_distortion(surface, monkeypatch):
+    mesh = SURFACES[surface]
+    sampled, whole = Distortion(mesh), Distortion(mesh)
+    monkeypatch.setattr(whole, "_sample", None)
+    assert sampled._sample is not None
+    rest, rng = np.asarray(mesh.vertices), np.random.default_rng(5)
+    middle, size = rest.mean(axis=0), np.ptp(rest, axis=0).max()
+    seen = set()
+    for turn in range(300):
+        place = rest[rng.integers(len(rest))]
+        near = np.linalg.norm(rest - place, axis=1) < size * rng.uniform(0.0, 0.5)
+        kind, amount = turn % 4, rng.uniform(0.0, 2.0)
+        moved = rest.copy()
+        if kind == 0:  # a patch is pulled apart or pushed together
+            moved[near] = place + (rest[near] - place) * amount
+        elif kind == 1:  # all of the surface is
+            moved = middle + (rest - middle) * amount
+        elif kind == 2:  # a patch is crumpled
+            moved[near] += 0.03 * size * amount * rng.standard_normal((int(near.sum()), 3))
+        else:  # a narrow strip in some direction is folded over
+            along = (rest - place) @ (way := rng.standard_normal(3)) / np.linalg.norm(way)
+            moved -= 2.0 * np.clip(along, 0.0, 0.05 * size * amount)[:, None] * way / np.linalg.norm(way)
+        said = sampled.of(moved)
+        assert said == whole.of(moved)
+        seen.add(said.split()[2] if said else "")
+    assert len(seen) >= 3  # none, and two kinds at least
+
+
+def test_a_mesh_of_unlike_triangles_is_looked_at_whole():
+    mesh = ms.flat_beam(cells=(80, 24))
+    graded = np.array(mesh.vertices)
+    graded[:, 0] = np.expm1(10.0 * graded[:, 0]) / np.expm1(10.0)
+    assert Distortion(ms.TriangleMesh(graded, mesh.faces))._sample is None

@@ -5,6 +5,7 @@ See theory 12, eq. 5.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ RESOLVED, FOLLOWED = 3.0, 4.0
 _SERIES = 0.5
 """``h^2 lambda + h c`` below which all coefficients are sums of a power series."""
 _TERMS = 24
+_PHI2_SERIES = [1.0 / math.factorial(k + 2) for k in range(10)]
 _SLOW = 1e-2
 """``h lambda / c`` below which an overdamped mode is taken by its two rates: closed forms cancel there."""
 
@@ -129,7 +131,7 @@ def _phi1(z: Array) -> Array:
 def _phi2(z: Array) -> Array:
     """``(e^z - 1 - z) / z^2``."""
     near = np.abs(z) < 0.1
-    series = sum((np.where(near, z, 0.0) ** k / np.prod(np.arange(1.0, k + 3.0)) for k in range(10)), np.zeros_like(z))
+    series = np.polynomial.polynomial.polyval(np.where(near, z, 0.0), _PHI2_SERIES)
     return np.where(near, series, (_phi1(z) - 1.0) / np.where(near, 1.0, z))
 
 

@@ -98,7 +98,9 @@ class ModalShape(Warp):
 
     def warped_positions(self, q: Array) -> Array:
         """Positions (n, 3) [m] of :meth:`warped`, a new array."""
-        return np.asarray(self.shell.rest_positions + self.warped(q))
+        moved = self.warped(q)
+        moved += self.shell.rest_positions
+        return moved
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
