@@ -10,6 +10,7 @@ import scipy.sparse.linalg as spla
 from modalshell.core.checks import finite_answer
 from modalshell.core.errors import REPAIR, OptionError, SolverError
 from modalshell.core.typing import Array
+from modalshell.modes.block_lanczos import BLOCK, largest_pairs
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import GAUSS_NEWTON, Shell
 
@@ -175,7 +176,10 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
     alone, and may end without some. So what was found is projected out, and a new start looks for what is still lower.
     """
     random = np.random.default_rng(0)
-    values, vectors = _lowest(solver, root, rigid, wanted, random)
+    found = _lowest_by_blocks(solver, root, rigid, wanted, random)
+    if found is not None and not _fills_a_block(found[0]):
+        return found
+    values, vectors = found if found is not None else _lowest(solver, root, rigid, wanted, random)
     while True:
         known = np.hstack([rigid, vectors])
         if values.size < wanted:  # some did not converge: without the others they do
@@ -198,6 +202,30 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
         order = np.argsort(values, kind="stable")[:wanted]
         values, vectors = values[order], vectors[:, order]
     return values, vectors
+
+
+def _lowest_by_blocks(
+    solver: RigidFreeSolver, root: Array, known: Array, wanted: int, random: np.random.Generator
+) -> tuple[Array, Array] | None:
+    """The lowest ``wanted`` pairs, orthogonal to the orthonormal columns ``known``; None where they do not converge."""
+
+    def project(vectors: Array) -> Array:
+        return np.asarray(vectors - known @ (known.T @ vectors))
+
+    def inverse(vectors: Array) -> Array:
+        return project(root[:, None] * solver.solve(root[:, None] * vectors))
+
+    found = largest_pairs(inverse, project(random.standard_normal((root.size, BLOCK))), wanted)
+    if found is None:
+        return None
+    order = np.argsort(1.0 / found[0])
+    return 1.0 / found[0][order], found[1][:, order]
+
+
+def _fills_a_block(values: Array) -> bool:
+    """Whether as many eigenvalues as a block has vectors are nearly the same: there may be more of them."""
+    apart = values[BLOCK - 1 :] - values[: values.size - BLOCK + 1]
+    return bool((apart <= _GLANCE * np.abs(values[BLOCK - 1 :])).any())
 
 
 def _lowest(

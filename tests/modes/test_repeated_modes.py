@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
 from modalshell.core.errors import ModalShellWarning
 from modalshell.modes import BACKENDS, eigenpairs
+from modalshell.modes.block_lanczos import BLOCK
 
 every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
@@ -86,6 +87,13 @@ def test_many_identical_strips(copies, elastic, backend):
     check_copies(copies, True, elastic, backend)
 
 
+@pytest.fixture
+def one_by_one(monkeypatch):
+    """Never by blocks."""
+    monkeypatch.setattr(eigenpairs, "_lowest_by_blocks", lambda *_: None)
+
+
+@pytest.mark.usefixtures("one_by_one")
 @pytest.mark.parametrize("missed", [[0], [2], [0, 1, 2], [5, 6]])
 def test_modes_that_lanczos_missed_are_found(monkeypatch, missed):
     """The first search gives the lowest pairs without some of them, and those above in their place."""
@@ -108,6 +116,7 @@ def test_modes_that_lanczos_missed_are_found(monkeypatch, missed):
     assert outside(shell, found.modes[:, :6], complete.modes[:, :6]) < 1e-6
 
 
+@pytest.mark.usefixtures("one_by_one")
 def test_modes_that_did_not_converge_are_found_beside_the_others(monkeypatch):
     lowest, calls = eigenpairs._lowest, []
 
@@ -123,6 +132,32 @@ def test_modes_that_did_not_converge_are_found_beside_the_others(monkeypatch):
     np.testing.assert_allclose(found.eigenvalues, complete.eigenvalues, rtol=1e-9)
     gram = found.modes.T @ (np.repeat(shell.mass, 3)[:, None] * found.modes)
     np.testing.assert_allclose(gram, np.eye(8), atol=1e-10)
+
+
+@pytest.mark.parametrize("missed", [[0], [2], [0, 1, 2], [5, 6]])
+def test_copies_that_a_block_cannot_hold_are_found(monkeypatch, missed):
+    """Where as many eigenvalues are alike as a block has vectors, what is still lower is looked for."""
+    blocks, calls = eigenpairs._lowest_by_blocks, []
+
+    def missing(solver, root, known, wanted, random):
+        values, vectors = blocks(solver, root, known, wanted + len(missed), random)
+        calls.append(wanted)
+        return np.delete(values, missed), np.delete(vectors, missed, axis=1)
+
+    shell = strips(7)
+    complete = solved(shell, 20)
+    monkeypatch.setattr(eigenpairs, "_lowest_by_blocks", missing)
+    found = solved(shell, 20)
+    assert calls
+    np.testing.assert_allclose(found.eigenvalues, complete.eigenvalues, rtol=1e-9)
+    assert outside(shell, found.modes[:, :14], complete.modes[:, :14]) < 1e-6
+
+
+def test_fewer_copies_than_a_block_has_vectors_are_found_by_it_alone(monkeypatch):
+    shell = strips(BLOCK - 1, (12, 4))
+    monkeypatch.setattr(eigenpairs, "_lowest", lambda *_: pytest.fail("no further search is needed"))
+    basis = solved(shell, 9)
+    np.testing.assert_allclose(basis.eigenvalues, np.repeat(dense(strips(1, (12, 4)))[0][:3], BLOCK - 1), rtol=1e-8)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
