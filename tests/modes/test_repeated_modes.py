@@ -73,6 +73,19 @@ def check_copies(copies, held, elastic, backend, cells=(6, 3)):
         assert outside(shell, basis.modes[:, first : first + copies], space) < 1e-6
 
 
+@pytest.fixture
+def by_blocks(monkeypatch):
+    """By blocks, as large shells are."""
+    monkeypatch.setattr(eigenpairs, "_LARGE", 0)
+
+
+@pytest.mark.usefixtures("by_blocks")
+@pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
+@pytest.mark.parametrize(("copies", "elastic"), [(3, 9), (4, 10), (6, 18), (12, 13)])
+def test_identical_strips_by_blocks(copies, elastic, held):
+    check_copies(copies, held, elastic, None, (12, 4))
+
+
 @every_backend
 @pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
 @pytest.mark.parametrize("elastic", [1, 6, 7, 18])
@@ -87,13 +100,6 @@ def test_many_identical_strips(copies, elastic, backend):
     check_copies(copies, True, elastic, backend)
 
 
-@pytest.fixture
-def one_by_one(monkeypatch):
-    """Never by blocks."""
-    monkeypatch.setattr(eigenpairs, "_lowest_by_blocks", lambda *_: None)
-
-
-@pytest.mark.usefixtures("one_by_one")
 @pytest.mark.parametrize("missed", [[0], [2], [0, 1, 2], [5, 6]])
 def test_modes_that_lanczos_missed_are_found(monkeypatch, missed):
     """The first search gives the lowest pairs without some of them, and those above in their place."""
@@ -116,7 +122,6 @@ def test_modes_that_lanczos_missed_are_found(monkeypatch, missed):
     assert outside(shell, found.modes[:, :6], complete.modes[:, :6]) < 1e-6
 
 
-@pytest.mark.usefixtures("one_by_one")
 def test_modes_that_did_not_converge_are_found_beside_the_others(monkeypatch):
     lowest, calls = eigenpairs._lowest, []
 
@@ -134,6 +139,7 @@ def test_modes_that_did_not_converge_are_found_beside_the_others(monkeypatch):
     np.testing.assert_allclose(gram, np.eye(8), atol=1e-10)
 
 
+@pytest.mark.usefixtures("by_blocks")
 @pytest.mark.parametrize("missed", [[0], [2], [0, 1, 2], [5, 6]])
 def test_copies_that_a_block_cannot_hold_are_found(monkeypatch, missed):
     """Where as many eigenvalues are alike as a block has vectors, what is still lower is looked for."""
@@ -153,6 +159,7 @@ def test_copies_that_a_block_cannot_hold_are_found(monkeypatch, missed):
     assert outside(shell, found.modes[:, :14], complete.modes[:, :14]) < 1e-6
 
 
+@pytest.mark.usefixtures("by_blocks")
 def test_fewer_copies_than_a_block_has_vectors_are_found_by_it_alone(monkeypatch):
     shell = strips(BLOCK - 1, (12, 4))
     monkeypatch.setattr(eigenpairs, "_lowest", lambda *_: pytest.fail("no further search is needed"))
