@@ -246,6 +246,11 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return read_only(np.stack(found))
 
     @cached_property
+    def extent(self) -> float:
+        """Largest extent along a principal axis at rest [m], the same for a mesh that is turned."""
+        return float(np.ptp((self.vertices - self.vertices[0]) @ self.principal_axes.T, axis=0).max())
+
+    @cached_property
     def boundary_vertices(self) -> IntArray:
         """Vertices on the boundary, sorted, shape (b,)."""
         return read_only(np.unique(self.edges[self.edge_faces[:, 1] < 0]))
