@@ -71,6 +71,7 @@ class TurnedTriangles(UnstretchedModel):
         super().__init__(basis, integrator=integrator)
         self._modal = modal
         self._faced: LoadAdjoint | None = None
+        self._sample_faced: tuple[LoadAdjoint, Array] | None = None
         self._patches: dict[bytes, list[LoadAdjoint]] = {}
 
     @abstractmethod
@@ -98,15 +99,22 @@ class TurnedTriangles(UnstretchedModel):
         """Change (m,) of the modal force from q to coordinates ``near`` by, by a sample of the triangles."""
         if self._sample is None:
             return None
-        triangles, modal = self._sample
-        adjoint, count = self._face(load), len(self._modal) * TILE
+        modal, (adjoint, gradients) = self._sample[1], self._sampled(load)
         count_read(2 * modal.nbytes)
-        gradients = in_tiles(adjoint.gradients.reshape(-1, 6, TILE)[triangles // TILE, :, triangles % TILE])
-        gradients *= count / len(triangles)
         work, forces = np.empty(kernel.WORK), np.stack([adjoint.constant, adjoint.constant])
         kernel.potential(modal, gradients, q, work, forces[0])
         kernel.potential(modal, gradients, near, work, forces[1])
         return change_of(known, *forces)
+
+    def _sampled(self, load: Array) -> tuple[LoadAdjoint, Array]:
+        """Adjoint of a load, and its derivatives in the sample, times what that stands for; kept."""
+        adjoint, kept = self._face(load), self._sample_faced
+        if kept is None or kept[0] is not adjoint:
+            assert self._sample is not None
+            triangles, _ = self._sample
+            rows = adjoint.gradients.reshape(-1, 6, TILE)[triangles // TILE, :, triangles % TILE]
+            kept = self._sample_faced = adjoint, in_tiles(rows) * (len(self._modal) * TILE / len(triangles))
+        return kept
 
     @cached_property
     def _sample(self) -> tuple[Index, Array] | None:
