@@ -16,7 +16,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import VERTICES, change_of, in_tiles, sample_of
+from modalshell.models.reduction.sampled_change import as_tile, change_of, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
@@ -136,12 +136,12 @@ class ModalWarping(UnstretchedModel):
 
         Their displacements are times as many vertices as each stands for.
         """
-        vertices = sample_of(len(self.shell.rest_positions), VERTICES)
-        if vertices is None:
-            return None
-        modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
-        modes = modes * (len(self.shell.rest_positions) / len(vertices))
-        return vertices, in_tiles(np.concatenate([modes, turns], axis=1).transpose(0, 2, 1))
+        count = len(self.shell.rest_positions)
+        for vertices in samples_of(count):
+            modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
+            rows = np.concatenate([modes * (count / len(vertices)), turns], axis=1)
+            return vertices, as_tile(rows.transpose(0, 2, 1))
+        return None
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
