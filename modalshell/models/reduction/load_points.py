@@ -38,9 +38,9 @@ class _Part(NamedTuple):
 class LoadPoints:
     """Loads on a shell by the midpoint rule over patches of its surface.
 
-    The triangles are halved by their centroids along the longest side, by area, into patches. The triangle nearest a
-    patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean displacement, which
-    the patch's mean rotation turns. The error falls as the square of the patches' size.
+    The triangles are halved by their centroids along the longest side, by area, into patches, which turn with the mesh.
+    The triangle nearest a patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean
+    displacement, which the patch's mean rotation turns. The error falls as the square of the patches' size.
 
     Parameters
     ----------
