@@ -60,7 +60,7 @@ class ShellCrowd(ABC):
         modes, turns = (a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations))
         self.modal_weights = np.einsum("n,nik->ik", basis.shell.mass, modes)
         self._reach, self._turn = (np.linalg.norm(a, axis=1).max(axis=0) for a in (modes, turns))
-        size = basis.shell.size
+        size = basis.shell.mesh.extent
         self._violent = (VIOLENT * size) ** 2 * float(basis.shell.mass.sum())
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)

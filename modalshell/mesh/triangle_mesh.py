@@ -25,6 +25,9 @@ from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 
 _APART = 1e-3
 """Distance of vertices, as a share of the largest one, below which they show no direction."""
+_EQUAL, _SEEN = 1e-3, 0.55
+"""Difference of second moments, as a share of the largest, that counts as none; share of a unit vector in a space of
+axes from which it shows one of them: of three at right angles one has at least 0.577."""
 
 
 class TriangleMesh(ReadOnlyArrays, Drawn):
@@ -193,13 +196,17 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
 
         That of a rectangle is its longer side. It is the same for a mesh that is turned.
         """
-        corners, extent = self.vertices[self.faces], self.size
+        return self.size * float(np.sqrt(np.linalg.eigvalsh(self._moments)[-1]))
+
+    @cached_property
+    def _moments(self) -> FloatArray:
+        """Second moments (3, 3) of the area about its centre, over a twelfth of the area and the squared size."""
         shares = self.face_areas / self.area
-        corners = (corners - shares @ corners.mean(axis=1)) / extent
+        corners = self.vertices[self.faces]
+        corners = (corners - shares @ corners.mean(axis=1)) / self.size
         # A triangle's moment is a twelfth of its area times that of its corners and of their sum.
         points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
-        moments = np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1)))
-        return extent * float(np.sqrt(np.linalg.eigvalsh(moments)[-1]))
+        return np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1)))
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -218,6 +225,30 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         across = flat[np.argmax(shares >= 0.5 * shares.max())]
         across = across / np.linalg.norm(across)
         return read_only(np.stack([np.cross(across, normal), across, normal]))
+
+    @cached_property
+    def principal_axes(self) -> FloatArray:
+        """Rows (3, 3) of the axes of the area's second moments, the largest first, that turn with the mesh.
+
+        Where moments are all but equal, and for the signs, those that :attr:`axes` point along decide.
+        """
+        values, vectors = np.linalg.eigh(self._moments)
+        apart = np.flatnonzero(np.diff(values) > _EQUAL * values[-1]) + 1
+        found: list[FloatArray] = []
+        for space in np.split(vectors, apart, axis=1)[::-1]:
+            left = space @ space.T
+            for _ in range(space.shape[1]):
+                inside = self.axes @ left
+                lengths = np.linalg.norm(inside, axis=1)
+                first = int(np.argmax(lengths > _SEEN))
+                found.append(inside[first] / lengths[first])
+                left = left - np.outer(found[-1], found[-1])
+        return read_only(np.stack(found))
+
+    @cached_property
+    def extent(self) -> float:
+        """Largest extent along a principal axis at rest [m], the same for a mesh that is turned."""
+        return float(np.ptp((self.vertices - self.vertices[0]) @ self.principal_axes.T, axis=0).max())
 
     @cached_property
     def boundary_vertices(self) -> IntArray:

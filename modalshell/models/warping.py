@@ -16,7 +16,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import VERTICES, change_of, in_tiles, sample_of
+from modalshell.models.reduction.sampled_change import as_tile, change_of, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
@@ -125,19 +125,23 @@ class ModalWarping(UnstretchedModel):
             return None
         vertices, modal = self._sample
         count_read(2 * modal.nbytes)
-        own, work, forces = load[vertices] * (len(load) / len(vertices)), np.empty(WORK), np.empty((2, q.size))
+        own, work, forces = load.take(vertices, axis=0), np.empty(WORK), np.empty((2, q.size))
         push_frame(modal, own, q, work, forces[0])
         push_frame(modal, own, near, work, forces[1])
         return change_of(known, *forces)
 
     @cached_property
     def _sample(self) -> tuple[Index, Array] | None:
-        """Numbers (k,) of some vertices, and their modal data as of a frame; None of few."""
-        vertices = sample_of(len(self.shell.rest_positions), VERTICES)
-        if vertices is None:
-            return None
-        rows = [self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations)]
-        return vertices, in_tiles(np.concatenate(rows, axis=1).transpose(0, 2, 1))
+        """Numbers (k,) of some vertices, and their modal data as of a frame; None of few.
+
+        Their displacements are times as many vertices as each stands for.
+        """
+        count = len(self.shell.rest_positions)
+        for vertices in samples_of(count):
+            modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
+            rows = np.concatenate([modes * (count / len(vertices)), turns], axis=1)
+            return vertices, as_tile(rows.transpose(0, 2, 1))
+        return None
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""

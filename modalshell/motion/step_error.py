@@ -158,7 +158,8 @@ class StepErrors:
     @property
     def decay(self) -> float:
         """Rate [1/s] at which oscillations of the motion's frequency die away."""
-        return self.asked * self.frequency
+        omega = self.frequency
+        return 0.5 * self._damping_rate(omega) if omega else 0.0
 
     @property
     def frequency(self) -> float:
@@ -168,7 +169,8 @@ class StepErrors:
     @property
     def asked(self) -> float:
         """Damping ratio asked for at the motion's frequency."""
-        return 0.5 * self._damping_rate() / self.frequency if self.frequency else 0.0
+        omega = self.frequency
+        return 0.5 * self._damping_rate(omega) / omega if omega else 0.0
 
     def allowed(self, tolerance: Tolerance, dt: float) -> float:
         """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance."""
@@ -178,7 +180,7 @@ class StepErrors:
     def obtained(self, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s] give motion of its frequency; not a number where it is not known."""
         omega = self.frequency
-        growth = self._stepper.model.growth(omega**2, self._damping_rate(), dt) if omega else complex(np.nan)
+        growth = self._stepper.model.growth(omega**2, self._damping_rate(omega), dt) if omega else complex(np.nan)
         size = np.log(max(abs(growth), np.finfo(float).tiny))
         return float(-size / np.hypot(size, np.angle(growth))) if growth == growth and size else float("nan")
 
@@ -227,9 +229,9 @@ class StepErrors:
             "fewer modes, or integrator 'implicit_euler'"
         )
 
-    def _damping_rate(self) -> float:
+    def _damping_rate(self, omega: float) -> float:
         damping = self._damping
-        rate = damping.mass_factor + damping.stiffness_factor * self.frequency**2
+        rate = damping.mass_factor + damping.stiffness_factor * omega**2
         if damping.ratios:
-            rate += 2.0 * float(np.mean(damping.ratios)) * self.frequency
+            rate += 2.0 * float(np.mean(damping.ratios)) * omega
         return rate

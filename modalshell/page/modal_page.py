@@ -117,7 +117,7 @@ def live_model(
         "amplitudes": (_SHOWN_SHARE * mesh.size / np.abs(basis.modes).max(axis=0)).tolist(),
         "damping": factors.tolist(),
         "dt": dt,
-        "violent": (VIOLENT * shell.size) ** 2 * float(shell.mass.sum()),
+        "violent": (VIOLENT * mesh.extent) ** 2 * float(shell.mass.sum()),
         "held": np.flatnonzero(shell.clamped).tolist(),
         "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
     }

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.models.reduced_rotation_strain import trained_on_loads
+from modalshell.models.reduction.load_points import halved
 
 POSES = [
     (Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix(), np.array([3.0, -2.0, 5.0])),
@@ -165,9 +166,86 @@ def test_a_turned_motion_from_a_start_within_a_tolerance_is_the_same(energy, run
     assert errors[1] == pytest.approx(errors[0], rel=1e-6, abs=1e-12)
 
 
-def test_the_moment_length_of_a_mesh_turns_with_it():
-    turn, move = POSES[0]
-    for mesh in (ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), panel((5, 2))[0], ms.sheet(cells=(4, 4))):
+WINDY = {
+    **RUNGS,
+    "rigid": lambda shell, *_: ms.RigidShell(shell),
+    "MWTS, consistent": lambda shell, *_: ms.ModalWarping(modes_of(shell), consistent_force=True),
+    "springs": lambda shell, *_: ms.SpringSheet(shell),
+}
+WINDY_CASES = [
+    pytest.param(
+        *case, marks=pytest.mark.slow if case[2] == "hybrid" or case[1:] == ("plate", "MD-ROM, cubature") else ()
+    )
+    for case in product(["panel", "square", "free panel"], MATERIALS, WINDY)
+    if case[1:] != ("plate", "springs") and (case[2] != "rigid" or case[0] == "free panel")
+]
+"""Springs stand for hinges alone, and a rigid shell that is held does not move."""
+
+
+def in_wind(rung, shell, coarse, load, turn, gravity):
+    """Frames under weight, a load, a wind that grows and a pressure."""
+    free = not shell.clamped.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
+        model = WINDY[rung](shell, None if free and rung == "auto" else coarse, load)
+        steady, gust = (ms.Wind(tuple(turn @ way)) for way in ([0.5, 0.3, 1.0], [0.2, 0.6, 0.4]))
+        loads = [steady, ms.Pressure(0.3), ms.Scaled(gust, lambda time: 1.0 + np.sin(9.0 * time))]
+        force = load if free else None
+        return ms.simulate(model, duration=0.3, dt=1.0 / 30.0, gravity=gravity, force=force, loads=loads).positions
+
+
+@pytest.mark.parametrize(("surface", "energy", "rung"), WINDY_CASES)
+def test_a_turned_scene_in_wind_is_the_same(surface, energy, rung):
+    """Patches of its points turn with the mesh, of shapes without axes of their own as well."""
+    found = []
+    for at in (None, 0, 1, 2):
+        turn, move = STILL if at is None else POSES[at]
+        gravity = turn @ GRAVITY[energy]
+        if surface == "free panel":
+            fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])
+            shell, coarse = (
+                ms.Shell(ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces), MATERIALS[energy])
+                for mesh in (fine, under)
+            )
+            x, y, _ = fine.vertices.T
+            load = shell.mass[:, None] * np.column_stack([0.5 + 0.0 * x, x * y, -1.0 + 2.0 * x**2]) @ turn.T
+        else:
+            shell, coarse = shells(surface, energy, at)
+            load = shell.gravity_force(gravity)
+        found.append((in_wind(rung, shell, coarse, load, turn, gravity) - move) @ turn)
+    assert np.abs(found[0] - found[0][0]).max() > 1e-3
+    for turned in found[1:]:
+        np.testing.assert_allclose(turned, found[0], rtol=0, atol=1e-9)
+
+
+def test_what_a_mesh_is_measured_by_turns_with_it():
+    meshes = [ms.flat_beam(length=1.0, width=0.2, cells=(6, 2)), panel((5, 2))[0], ms.sheet(cells=(4, 4)), ms.leaf()]
+    for (turn, move), mesh in product(POSES, meshes):
         placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
         assert placed.moment_length == pytest.approx(mesh.moment_length, rel=1e-12)
-    assert ms.flat_beam(length=3.0, width=0.2, cells=(6, 2)).moment_length == pytest.approx(3.0, rel=1e-12)
+        assert placed.extent == pytest.approx(mesh.extent, rel=1e-12)
+        np.testing.assert_allclose(placed.principal_axes @ turn, mesh.principal_axes, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(mesh.principal_axes @ mesh.principal_axes.T, np.eye(3), rtol=0, atol=1e-12)
+    beam = ms.flat_beam(length=3.0, width=0.2, cells=(6, 2))
+    assert beam.moment_length == pytest.approx(3.0, rel=1e-12)
+    assert beam.extent == pytest.approx(3.0, rel=1e-12)
+    np.testing.assert_allclose(np.abs(beam.principal_axes), np.eye(3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "family"),
+    [
+        *product(["sheet", "flat_beam", "v_beam", "cylinder_panel"], ["alternating", "equilateral", "lloyd"]),
+        ("leaf", None),
+    ],
+)
+def test_patches_of_loads_are_those_of_the_mesh_that_is_turned(shape, family):
+    """Of squares and rectangles, on which many triangles lie as far out as others but for rounding."""
+    options = {} if family is None else {"family": family}
+    mesh = getattr(ms, shape)(cells=(12, 12) if shape in ("sheet", "leaf") else (24, 6), **options)
+    groups, nearest = halved(mesh, mesh.faces, 64)
+    assert len(np.unique(groups)) == 64
+    for turn, move in POSES:
+        placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
+        for own, found in zip((groups, nearest), halved(placed, placed.faces, 64), strict=True):
+            np.testing.assert_array_equal(found, own)

@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, ModalStep, Step
 from modalshell.integrators.modal.exponential_kernels import correct, predict
@@ -45,7 +46,7 @@ class Exponential(ModalIntegrator, key="exponential"):
     def __init__(self, *, turning: bool = False) -> None:
         self.turning = turning
         self._coefficients = turning_flow if turning else flow
-        self._kept: tuple[Array, Array, float, Array, Array, Array, float | None] | None = None
+        self._kept: tuple[Array, Array, float, Array, float | None, Array] | None = None
 
     def under_turning_forces(self) -> Exponential:
         """The rule whose fast modes take implicit Euler's coefficients."""
@@ -62,22 +63,21 @@ class Exponential(ModalIntegrator, key="exponential"):
         stiffness, damp, h, size, change = step
         # A state that was not made by the rule is taken for a start.
         q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
-        coefficients, reach, lost, stiff = self._flow(stiffness, damp, h)
+        table, stiff, length = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         kept = memory["force"] if last else force(q, v, 0.0)
-        ahead, rates, gain, curvature = np.empty((4, q.size))
-        predict(coefficients, q, v, kept, ahead, rates)
+        ends, cost = np.empty((4, q.size)), np.empty(3)
+        predict(table, q, v, kept, ends)
+        ahead, rates = ends[0], ends[1]
         pushed = force(ahead, rates, 1.0)
         if not last:  # the force is taken as straight
             last, memory = h, memory | {"gain": pushed - kept}
         foreseen = None if change is None else ahead.copy()
-        missed, *cost = correct(
-            coefficients, reach, lost, h / last, q, v, kept, pushed, memory["gain"], ahead, rates, gain, curvature
-        )
+        missed = correct(table, h / last, q, v, kept, pushed, memory["gain"], ends, cost)
         if missed > (VIOLENT * size) ** 2 or (stiff is not None and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
             further = None if change is None or foreseen is None else change(foreseen, ahead, pushed)
             pushed = force(ahead, rates, 1.0) if further is None else pushed + further
-        keeps = {"force": pushed, "gain": gain, "curvature": curvature, "step": np.array([h]), COST: np.array(cost)}
+        keeps = {"force": pushed, "gain": ends[2], "curvature": ends[3], "step": length, COST: cost}
         return MotionState(ahead, rates, keeps)
 
     def stood_in_for(self, before: MotionState, after: MotionState, force: Array, h: float) -> MotionState:
@@ -98,8 +98,8 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
         """Change (m,) of coordinates and rates by a unit force at the step's end: one that grows from none."""
-        coefficients, *_ = self._flow(stiffness, damp, h)
-        return coefficients[5], coefficients[7]
+        table = self._flow(stiffness, damp, h)[0]
+        return table[5], table[7]
 
     def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
         """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``.
@@ -115,10 +115,10 @@ class Exponential(ModalIntegrator, key="exponential"):
         again = self.turning and hardly_followed(stiffness, h) is not None
         return np.vstack([ahead, rates + c.b2[:, None] * change, slope @ ahead if again else pushed])
 
-    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array, Array, float | None]:
-        """The coefficients (8, m), errors per curvature of a force and change of rates (m,); kept.
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, float | None, Array]:
+        """The coefficients, and errors per curvature of a force and change of rates (10, m); kept.
 
-        And the least stiffness that is hardly followed, under forces that turn, if any is.
+        And the least stiffness that is hardly followed, under forces that turn, if any is; and the step (1,) [s].
 
         A straight force misses ``h^3 p'' / 12`` in the rates. A slow mode keeps that for a while, a stiff one answers a
         force at once, a rigid one moves on. A third of it adds up, as measured: the rest comes and goes, as forces turn
@@ -131,7 +131,8 @@ class Exponential(ModalIntegrator, key="exponential"):
             coefficients = np.array(self._coefficients(stiffness, damp, h))
             lost = np.where(outrun(stiffness, h) & self.turning, 0.5 * h, 0.0)
             stiff = hardly_followed(stiffness, h) if self.turning else None
-            kept = self._kept = stiffness, damp, h, coefficients, reach, lost, stiff
+            table = np.vstack([coefficients, reach, lost])
+            kept = self._kept = stiffness, damp, h, table, stiff, read_only(np.array([h]))
         return kept[3:]
 
 

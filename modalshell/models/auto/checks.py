@@ -87,7 +87,7 @@ class FlownCheck:
             axes = _axes(self._rest[corners])
             supports += [Pin(corners[:1]), Roller(corners[1:2], tuple(axes[0])), _Across(corners[2:], axes[2])]
         self._estimator = ErrorEstimator(shell.also_supported(supports))
-        self.least = _STILL * shell.size * float(np.sqrt(shell.mass.sum()))
+        self.least = _STILL * shell.mesh.extent * float(np.sqrt(shell.mass.sum()))
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames, which fit the shape at rest best."""

@@ -89,7 +89,7 @@ class AutoStepper(Stepper):
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
         self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
         self._mass = model.shell.mass[:, None]
-        self._calm = _CALM * model.shell.size * float(np.sqrt(model.shell.mass.sum()))
+        self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     @staticmethod
     def memory(x: Array, sizes: Sequence[int], modes: int) -> dict[str, Array]:

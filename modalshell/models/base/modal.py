@@ -282,6 +282,8 @@ class ModalStepper(ContactStepper):
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
+            if self._stays:
+                return model.modal_force(q, load)
             pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed

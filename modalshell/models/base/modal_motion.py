@@ -72,7 +72,7 @@ class ModalMotion(ModalShape, FrameModel):
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
-        self._mass_size = self.shell.size * float(np.sqrt(self.shell.mass.sum()))
+        self._mass_size = self.shell.mesh.extent * float(np.sqrt(self.shell.mass.sum()))
 
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
         rule: ModalIntegrator = ModalIntegrator.chosen(integrator)

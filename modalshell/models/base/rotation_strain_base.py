@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -22,11 +21,13 @@ from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import TRIANGLES, change_of, in_tiles, sample_of
+from modalshell.models.reduction.sampled_change import as_tile, change_of, samples_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16
 """Patches of constraints whose modal data are kept between steps."""
+_DRAWS, _SHAPES = 32, 4
+"""Samples of triangles that one is chosen of, and shapes that it is chosen by."""
 
 
 @final
@@ -71,6 +72,7 @@ class TurnedTriangles(UnstretchedModel):
         super().__init__(basis, integrator=integrator)
         self._modal = modal
         self._faced: LoadAdjoint | None = None
+        self._sample: tuple[LoadAdjoint, tuple[Array, Array] | None] | None = None
         self._patches: dict[bytes, list[LoadAdjoint]] = {}
 
     @abstractmethod
@@ -96,26 +98,49 @@ class TurnedTriangles(UnstretchedModel):
 
     def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
         """Change (m,) of the modal force from q to coordinates ``near`` by, by a sample of the triangles."""
-        if self._sample is None:
+        adjoint = self._face(load)
+        sample = self._sample_of(adjoint)
+        if sample is None:
             return None
-        triangles, modal = self._sample
-        adjoint, count = self._face(load), len(self._modal) * TILE
+        modal, gradients = sample
         count_read(2 * modal.nbytes)
-        gradients = in_tiles(adjoint.gradients.reshape(-1, 6, TILE)[triangles // TILE, :, triangles % TILE])
-        gradients *= count / len(triangles)
-        work, forces = np.empty(kernel.WORK), np.stack([adjoint.constant, adjoint.constant])
+        work, forces = np.empty(kernel.WORK), np.empty((2, q.size))
+        forces[:] = adjoint.constant
         kernel.potential(modal, gradients, q, work, forces[0])
         kernel.potential(modal, gradients, near, work, forces[1])
         return change_of(known, *forces)
 
-    @cached_property
-    def _sample(self) -> tuple[Index, Array] | None:
-        """Numbers (k,) of some triangles, padding among them, and their modal data; None of few."""
-        triangles = sample_of(len(self._modal) * TILE, TRIANGLES)
-        if triangles is None:
+    def _sample_of(self, adjoint: LoadAdjoint) -> tuple[Array, Array] | None:
+        """Modal data of some triangles and a load's derivatives there, times what each stands for; None of few; kept.
+
+        Of several samples, that by which shapes turned by a radian feel the load most as by all triangles.
+        """
+        known = self._sample
+        if known is None or known[0] is not adjoint:
+            known = self._sample = adjoint, self._best_sample(adjoint)
+        return known[1]
+
+    def _best_sample(self, adjoint: LoadAdjoint) -> tuple[Array, Array] | None:
+        count, values = len(self._modal) * TILE, self.basis.eigenvalues
+        samples = samples_of(count, _DRAWS)
+        if not len(samples):
             return None
-        tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
-        return triangles, in_tiles(tiles[triangles // TILE, :, :, triangles % TILE])
+        ways = np.random.default_rng(0).standard_normal((_SHAPES, values.size))
+        ways /= np.sqrt(np.maximum(values, 1e-9 * values[-1]))
+        shapes = [q / max(self.largest_turn(q), 1e-300) for q in ways]
+        whole = np.array([self._work_of(adjoint, q)[1] for q in shapes])
+        tiles, rows = (part.reshape(-1, *part.shape[1:-1], 6, TILE) for part in (self._modal, adjoint.gradients))
+        best, least = None, np.inf
+        for triangles in samples:
+            at = triangles // TILE, triangles % TILE
+            modal, gradients = as_tile(tiles[at[0], :, :, at[1]]), as_tile(rows[at[0], :, at[1]]) * (count / TILE)
+            found = np.tile(adjoint.constant, (_SHAPES, 1))
+            for q, force in zip(shapes, found, strict=True):
+                kernel.potential(modal, gradients, q, np.empty(kernel.WORK), force)
+            off = float(np.max(np.sum((found - whole) ** 2, axis=1) / np.maximum(np.sum(whole**2, axis=1), 1e-300)))
+            if off < least:
+                best, least = (modal, gradients), off
+        return best
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""

@@ -18,6 +18,8 @@ from modalshell.modes import Basis
 
 _LEAST = 1e-12
 """Area of a collapsed triangle, as a share of the largest."""
+_EVEN, _ALIKE = 1e-9, 1e-6
+"""Difference of places, in sizes of the mesh, and of extents and areas, as a share, that is laid to rounding."""
 _GROUPS = 32
 """Groups of elements of a load that rotates with its triangles."""
 
@@ -36,9 +38,9 @@ class _Part(NamedTuple):
 class LoadPoints:
     """Loads on a shell by the midpoint rule over patches of its surface.
 
-    The triangles are halved by their centroids along the longest side, by area, into patches. The triangle nearest a
-    patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean displacement, which
-    the patch's mean rotation turns. The error falls as the square of the patches' size.
+    The triangles are halved by their centroids along the longest side, by area, into patches, which turn with the mesh.
+    The triangle nearest a patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean
+    displacement, which the patch's mean rotation turns. The error falls as the square of the patches' size.
 
     Parameters
     ----------
@@ -167,25 +169,35 @@ def triangle_areas(mesh: TriangleMesh, faces: Index) -> Array:
 
 
 def halved(mesh: TriangleMesh, faces: Index, patches: int) -> tuple[Index, Index]:
-    """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,)."""
-    areas, centres = triangle_areas(mesh, faces), mesh.vertices[faces].mean(axis=1)
+    """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,).
+
+    Along axes that turn with the mesh, triangles at places that differ by rounding alone in the order of their numbers:
+    a turned mesh has the same patches.
+    """
+    even, areas = _EVEN * mesh.size, triangle_areas(mesh, faces)
+    centres = (mesh.vertices[faces].mean(axis=1) - mesh.vertices.mean(axis=0)) @ mesh.principal_axes.T
     parts = [np.arange(len(areas))]
     while len(parts) < patches:
-        parts = [half for part in parts for half in _halves(centres, areas, part)]
+        parts = [half for part in parts for half in _halves(centres, areas, part, even)]
     parts = [part for part in parts if part.size]
     groups, nearest = np.empty(len(areas), dtype=np.int64), []
     for number, part in enumerate(parts):
         groups[part] = number
         centre = areas[part] @ centres[part] / areas[part].sum()
-        nearest.append(part[np.argmin(np.sum((centres[part] - centre) ** 2, axis=1))])
+        apart = np.linalg.norm(centres[part] - centre, axis=1)
+        nearest.append(part[apart <= apart.min() + even].min())
     return groups, np.array(nearest)
 
 
-def _halves(centres: Array, areas: Array, part: Index) -> tuple[Index, Index]:
+def _halves(centres: Array, areas: Array, part: Index, even: float) -> tuple[Index, Index]:
     if part.size < 2:
         return part, part[:0]
-    axis = int(np.argmax(np.ptp(centres[part], axis=0)))
-    order = part[np.argsort(centres[part, axis], kind="stable")]
+    sides = np.ptp(centres[part], axis=0)
+    along = centres[part, int(np.argmax(sides >= (1.0 - _ALIKE) * sides.max()))]
+    order = np.argsort(along)
+    places = np.empty(part.size, dtype=np.int64)  # triangles one after the other without a gap share a place
+    places[order] = np.cumsum(np.diff(along[order], prepend=along[order[0]]) > even)
+    order = part[np.lexsort((part, places))]
     grown = np.cumsum(areas[order])
-    middle = int(np.clip(np.searchsorted(grown, 0.5 * grown[-1]) + 1, 1, len(order) - 1))
+    middle = int(np.clip(np.searchsorted(grown, (0.5 - _ALIKE) * grown[-1]) + 1, 1, len(order) - 1))
     return order[:middle], order[middle:]
