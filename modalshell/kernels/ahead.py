@@ -60,8 +60,8 @@ kernels.rotations.warp d2 d2 d d2
 models.base.distortion_kernels.surface_changes d2 rl2 rd1 l2 d d l d2
 shell.kernels.split_folds.add_edge_curvatures rl2 d1 b i3 l1 d1
 kernels.rotations.vertex_rotations d2 d2 rl2 d2
-integrators.modal.exponential_kernels.correct d2 d1 d1 d d1 d1 d1 d1 d1 d1 d1 d1 d1
-integrators.modal.exponential_kernels.predict d2 d1 d1 d1 d1 d1
+integrators.modal.exponential_kernels.correct d2 d d1 d1 d1 d1 d1 d2 d1
+integrators.modal.exponential_kernels.predict d2 d1 d1 d1 d2
 shell.kernels.split_folds.add_fold_curvatures d2 l2 d1 i3 l1 d1
 loads.work.dead_work d2 d2 rd2
 kernels.frame.push_frame d3 d2 d1 d1 d1
