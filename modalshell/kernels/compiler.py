@@ -105,6 +105,13 @@ def _most_seconds() -> float:
     return max(1.0, _REFERENCE[0] * min(times) / _REFERENCE[1])
 
 
+COUNTED, UNCOUNTED = {"_nrt": True}, {"_nrt": False}
+"""Options: whether a kernel counts the references to its arrays, as it must where it makes or returns one.
+
+Of records of many arrays to count takes a quarter of the time to compile; a kernel that only writes needs no count.
+Said outright, or a kernel would be compiled as whichever caller came first.
+"""
+
 notice = _Notice()
 event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
 
@@ -158,7 +165,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """``numba.njit`` with the package's cache, and without the entry point that C code would call."""
     if function is None:
         return functools.partial(njit, **options)
-    options = {"no_cfunc_wrapper": True} | options
+    options = {"no_cfunc_wrapper": True} | COUNTED | options
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:

@@ -14,7 +14,7 @@ import scipy.sparse as sps
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.typing import Array, Index
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
@@ -37,7 +37,7 @@ from modalshell.shell.kernels.split_folds import (
 )
 from modalshell.statics.mixed_newton import operation_of, write
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 
 
 class ShareFactor(NamedTuple):
