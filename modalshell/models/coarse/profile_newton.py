@@ -304,12 +304,10 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
     ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty if
-    there is none.
+    there is none. ``room.x`` is left at the positions after the step, or where the solver gave up.
 
     Returns
     -------
-    x : ndarray, shape (n, 3)
-        Positions after the step, or where the solver gave up; those of ``room``.
     iterations : int
         Factorisations.
     solved : bool
