@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sps
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
@@ -214,7 +215,7 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
     )
     tension = sps.csr_array(forms.tension)
     membrane = Membrane(
-        np.array(forms.edges, dtype=np.int64),
+        read_only(np.array(forms.edges, dtype=np.int64)),
         np.array(forms.half_squares),
         tension.indptr.astype(np.int64),
         tension.indices.astype(np.int64),
@@ -229,9 +230,9 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
 
 
 def _share_factor(factor: tuple[Any, ...] | None) -> ShareFactor:
-    """The factor in arrays of its own; empty without shares."""
+    """The factor in arrays of its own, of the types that a shell's own has; empty without shares."""
     starts, rows, values, pivots, order = factor or ([0], [], [], [], [])
-    integers = (np.array(part, dtype=np.int64) for part in (starts, rows, order))
+    integers = (np.array(part, dtype=np.int32) for part in (starts, rows, order))
     numbers = np.array(values, dtype=np.float64), np.array(pivots, dtype=np.float64)
     starts, rows, order = integers
     return ShareFactor(starts, rows, *numbers, order)

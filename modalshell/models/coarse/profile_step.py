@@ -50,11 +50,11 @@ class ProfileStep:
         self._unknowns, self._products = analysis.size, analysis.products
         self._undamped = (np.empty(0),) * (1 if isinstance(shell.material, Sheet) else len(KERNELS))
         free = shell.free[np.argsort(place[shell.free])]
-        # Writeable copies: kernels are compiled for one kind of argument alone.
+        # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
             shell.rest_positions.copy(),
             float(shell.size),
-            np.array(shell.mesh.faces, dtype=np.int64),
+            shell.mesh.faces,
             shell.mass.copy(),
             free,
             place[free],
