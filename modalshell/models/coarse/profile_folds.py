@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.thread_safety import read_only
@@ -44,11 +45,11 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "n
 class ShareFactor(NamedTuple):
     """Factor of the shares' stiffness, as :func:`solve_factorised` takes it."""
 
-    starts: Index
-    rows: Index
+    starts: NDArray[np.int32]
+    rows: NDArray[np.int32]
     values: Array
     pivots: Array
-    order: Index
+    order: NDArray[np.int32]
 
 
 class Bending(NamedTuple):
