@@ -1,6 +1,7 @@
 """Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
 
 import contextlib
+import gc
 import json
 import os
 import shutil
@@ -140,6 +141,7 @@ def pytest_collection_modifyitems(config, items):
 
 def pytest_collection_finish():
     collecting.allow()
+    gc.freeze()  # the tests and the modules stay: no collection need look through them
 
 
 def pytest_addoption(parser):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import multiprocessing
 import os
 import sys
@@ -54,7 +55,7 @@ class _Notice(event.Listener):
     """
 
     def __init__(self) -> None:
-        self.due = multiprocessing.parent_process() is None
+        self.due, self._collects = multiprocessing.parent_process() is None, False
         self._most, self._spent, self._begin, self._depth = 0.0, 0.0, 0.0, 0
 
     def on_start(self, event: Any) -> None:
@@ -70,6 +71,9 @@ class _Notice(event.Listener):
                 print(f"modalshell: compiling kernels, {kept}, up to about {self._most:.0f} s", file=sys.stderr)
         self._depth += 1
         if self._depth == 1:
+            # The compiler makes objects by the hundred thousand: to look for cycles in them is a tenth of its time.
+            self._collects = gc.isenabled()
+            gc.disable()
             self._begin = time.perf_counter()
             done = min(_BAR, round(_BAR * self._spent / self._most)) if self._most else 0
             self._draw(f"[{'#' * done}{' ' * (_BAR - done)}] {event.data['dispatcher'].py_func.__name__}")
@@ -80,6 +84,8 @@ class _Notice(event.Listener):
             return
         self._depth -= 1
         if self._depth == 0:
+            if self._collects:
+                gc.enable()
             self._spent += time.perf_counter() - self._begin
             self._draw("")
 
@@ -104,6 +110,13 @@ def _most_seconds() -> float:
         times.append(time.perf_counter() - start)
     return max(1.0, _REFERENCE[0] * min(times) / _REFERENCE[1])
 
+
+COUNTED, UNCOUNTED = {"_nrt": True}, {"_nrt": False}
+"""Options: whether a kernel counts the references to its arrays, as it must where it makes or returns one.
+
+Of records of many arrays to count takes a quarter of the time to compile; a kernel that only writes needs no count.
+Said outright, or a kernel would be compiled as whichever caller came first.
+"""
 
 notice = _Notice()
 event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
@@ -158,7 +171,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """``numba.njit`` with the package's cache, and without the entry point that C code would call."""
     if function is None:
         return functools.partial(njit, **options)
-    options = {"no_cfunc_wrapper": True} | options
+    options = {"no_cfunc_wrapper": True} | COUNTED | options
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:

@@ -1,5 +1,6 @@
 """Compiled kernels are kept in a folder that can be written to, and where there is none the package still works."""
 
+import gc
 import io
 import os
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core import event
 
 from modalshell.kernels import compiler
 from modalshell.kernels.compiler import cache_folder, njit
@@ -164,3 +166,46 @@ def test_the_notice_is_of_this_package_alone_and_comes_once(monkeypatch, capsys)
     assert "at each start" in capsys.readouterr().err
     assert numba.njit(twice)(np.float32(2.0)) == 4.0
     assert capsys.readouterr().err == ""
+
+
+class Collection(event.Listener):
+    """Notes whether garbage is collected while kernels are compiled."""
+
+    def __init__(self):
+        self.seen = []
+
+    def on_start(self, event):  # noqa: ARG002 - the signature of a listener
+        self.seen.append(gc.isenabled())
+
+    def on_end(self, event):
+        pass
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_garbage_is_not_collected_while_a_kernel_is_compiled_and_after_it_as_before(collects):
+    def inner(x):
+        return x * x
+
+    inner.__module__ = "modalshell.kernels.inner"
+    callee = numba.njit(inner)
+
+    def outer(x):
+        return callee(x) + 1.0
+
+    def wrong(x):
+        return x.no_such_attribute
+
+    outer.__module__ = wrong.__module__ = "modalshell.kernels.outer"
+    before = gc.isenabled()
+    (gc.enable if collects else gc.disable)()
+    try:
+        with event.install_listener("numba:compile", Collection()) as spy:
+            assert numba.njit(outer)(3.0) == 10.0
+            assert spy.seen == [False, False]  # that of the callee too
+            assert gc.isenabled() == collects
+            with pytest.raises(numba.TypingError):
+                numba.njit(wrong)(3.0)
+        assert spy.seen == [False] * 3
+        assert gc.isenabled() == collects
+    finally:
+        (gc.enable if before else gc.disable)()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from junctions import frame
@@ -86,6 +87,19 @@ def test_the_hessian_in_the_profile_is_the_shells(name):
     unknowns = (3 * shell.free[:, None] + np.arange(3)).ravel()
     exact = shell.stiffness(x).toarray()[np.ix_(unknowns, unknowns)]
     np.testing.assert_allclose(profile_hessian(shell, x), exact, atol=1e-11 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("name", SHELLS)
+def test_its_arrays_are_of_the_types_that_the_shells_own_are(name):
+    """Kernels that the shell has compiled are not compiled once more for the step."""
+    shell = SHELLS[name]()
+    forms, body = shell.elastic_energy.constant_forms(), profile_step(shell)._body
+    mine, factor = body.elastic, forms.shares.factor
+    pairs = [(body.faces, shell.mesh.faces), (mine.membrane.edges, forms.edges)]
+    if factor is not None:
+        pairs += zip(mine.bending.factor, factor, strict=True)
+    for own, known in pairs:
+        assert numba.typeof(own) == numba.typeof(known)
 
 
 def through(shell, integrator, damping):

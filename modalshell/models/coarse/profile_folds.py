@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
@@ -37,17 +39,17 @@ from modalshell.shell.kernels.split_folds import (
 )
 from modalshell.statics.mixed_newton import operation_of, write
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 
 
 class ShareFactor(NamedTuple):
     """Factor of the shares' stiffness, as :func:`solve_factorised` takes it."""
 
-    starts: Index
-    rows: Index
+    starts: NDArray[np.int32]
+    rows: NDArray[np.int32]
     values: Array
     pivots: Array
-    order: Index
+    order: NDArray[np.int32]
 
 
 class Bending(NamedTuple):
@@ -214,7 +216,7 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
     )
     tension = sps.csr_array(forms.tension)
     membrane = Membrane(
-        np.array(forms.edges, dtype=np.int64),
+        read_only(np.array(forms.edges, dtype=np.int64)),
         np.array(forms.half_squares),
         tension.indptr.astype(np.int64),
         tension.indices.astype(np.int64),
@@ -229,9 +231,9 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
 
 
 def _share_factor(factor: tuple[Any, ...] | None) -> ShareFactor:
-    """The factor in arrays of its own; empty without shares."""
+    """The factor in arrays of its own, of the types that a shell's own has; empty without shares."""
     starts, rows, values, pivots, order = factor or ([0], [], [], [], [])
-    integers = (np.array(part, dtype=np.int64) for part in (starts, rows, order))
+    integers = (np.array(part, dtype=np.int32) for part in (starts, rows, order))
     numbers = np.array(values, dtype=np.float64), np.array(pivots, dtype=np.float64)
     starts, rows, order = integers
     return ShareFactor(starts, rows, *numbers, order)

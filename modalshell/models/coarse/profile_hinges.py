@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.core.typing import Array, Index
+from modalshell.kernels.compiler import UNCOUNTED
 from modalshell.linalg import ProfileAnalysis
 from modalshell.linalg.profile import add_product
 from modalshell.models.coarse import profile_elasticity as elasticity
@@ -19,7 +20,7 @@ KERNELS = (stretch, shear, flexure)
 """Kernels of the element sets that a shell must have, in this order."""
 _STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 
 
 class Elements(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES
 from modalshell.linalg.profile import factorise, solve, substitute_back
 from modalshell.models.coarse import profile_elasticity as elasticity
@@ -32,7 +32,7 @@ _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 """First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 _inner = _options | {"no_cpython_wrapper": True}
 """Those of kernels that Python never calls: reading a record's arrays takes longer to compile than most of them.
 
@@ -140,7 +140,7 @@ def _outer(p):  # type: ignore[no-untyped-def]
     return value
 
 
-@operation_of(Step, method.residual, **_options)
+@operation_of(Step, method.residual, **_inner)
 def _residual(p):  # type: ignore[no-untyped-def]
     """Size of the out-of-balance force."""
     elasticity.energy(p.body.elastic, p.room, p.x)
@@ -148,7 +148,7 @@ def _residual(p):  # type: ignore[no-untyped-def]
     return _size(p)
 
 
-@operation_of(Step, method.potential, **_options)
+@operation_of(Step, method.potential, **_inner)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
     value = elasticity.energy(p.body.elastic, p.room, p.x) + _outer(p)
@@ -164,7 +164,7 @@ def _size(p):  # type: ignore[no-untyped-def]
     return np.sqrt(total) / room.numbers[_SCALE]
 
 
-@operation_of(Step, method.solve, **_options)
+@operation_of(Step, method.solve, **_inner)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction into ``room.step``."""
     body, room = p.body, p.room
@@ -211,7 +211,7 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
             room.moved[v, axis] += x[v, axis]
 
 
-@operation_of(Step, method.advance, **_options)
+@operation_of(Step, method.advance, **_inner)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the warped direction."""
     body, room = p.body, p.room
@@ -221,13 +221,13 @@ def _advance(p):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@operation_of(Step, method.is_minimum, **_options)
+@operation_of(Step, method.is_minimum, **_inner)
 def _is_minimum(p):  # type: ignore[no-untyped-def]
     """Whether the last factor has no negative pivot."""
     return p.room.numbers[_NEGATIVE] == 0.0
 
 
-@operation_of(Step, method.drag, **_options)
+@operation_of(Step, method.drag, **_inner)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     room = p.room
@@ -236,7 +236,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     elasticity.predict(p.body.elastic, room, p.x)
 
 
-@operation_of(Step, method.first_drag, **_options)
+@operation_of(Step, method.first_drag, **_inner)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]
     """Drag to begin with."""
     total, body = 0.0, p.body
@@ -245,7 +245,7 @@ def _first_drag(p, size):  # type: ignore[no-untyped-def]
     return size * p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * body.size)
 
 
-@operation_of(Step, method.point_downhill, **_options)
+@operation_of(Step, method.point_downhill, **_inner)
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find a direction in which the potential curves down: that of the smallest pivot of the last factor."""
     body, room, way = p.body, p.room, p.room.way
@@ -267,7 +267,7 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
     return smallest / squares
 
 
-@operation_of(Step, method.step_aside, **_options)
+@operation_of(Step, method.step_aside, **_inner)
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction, warped."""
     body, room = p.body, p.room
@@ -304,12 +304,10 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
     ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty if
-    there is none.
+    there is none. ``room.x`` is left at the positions after the step, or where the solver gave up.
 
     Returns
     -------
-    x : ndarray, shape (n, 3)
-        Positions after the step, or where the solver gave up.
     iterations : int
         Factorisations.
     solved : bool
@@ -324,4 +322,4 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
     step = Step(body, room, start.origin, viscous, x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
-    return x.copy(), found.iterations, found.solved
+    return found.iterations, found.solved

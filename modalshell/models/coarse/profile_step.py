@@ -50,11 +50,11 @@ class ProfileStep:
         self._unknowns, self._products = analysis.size, analysis.products
         self._undamped = (np.empty(0),) * (1 if isinstance(shell.material, Sheet) else len(KERNELS))
         free = shell.free[np.argsort(place[shell.free])]
-        # Writeable copies: kernels are compiled for one kind of argument alone.
+        # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
             shell.rest_positions.copy(),
             float(shell.size),
-            np.array(shell.mesh.faces, dtype=np.int64),
+            shell.mesh.faces,
             shell.mass.copy(),
             free,
             place[free],
@@ -72,14 +72,15 @@ class ProfileStep:
         """
         # Writeable, as above: a shell's positions at rest are not.
         begin = Start(*map(_writeable, (start.origin, start.rates, start.near, start.viscous_at)))
-        moved, iterations, solved = implicit_step(
-            self._body, self._room(), begin, load, start.dt,
+        room = self._room()
+        iterations, solved = implicit_step(
+            self._body, room, begin, load, start.dt,
             damping.mass_factor, self._resistances(damping.stiffness_factor), tolerance,
         )  # fmt: skip
         count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
-        return moved, bool(solved)
+        return room.x.copy(), bool(solved)
 
     def _resistances(self, rate: float) -> tuple[Array, ...]:
         """Weights of the damping by the elements' rates; empty arrays without damping."""

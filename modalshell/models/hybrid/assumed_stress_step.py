@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, load_first, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles, write_products
@@ -18,6 +18,7 @@ from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
+_operation = _options | UNCOUNTED
 
 
 @njit(**_options)
@@ -169,7 +170,7 @@ _SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
 """Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy."""
 
 
-@operation_of(Step, method.residual, **_options)
+@operation_of(Step, method.residual, **_operation)
 def _residual(p):  # type: ignore[no-untyped-def]
     """Energy, strains, Hessian and out-of-balance force; its size."""
     return _balance(p)
@@ -187,7 +188,7 @@ def _balance(p):  # type: ignore[no-untyped-def]
     return np.sqrt(dot(p.gradient, 0, p.gradient, 0, count)) / p.numbers[_SCALE]
 
 
-@operation_of(Step, method.potential, **_options)
+@operation_of(Step, method.potential, **_operation)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
     size, value = _balance(p), p.numbers[_ENERGY]
@@ -199,7 +200,7 @@ def _potential(p):  # type: ignore[no-untyped-def]
     return value, size
 
 
-@operation_of(Step, method.solve, **_options)
+@operation_of(Step, method.solve, **_operation)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction, into the array of the gradient."""
     for i in range(p.x.size):
@@ -211,7 +212,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     return p.numbers[_NEGATIVE] >= 0.0
 
 
-@operation_of(Step, method.advance, **_options)
+@operation_of(Step, method.advance, **_operation)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the direction."""
     _predict(p.slopes, p.gradient, p.strains, p.stresses)
@@ -220,13 +221,13 @@ def _advance(p):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@operation_of(Step, method.is_minimum, **_options)
+@operation_of(Step, method.is_minimum, **_operation)
 def _is_minimum(p):  # type: ignore[no-untyped-def]
     """Whether the last factor has no negative pivot."""
     return p.numbers[_NEGATIVE] == 0.0
 
 
-@operation_of(Step, method.drag, **_options)
+@operation_of(Step, method.drag, **_operation)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     p.numbers[_DRAG] = factor
@@ -235,7 +236,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
         p.stresses[k] = p.strains[k]
 
 
-@operation_of(Step, method.first_drag, **_options)
+@operation_of(Step, method.first_drag, **_operation)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Drag to begin with: a hundredth of the inertia, as coordinates have no size of their own."""
     return 0.01 * p.outer[0, 0]
@@ -257,7 +258,7 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
     return curvatures[0]
 
 
-@operation_of(Step, method.step_aside, **_options)
+@operation_of(Step, method.step_aside, **_operation)
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction."""
     for i in range(p.x.size):
