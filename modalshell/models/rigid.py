@@ -159,7 +159,7 @@ class RigidShell(FrameModel):
         if not self._free:
             return self.shell.rest_positions.copy()
         z = state.coordinates
-        return Rotation.from_rotvec(z[3:]).apply(self._arms) + self._centre + z[:3]
+        return np.ascontiguousarray(Rotation.from_rotvec(z[3:]).apply(self._arms) + self._centre + z[:3])
 
     def velocities(self, state: MotionState, own: Array, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of the body's motion and spin."""

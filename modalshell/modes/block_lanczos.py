@@ -13,42 +13,43 @@ import numpy as np
 from modalshell.core.typing import Array
 
 BLOCK = 4
-"""Vectors of a block: the right sides that a register holds, or half of them."""
+"""Vectors of a block: the right sides that a register holds, or half of them. As many copies are found at once."""
 _TOLERANCE = 1e-13
 """Residual over the eigenvalue at which a pair has converged."""
-_MOST = 8
-"""Size of the space over the pairs that are wanted, from which they are looked for otherwise."""
-_LEAST = 80
-"""The same with few pairs."""
-_LATER = 8
-"""Part of the size of the space by which it grows between looks at its eigenpairs."""
+_MOST, _STEPS = 8, 20
+"""Largest Krylov space: vectors for each pair that is wanted, and blocks of few pairs."""
+_GROWTH = 8
+"""The space grows by an eighth of its size between two looks at its Ritz pairs."""
 
 
 def largest_pairs(operator: Callable[[Array], Array], start: Array, wanted: int) -> tuple[Array, Array] | None:
     """The ``wanted`` eigenvalues of largest size (wanted,) and their orthonormal vectors (N, wanted), or None.
 
-    None where the space would be too large for these, or they do not converge in a space of some times as many.
+    Ritz pairs of a Krylov space with full reorthogonalisation, without restarts: it takes memory for some 3 to 8
+    vectors a pair. None where the largest space would be more than half of all, or they do not converge in it. The
+    residuals are those of the recurrence, which hold for a symmetric operator: the caller checks the true ones.
 
     Parameters
     ----------
     operator : callable
-        Product with a block (N, 4).
-    start : ndarray, shape (N, 4)
+        Product with a block (N, b).
+    start : ndarray, shape (N, b)
         Vectors to begin with, at random in the operator's range.
     wanted : int
         Number of pairs.
     """
     size = len(start)
-    most = max(_MOST * wanted, _LEAST) // BLOCK * BLOCK
+    width = start.shape[1]
+    most = max(_MOST * wanted // width, _STEPS) * width
     if size < 2 * most:
         return None
     space, projected = np.empty((size, most), order="F"), np.zeros((most, most))
-    space[:, :BLOCK] = np.linalg.qr(start)[0]
+    space[:, :width] = np.linalg.qr(start)[0]
     look = wanted
-    for known in range(BLOCK, most, BLOCK):
-        own, last = space[:, :known], slice(known - BLOCK, known)
+    for known in range(width, most, width):
+        own, last = space[:, :known], slice(known - width, known)
         block = operator(space[:, last])
-        products = np.zeros((known, BLOCK))
+        products = np.zeros((known, width))
         for _ in range(2):  # the second time takes what rounding left of the first
             parts = own.T @ block
             block -= own @ parts
@@ -61,8 +62,8 @@ def largest_pairs(operator: Callable[[Array], Array], start: Array, wanted: int)
             left = np.linalg.norm(rest @ vectors[last][:, order], axis=0)
             if (left <= _TOLERANCE * np.abs(values[order])).all():
                 return values[order], own @ vectors[:, order]
-            look = known + known // _LATER
-        after = slice(known, known + BLOCK)
+            look = known + known // _GROWTH
+        after = slice(known, known + width)
         space[:, after] = further
         projected[after, last], projected[last, after] = rest, rest.T
     return None

@@ -37,6 +37,8 @@ _CLOSELY = 1e-9
 """Tolerance next to known modes: inside a repeated eigenvalue the last digits need not converge."""
 _LARGE = 15_000
 """Unknowns from which a factor is beyond the cache, and a solve with several right sides takes little longer."""
+_TRUE = 1e-6
+"""Residual of the inverse over the eigenvalue from which pairs that blocks have found are not taken."""
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
@@ -178,7 +180,7 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
     alone, and may end without some. So what was found is projected out, and a new start looks for what is still lower.
     """
     random = np.random.default_rng(0)
-    found = _lowest_by_blocks(solver, root, rigid, wanted, random) if root.size >= _LARGE else None
+    found = _lowest_by_blocks(solver, root, rigid, wanted) if root.size >= _LARGE else None
     if found is not None and not _fills_a_block(found[0]):
         return found
     values, vectors = found if found is not None else _lowest(solver, root, rigid, wanted, random)
@@ -196,6 +198,9 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
             if more[0].size and more[0][0] >= (1.0 - _REPEATED) * values[-1]:
                 break
         if not more[0].size:
+            found = _lowest_by_blocks(solver, root, rigid, wanted, wanted)
+            if found is not None:
+                return found
             raise SolverError(
                 f"only {values.size} of {wanted} modes converged; ask for fewer, or check the mesh for slivers, which "
                 f"{REPAIR} takes away"
@@ -207,9 +212,12 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
 
 
 def _lowest_by_blocks(
-    solver: RigidFreeSolver, root: Array, known: Array, wanted: int, random: np.random.Generator
+    solver: RigidFreeSolver, root: Array, known: Array, wanted: int, block: int = BLOCK
 ) -> tuple[Array, Array] | None:
-    """The lowest ``wanted`` pairs, orthogonal to the orthonormal columns ``known``; None where they do not converge."""
+    """The lowest ``wanted`` pairs, orthogonal to the orthonormal columns ``known``; None where they do not converge.
+
+    They hold up to ``block`` copies of an eigenvalue.
+    """
 
     def project(vectors: Array) -> Array:
         return np.asarray(vectors - known @ (known.T @ vectors))
@@ -217,12 +225,18 @@ def _lowest_by_blocks(
     def inverse(vectors: Array) -> Array:
         return project(root[:, None] * solver.solve(root[:, None] * vectors))
 
-    found = largest_pairs(inverse, project(random.standard_normal((root.size, BLOCK))), wanted)
+    start = np.random.default_rng(0).standard_normal((root.size, block))
+    found = largest_pairs(inverse, project(start), wanted)
     if found is None:
         return None
     order = np.argsort(1.0 / found[0])
+    values, vectors = found[0][order], found[1][:, order]
     # What the tolerance leaves lies in high modes, where K weighs it most: one more solve.
-    return 1.0 / found[0][order], np.linalg.qr(inverse(found[1][:, order]))[0]
+    solved = inverse(vectors)
+    # The recurrence holds for a symmetric operator; a factor with pivots of other rows may be far from one.
+    if not (np.linalg.norm(solved - vectors * values, axis=0) <= _TRUE * np.abs(values)).all():
+        return None
+    return 1.0 / values, np.linalg.qr(solved)[0]
 
 
 def _fills_a_block(values: Array) -> bool:

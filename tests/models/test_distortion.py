@@ -138,7 +138,7 @@ def test_a_sample_of_the_surface_misses_no_distortion(surface, monkeypatch):
     assert sampled._sample is not None
     rest, rng = np.asarray(mesh.vertices), np.random.default_rng(5)
     middle, size = rest.mean(axis=0), np.ptp(rest, axis=0).max()
-    seen = set()
+    seen, cleared = set(), 0
     for turn in range(300):
         place = rest[rng.integers(len(rest))]
         near = np.linalg.norm(rest - place, axis=1) < size * rng.uniform(0.0, 0.5)
@@ -153,10 +153,14 @@ def test_a_sample_of_the_surface_misses_no_distortion(surface, monkeypatch):
         else:  # a narrow strip in some direction is folded over
             along = (rest - place) @ (way := rng.standard_normal(3)) / np.linalg.norm(way)
             moved -= 2.0 * np.clip(along, 0.0, 0.05 * size * amount)[:, None] * way / np.linalg.norm(way)
+        if turn % 5 == 0:  # a few vertices are thrown away, or lost
+            moved[rng.integers(len(rest), size=3)] *= 10.0 ** rng.uniform(0.0, 6.0) if turn % 10 else np.nan
         said = sampled.of(moved)
         assert said == whole.of(moved)
         seen.add(said.split()[2] if said else "")
+        cleared += sampled._clear(moved)
     assert len(seen) >= 3  # none, and two kinds at least
+    assert cleared > 50
 
 
 def test_a_mesh_of_unlike_triangles_is_looked_at_whole():

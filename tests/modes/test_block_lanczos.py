@@ -45,10 +45,11 @@ def test_a_space_as_large_as_half_of_all_is_not_begun():
 @pytest.mark.parametrize(("largest", "converges"), [(1e6, True), (1e12, False)])
 def test_pairs_far_below_the_largest_are_right_or_not_there(largest, converges):
     values = np.concatenate([[largest, 1e3], 1.0 / (1.0 + np.arange(SIZE - 2)) ** 2])
-    found = largest_pairs(operator(values)[0], start(), 4)
-    assert (found is not None) == converges  # the rounding of the largest hides the others
-    if found is not None:
-        np.testing.assert_allclose(found[0], values[:4], rtol=1e-9)
+    for seed in range(5):
+        found = largest_pairs(operator(values, seed)[0], start(seed + 10), 4)
+        assert (found is not None) == converges  # the rounding of the largest hides the others
+        if found is not None:
+            np.testing.assert_allclose(found[0], values[:4], rtol=1e-8)
 
 
 def test_products_are_far_fewer_than_one_by_one():

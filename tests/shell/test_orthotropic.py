@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.core.errors import ModalShellWarning
 
 WOOD = {"young": (10e9, 1e9), "shear": 0.7e9, "poisson": 0.35, "thickness": 2e-3, "density": 600.0}
 LENGTH, WIDTH = 0.6, 0.45
@@ -86,6 +87,17 @@ def test_half_of_the_consistent_mass_brings_six_frequencies_within_one_percent(f
         errors.append(np.abs(ms.solve_modes(shell, 6).averaged_mass_frequencies / closed_form(sheet) - 1.0).max())
     assert max(errors[1:]) < 0.01
     assert errors[1] < errors[0] / 3.0
+
+
+def test_averaged_masses_of_shells_that_are_not_flat_plates_of_shell_theory_warn():
+    panel = ms.cylinder_panel(cells=(6, 6))
+    for shell in (
+        ms.Shell(panel, ms.Isotropic(young=1e9, poisson=0.3, thickness=0.01, density=1e3), clamped=[0, 1, 2]),
+        ms.Shell(ms.flat_beam(cells=(8, 4)), ms.Material(1e3, 1.0, 0.1, 0.2), clamped=[0, 1, 2, 3, 4]),
+    ):
+        basis = ms.solve_modes(shell, 3)
+        with pytest.warns(ModalShellWarning, match="flat plates of shell theory"):
+            assert basis.averaged_mass_frequencies.shape == (3,)
 
 
 def test_a_rigid_motion_has_all_of_the_consistent_mass():

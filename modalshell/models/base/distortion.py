@@ -25,7 +25,10 @@ _SHARE = 0.05
 _SAMPLE = 1024
 """Pairs of neighbours that are looked at first, on meshes of several times as many."""
 _CLEARLY = 0.25
-"""Part of each limit within which a sample leaves no doubt: limits are some ten standard deviations of it away."""
+"""Part of each limit within which a sample leaves no doubt: the fractions' limits are ten of its standard deviations
+away."""
+_NEAR = 2.0
+"""Extent of the positions, in sizes of the mesh, within which a few vertices cannot change the area by much."""
 _LIKE = 8.0
 """Largest area of a triangle over their mean up to which a sample of triangles stands for the surface."""
 
@@ -55,7 +58,7 @@ class Distortion:
     def _sample(self) -> tuple[NDArray[np.int64], Array, NDArray[np.int64]] | None:
         """Faces of some pairs, spread evenly, their areas, and these pairs; None where the whole is looked at."""
         faces, areas, pairs = self._rest[0]
-        if len(pairs) < max(4 * _SAMPLE, len(faces) // 2) or areas.max() > _LIKE * areas.mean():
+        if len(pairs) < max(4 * _SAMPLE, 1.2 * len(faces)) or areas.max() > _LIKE * areas.mean():
             return None
         # One at random of each run of as many: no pattern of the mesh is met by its own period.
         places = (np.arange(_SAMPLE) + np.random.default_rng(0).random(_SAMPLE)) * (len(pairs) / _SAMPLE)
@@ -66,8 +69,10 @@ class Distortion:
         return *sampled, np.arange(2 * _SAMPLE).reshape(-1, 2)
 
     def _clear(self, positions: Array) -> bool:
-        """Whether a sample of the surface is so far within the limits that the whole is."""
+        """Whether a sample of the surface is so far within the limits that the whole is; not where a number is none."""
         if self._sample is None:
+            return False
+        if not (positions.max(axis=0) - positions.min(axis=0)).max() <= _NEAR * self._mesh.size:
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)

@@ -122,11 +122,11 @@ class TurnedTriangles(UnstretchedModel):
 
     def _best_sample(self, adjoint: LoadAdjoint) -> tuple[Array, Array] | None:
         count, values = len(self._modal) * TILE, self.basis.eigenvalues
-        samples = samples_of(count, _DRAWS)
-        if not len(samples):
+        samples, elastic = samples_of(count, _DRAWS), values[self.basis.rigid_modes :]
+        if not (len(samples) and elastic.size):
             return None
         ways = np.random.default_rng(0).standard_normal((_SHAPES, values.size))
-        ways /= np.sqrt(np.maximum(values, 1e-9 * values[-1]))
+        ways /= np.sqrt(np.maximum(values, elastic[0]))  # a turn about a hinge has no larger part than the lowest mode
         shapes = [q / max(self.largest_turn(q), 1e-300) for q in ways]
         whole = np.array([self._work_of(adjoint, q)[1] for q in shapes])
         tiles, rows = (part.reshape(-1, *part.shape[1:-1], 6, TILE) for part in (self._modal, adjoint.gradients))
