@@ -129,7 +129,6 @@ class Basis(VibrationModes, Drawn):
         """Mass that moves with each mode along x, y and z (m, 3) [kg]; of all modes together the mass that can move."""
         return self.participation_factors**2
 
-    @property
     def averaged_mass_frequencies(self) -> Array:
         """Natural frequencies (m,) [Hz] by half of the vertex masses and half of the consistent mass of triangles.
 

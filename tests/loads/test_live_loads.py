@@ -349,7 +349,7 @@ def test_light_sheets_come_to_rest_in_the_wind(rung):
     run = ms.simulate(model, duration=3.0, dt=0.05, loads=[wind], damping=(5.0, 0.01))
     still = model.equilibrium(loads=[wind])
     assert run.outcome is ms.Outcome.COMPLETED
-    assert run.message == NO_POTENTIAL
+    assert run.message.startswith(NO_POTENTIAL)  # and that fast modes move, which frames of 0.05 s do not show
     moved = ms.measure.displacement_error(run.positions[-1], still.positions, light)
     assert moved < 0.02
 
