@@ -27,7 +27,7 @@ _SAMPLE = 1024
 _CLEARLY = 0.25
 """Part of each limit within which a sample leaves no doubt: the fractions' limits are ten of its standard deviations
 away."""
-_NEAR = 2.0
+_WITHIN = 2.0
 """Extent of the positions, in sizes of the mesh, within which a few vertices cannot change the area by much."""
 _LIKE = 8.0
 """Largest area of a triangle over their mean up to which a sample of triangles stands for the surface."""
@@ -72,7 +72,7 @@ class Distortion:
         """Whether a sample of the surface is so far within the limits that the whole is; not where a number is none."""
         if self._sample is None:
             return False
-        if not (positions.max(axis=0) - positions.min(axis=0)).max() <= _NEAR * self._mesh.size:
+        if not (positions.max(axis=0) - positions.min(axis=0)).max() <= _WITHIN * self._mesh.size:
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)
