@@ -154,7 +154,11 @@ def test_a_sample_of_the_surface_misses_no_distortion(surface, monkeypatch):
             along = (rest - place) @ (way := rng.standard_normal(3)) / np.linalg.norm(way)
             moved -= 2.0 * np.clip(along, 0.0, 0.05 * size * amount)[:, None] * way / np.linalg.norm(way)
         if turn % 5 == 0:  # a few vertices are thrown away, or lost
-            moved[rng.integers(len(rest), size=3)] *= 10.0 ** rng.uniform(0.0, 6.0) if turn % 10 else np.nan
+            far = 10.0 ** rng.uniform(0.0, 6.0)
+            lost = rng.integers(len(rest), size=3)
+            moved[lost] = far * rest[lost] if turn % 10 else rng.choice([np.nan, np.inf])
+        elif turn % 7 == 0:  # all are far from the origin
+            moved += 10.0 * size * rng.standard_normal(3)
         said = sampled.of(moved)
         assert said == whole.of(moved)
         seen.add(said.split()[2] if said else "")

@@ -72,7 +72,7 @@ class Distortion:
         """Whether a sample of the surface is so far within the limits that the whole is; not where a number is none."""
         if self._sample is None:
             return False
-        if not (positions.max(axis=0) - positions.min(axis=0)).max() <= _WITHIN * self._mesh.size:
+        if not self._together(positions):
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)
@@ -83,6 +83,16 @@ class Distortion:
             and changed <= _CLEARLY * _CRUMPLED * rest
             and folded <= _CLEARLY * _SHARE * _SAMPLE
         )
+
+    def _together(self, positions: Array) -> bool:
+        """Whether all vertices are within twice the mesh's size along each axis; not where one is no number."""
+        most = _WITHIN * self._mesh.size
+
+        def fits(along: Array) -> bool:
+            return float(along.max()) - float(along.min()) <= most
+
+        # Over all numbers at once it is fastest, and tells of shells that are near the origin.
+        return fits(positions) or all(fits(along) for along in positions.T)
 
     def of(self, positions: Array) -> str:
         """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models."""
