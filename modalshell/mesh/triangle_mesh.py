@@ -206,7 +206,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         corners = (corners - shares @ corners.mean(axis=1)) / self.size
         # A triangle's moment is a twelfth of its area times that of its corners and of their sum.
         points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
-        return np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1)))
+        return read_only(np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1))))
 
     @cached_property
     def axes(self) -> FloatArray:
