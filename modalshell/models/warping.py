@@ -137,11 +137,13 @@ class ModalWarping(UnstretchedModel):
         Their displacements are times as many vertices as each stands for.
         """
         count = len(self.shell.rest_positions)
-        for vertices in samples_of(count):
-            modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
-            rows = np.concatenate([modes * (count / len(vertices)), turns], axis=1)
-            return vertices, as_tile(rows.transpose(0, 2, 1))
-        return None
+        samples = samples_of(count)
+        if not len(samples):
+            return None
+        vertices = samples[0]
+        modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
+        rows = np.concatenate([modes * (count / len(vertices)), turns], axis=1)
+        return vertices, as_tile(rows.transpose(0, 2, 1))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""

@@ -219,14 +219,11 @@ def _lowest_by_blocks(
     They hold up to ``block`` copies of an eigenvalue.
     """
 
-    def project(vectors: Array) -> Array:
-        return np.asarray(vectors - known @ (known.T @ vectors))
-
     def inverse(vectors: Array) -> Array:
-        return project(root[:, None] * solver.solve(root[:, None] * vectors))
+        return _outside(known, root[:, None] * solver.solve(root[:, None] * vectors))
 
     start = np.random.default_rng(0).standard_normal((root.size, block))
-    found = largest_pairs(inverse, project(start), wanted)
+    found = largest_pairs(inverse, _outside(known, start), wanted)
     if found is None:
         return None
     order = np.argsort(1.0 / found[0])
@@ -257,15 +254,12 @@ def _lowest(
     """The lowest ``wanted`` pairs, or those of them that converge, orthogonal to the orthonormal columns ``known``."""
     size = root.size
 
-    def project(vectors: Array) -> Array:
-        return vectors - known @ (known.T @ vectors)
-
     inverse = spla.LinearOperator(
-        (size, size), matvec=lambda b: project(root * solver.solve(root * np.ravel(b))), dtype=np.float64
+        (size, size), matvec=lambda b: _outside(known, root * solver.solve(root * np.ravel(b))), dtype=np.float64
     )
     # With its inverse at hand, Lanczos asks of the matrix itself nothing but its shape.
     shape_only = spla.LinearOperator((size, size), matvec=lambda b: np.full_like(b, np.nan), dtype=np.float64)
-    start = project(random.standard_normal(size) if start is None or not start.size else start[:, 0])
+    start = _outside(known, random.standard_normal(size) if start is None or not start.size else start[:, 0])
     subspace = min(size - known.shape[1], max(wanted * 3 // 2 + 8, wanted + 2))
     try:
         values, vectors = spla.eigsh(
@@ -282,12 +276,17 @@ def _lowest(
     except spla.ArpackNoConvergence as error:
         values, vectors = np.real(error.eigenvalues), np.real(error.eigenvectors).reshape(size, -1)
     order = np.argsort(values)
-    vectors = project(vectors[:, order])
+    vectors = _outside(known, vectors[:, order])
     if tolerance:  # what a looser tolerance leaves lies in high modes, where K weighs it most: one more solve each
         for k in range(vectors.shape[1]):
             vectors[:, k] = inverse.matvec(vectors[:, k])
         vectors, _ = np.linalg.qr(vectors)
     return values[order], vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _outside(known: Array, vectors: Array) -> Array:
+    """What of vectors (N,) or (N, k) is orthogonal to the orthonormal columns ``known``."""
+    return np.asarray(vectors - known @ (known.T @ vectors))
 
 
 def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> None:

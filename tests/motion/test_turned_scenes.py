@@ -112,6 +112,18 @@ def test_a_turned_scene_is_the_same(surface, energy, rung):
     np.testing.assert_allclose(*answers, rtol=0, atol=1e-9)
 
 
+def free_panel(energy, turn, move):
+    """A panel without supports, one with fewer cells, and a load [N] that bends and turns it; turned and moved."""
+    fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])
+    shell, coarse = (
+        ms.Shell(ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces), MATERIALS[energy])
+        for mesh in (fine, under)
+    )
+    x, y, _ = fine.vertices.T
+    load = shell.mass[:, None] * np.column_stack([0.5 + 0.0 * x, x * y, -1.0 + 2.0 * x**2]) @ turn.T
+    return shell, coarse, load
+
+
 @pytest.mark.parametrize("energy", MATERIALS)
 @pytest.mark.parametrize(
     "rung",
@@ -124,13 +136,7 @@ def test_a_turned_scene_is_the_same(surface, energy, rung):
 def test_a_turned_shell_without_supports_flies_the_same(energy, rung):
     found = []
     for turn, move in (STILL, POSES[pose_of(energy, rung)]):
-        fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])
-        shell, coarse = (
-            ms.Shell(ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces), MATERIALS[energy])
-            for mesh in (fine, under)
-        )
-        x, y, _ = fine.vertices.T
-        load = shell.mass[:, None] * np.column_stack([0.5 + 0.0 * x, x * y, -1.0 + 2.0 * x**2]) @ turn.T
+        shell, coarse, load = free_panel(energy, turn, move)
         model = RUNGS[rung](shell, coarse, load)
         run = ms.simulate(model, duration=0.3, dt=1.0 / 30.0, force=load)
         found.append((run.positions - move) @ turn)
@@ -202,13 +208,7 @@ def test_a_turned_scene_in_wind_is_the_same(surface, energy, rung):
         turn, move = STILL if at is None else POSES[at]
         gravity = turn @ GRAVITY[energy]
         if surface == "free panel":
-            fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])
-            shell, coarse = (
-                ms.Shell(ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces), MATERIALS[energy])
-                for mesh in (fine, under)
-            )
-            x, y, _ = fine.vertices.T
-            load = shell.mass[:, None] * np.column_stack([0.5 + 0.0 * x, x * y, -1.0 + 2.0 * x**2]) @ turn.T
+            shell, coarse, load = free_panel(energy, turn, move)
         else:
             shell, coarse = shells(surface, energy, at)
             load = shell.gravity_force(gravity)

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.outcome import Outcome
-from modalshell.core.thread_safety import PerThread
+from modalshell.core.thread_safety import PerThread, read_only
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base.distortion_kernels import surface_changes
+from modalshell.models.reduction.sampled_change import spread_samples
 
 _AREA = 2.0
 """Factor of increase or decrease of the area of the surface or a triangle beyond which it counts as distorted."""
@@ -60,19 +61,13 @@ class Distortion:
         faces, areas, pairs = self._rest[0]
         if len(pairs) < max(4 * _SAMPLE, 1.2 * len(faces)) or areas.max() > _LIKE * areas.mean():
             return None
-        # One at random of each run of as many: no pattern of the mesh is met by its own period.
-        places = (np.arange(_SAMPLE) + np.random.default_rng(0).random(_SAMPLE)) * (len(pairs) / _SAMPLE)
-        chosen = pairs[places.astype(np.int64)].ravel()
-        sampled = faces[chosen], areas[chosen]
-        for array in sampled:  # of the type that the whole's arrays have: the kernel is compiled once
-            array.setflags(write=False)
-        return *sampled, np.arange(2 * _SAMPLE).reshape(-1, 2)
+        chosen = pairs[spread_samples(len(pairs), _SAMPLE)[0]].ravel()
+        # Read-only, as the whole's arrays are: the kernel is compiled once.
+        return read_only(faces[chosen]), read_only(areas[chosen]), np.arange(2 * _SAMPLE).reshape(-1, 2)
 
     def _clear(self, positions: Array) -> bool:
         """Whether a sample of the surface is so far within the limits that the whole is; not where a number is none."""
-        if self._sample is None:
-            return False
-        if not self._together(positions):
+        if self._sample is None or not self._together(positions):
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)

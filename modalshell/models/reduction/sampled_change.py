@@ -14,9 +14,17 @@ _ALIKE = 0.4
 
 
 def samples_of(count: int, draws: int = 1) -> Index:
-    """Numbers (draws, 128) of samples of ``count``, one drawn from each of 128 equal parts; none (0, 128) of few."""
-    drawn = np.arange(TILE) + np.random.default_rng(0).random((draws if count >= _LEAST else 0, TILE))
-    return np.asarray((drawn * (count / TILE)).astype(np.int64))
+    """Numbers (draws, 128) of samples of ``count``, as of :func:`spread_samples`; none (0, 128) of few."""
+    return spread_samples(count, TILE, draws if count >= _LEAST else 0)
+
+
+def spread_samples(count: int, size: int, draws: int = 1) -> Index:
+    """Numbers (draws, size) of samples of ``count``, one drawn from each of as many equal parts.
+
+    At random, so that no pattern of a mesh is met by its own period.
+    """
+    drawn = np.arange(size) + np.random.default_rng(0).random((draws, size))
+    return np.asarray((drawn * (count / size)).astype(np.int64))
 
 
 def as_tile(rows: Array) -> Array:
