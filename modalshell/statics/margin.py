@@ -9,13 +9,13 @@ import numpy as np
 
 from modalshell.core.typing import Array
 
-_TOLERANCE = 0.05
+TOLERANCE = 0.05
 """Residual of the lowest ratio, over what the stresses take, at which it is found: its own error is of second order."""
-_FAINT = 0.1
+FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
-_FEWEST, _STEPS = 6, 40
+FEWEST, STEPS = 6, 40
 """Lanczos iterations."""
-_ENDED = 1e-10
+ENDED = 1e-10
 """Length of a Lanczos vector, over that of what was multiplied, below which the iterations have found all there is."""
 
 
@@ -58,7 +58,7 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
     """
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0
-    most = min(_STEPS, start.size)
+    most = min(STEPS, start.size)
     vectors, images = np.empty((most, start.size)), np.empty((most, start.size))  # images are K_1 times vectors
     vectors[0], images[0] = vector / length, start / length
     tridiagonal = np.zeros((most, most))
@@ -75,8 +75,8 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
         beside = np.sqrt(max(float(following @ image), 0.0))
         values, shapes = np.linalg.eigh(tridiagonal[:count, :count])
         lowest, residual = float(values[0]), float(beside * abs(shapes[-1, 0]))
-        ended = beside <= _ENDED * max(float(np.abs(values).max()), 1e-300)
-        if ended or count == most or (count >= _FEWEST and residual <= _TOLERANCE * max(abs(lowest), _FAINT)):
+        ended = beside <= ENDED * max(float(np.abs(values).max()), 1e-300)
+        if ended or count == most or (count >= FEWEST and residual <= TOLERANCE * max(abs(lowest), FAINT)):
             break
         tridiagonal[step, count] = tridiagonal[count, step] = beside
         vectors[count], images[count] = following / beside, image / beside

@@ -117,7 +117,14 @@ _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
 
 
 @njit(**_inner)
-def _outer(p):  # type: ignore[no-untyped-def]
+def still(room):  # type: ignore[no-untyped-def]
+    """Leave inertia and drag out, and forces as they are."""
+    numbers = room.numbers
+    numbers[_INERTIA], numbers[_DRAG], numbers[_SCALE] = 0.0, 0.0, 1.0
+
+
+@njit(**_inner)
+def outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
     body, room = p.body, p.room  # more names at once make a tuple: to copy records of arrays takes long to compile
     value, x, origin = 0.0, p.x, p.origin
@@ -144,14 +151,14 @@ def _outer(p):  # type: ignore[no-untyped-def]
 def _residual(p):  # type: ignore[no-untyped-def]
     """Size of the out-of-balance force."""
     elasticity.energy(p.body.elastic, p.room, p.x)
-    _outer(p)
+    outer(p)
     return _size(p)
 
 
 @operation_of(Step, method.potential, **_inner)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    value = elasticity.energy(p.body.elastic, p.room, p.x) + _outer(p)
+    value = elasticity.energy(p.body.elastic, p.room, p.x) + outer(p)
     return value, _size(p)
 
 
@@ -170,7 +177,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     body, room = p.body, p.room
     values, inertia = room.values, room.numbers[_INERTIA] + room.numbers[_DRAG]
     elasticity.assemble(body.elastic, body, room, p.x)
-    _outer(p)
+    outer(p)
     for k in range(body.free.size):
         row, stride = body.rows[k], body.strides[body.free[k]]
         for axis in range(3):
@@ -182,12 +189,12 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     room.numbers[_NEGATIVE] = negative
     if negative >= 0:
         solve(values, body.first, body.starts, room.own, room.pivots, room.residual)
-        _spread(body, room, room.residual, -1.0)
+        spread(body, room, room.residual, -1.0)
     return negative >= 0
 
 
 @njit(**_inner)
-def _spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
+def spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
     """Write ``factor`` times values of unknowns, in order of elimination, to ``room.step``."""
     room.step[:] = 0.0
     for k in range(body.free.size):
@@ -271,7 +278,7 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction, warped."""
     body, room = p.body, p.room
-    _spread(body, room, room.way, fraction)
+    spread(body, room, room.way, fraction)
     _warp(body, room, p.slots[START])
     write(room.moved, p.x)
 

@@ -1,0 +1,179 @@
+"""Compiled error bars of small shells: two mixed Newton steps and the stability margin, in one function.
+
+They are those of :mod:`modalshell.statics.error_bar`, by the parts of a compiled step (:mod:`.profile_newton`): of the
+milliseconds that a bar of some hundred vertices takes through sparse algebra most are the interpreter's.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.packed import LANES, dot, load, store
+from modalshell.kernels.packed import spread as everywhere
+from modalshell.linalg.profile import add_product, factorise, solve
+from modalshell.models.coarse import profile_elasticity as elasticity
+from modalshell.models.coarse.profile_newton import Body, Step, outer, spread, still
+from modalshell.statics import margin
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.mixed_newton import write
+
+_FEWEST: int = np.int64(margin.FEWEST)  # type: ignore[assignment]  # a plain integer is compiled in as a constant
+_BISECTIONS: int = np.int64(80)  # type: ignore[assignment]
+_INVERSE: int = np.int64(3)  # type: ignore[assignment]
+"""Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
+_JUST_BELOW = 1e-13
+"""Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
+_inner = _options | {"no_cpython_wrapper": True}
+
+
+class Lanczos(NamedTuple):
+    """Room for Lanczos iterations: vectors one after the other, their images, and the tridiagonal matrix."""
+
+    vectors: Array
+    images: Array
+    diagonal: Array
+    beside: Array
+    pivots: Array
+    shape: Array
+
+
+def make_lanczos(body: Body) -> Lanczos:
+    """Room for the iterations of a body."""
+    most = margin.STEPS + 1
+    vectors, images = np.zeros((2, most * 3 * body.first.size))
+    return Lanczos(vectors, images, *np.zeros((4, most)))
+
+
+@njit(**_inner)
+def _pivots(lanczos, count, value):  # type: ignore[no-untyped-def]
+    """Write pivots of the tridiagonal matrix less ``value``; whether all are positive."""
+    diagonal, beside, pivots = lanczos.diagonal, lanczos.beside, lanczos.pivots
+    pivots[0] = diagonal[0] - value
+    for k in range(1, count):
+        if not pivots[k - 1] > 0.0:
+            return False
+        pivots[k] = diagonal[k] - value - beside[k - 1] * beside[k - 1] / pivots[k - 1]
+    return pivots[count - 1] > 0.0
+
+
+@njit(**_inner)
+def _lowest(lanczos, count, size):  # type: ignore[no-untyped-def]
+    """Lowest eigenvalue of the tridiagonal matrix, of a ``size`` at most, by bisection; and its vector's last part."""
+    beside, pivots, shape = lanczos.beside, lanczos.pivots, lanczos.shape
+    low, high = -size, size
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _pivots(lanczos, count, middle):
+            low = middle
+        else:
+            high = middle
+    _pivots(lanczos, count, low - _JUST_BELOW * size)
+    # As nothing beside the diagonal is negative, signs alternate in the lowest vector: the first guess has part of it.
+    for k in range(count):
+        shape[k] = 1.0 - 2.0 * (k % 2)
+    for _ in range(_INVERSE):
+        for k in range(1, count):
+            shape[k] -= beside[k - 1] / pivots[k - 1] * shape[k - 1]
+        shape[count - 1] /= pivots[count - 1]
+        for k in range(count - 2, -1, -1):
+            shape[k] = (shape[k] - beside[k] * shape[k + 1]) / pivots[k]
+        length = 0.0
+        for k in range(count):
+            length += shape[k] * shape[k]
+        for k in range(count):
+            shape[k] /= np.sqrt(length)
+    return low, abs(shape[count - 1])
+
+
+@njit(**_inner)
+def _take(values, start, other, begin, count, factor):  # type: ignore[no-untyped-def]
+    """Take ``factor`` times ``count`` numbers of ``other`` from those of ``values``."""
+    whole, wide = count // LANES * LANES, everywhere(factor)
+    for k in range(0, whole, LANES):
+        store(values, start + k, load(values, start + k) - wide * load(other, begin + k))
+    for k in range(whole, count):
+        values[start + k] -= factor * other[begin + k]
+
+
+@njit(**_inner)
+def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
+    """:func:`modalshell.statics.margin.lowest_ratio`, G in ``room.values`` and a factor of K_1 in ``room.viscous``."""
+    vectors, images, diagonal, beside = lanczos.vectors, lanczos.images, lanczos.diagonal, lanczos.beside
+    first, starts, wide = body.first, body.starts, probe.size
+    most = min(diagonal.size - 1, 3 * body.free.size)
+    write(probe, images)
+    write(probe, vectors)
+    solve(room.viscous, first, starts, room.own, room.pivots, vectors[:wide])
+    length = np.sqrt(max(dot(vectors, 0, images, 0, wide), 0.0))
+    size, lowest, before = 0.0, 0.0, 0.0
+    for step in range(most):
+        here, there, count = step * wide, (step + 1) * wide, step + 1
+        for k in range(wide):
+            vectors[here + k] /= length
+            images[here + k] /= length
+            images[there + k] = 0.0
+        image = images[there : there + wide]
+        add_product(room.values, first, starts, vectors[here:there], image)
+        diagonal[step] = dot(vectors, here, images, there, wide)
+        write(image, vectors[there : there + wide])
+        solve(room.viscous, first, starts, room.own, room.pivots, vectors[there : there + wide])
+        for _ in range(2):  # as rounding would let found directions come back
+            for k in range(count):
+                lanczos.shape[k] = dot(images, k * wide, vectors, there, wide)
+            for k in range(count):
+                _take(vectors, there, vectors, k * wide, wide, lanczos.shape[k])
+                _take(images, there, images, k * wide, wide, lanczos.shape[k])
+        length = np.sqrt(max(dot(vectors, there, images, there, wide), 0.0))
+        beside[step] = length
+        size = max(size, abs(diagonal[step]) + before + length)
+        before = length
+        ended = length <= margin.ENDED * max(size, 1e-300) or count == most
+        if ended or count >= _FEWEST:
+            lowest, last = _lowest(lanczos, count, size)
+            if ended or length * last <= margin.TOLERANCE * max(abs(lowest), margin.FAINT):
+                return lowest, count
+    return lowest, most
+
+
+@njit(**_options)
+def check(body, room, lanczos, start, load, weights, probe):  # type: ignore[no-untyped-def]
+    """Two mixed steps from ``start`` (n, 3), which are left in ``room.x``, and the stability margin there.
+
+    ``weights`` are those of the first part of the Hessian, ``probe`` (3b,) is where Lanczos iterations start.
+
+    Returns
+    -------
+    margin : float
+        Not a number where a pivot vanishes or the first part is not definite.
+    products : int
+        Lanczos iterations.
+    """
+    x, elastic = room.x, body.elastic
+    write(start, x)
+    write(load, room.push)
+    still(room)
+    step = Step(body, room, body.rest, room.viscous[:0], x, room.slots)
+    elasticity.energy(elastic, room, x)
+    outer(step)
+    elasticity.resist(elastic, body, room, x, weights, 1.0)
+    if factorise(room.viscous, body.first, body.starts, room.own, room.pivots) < 0:
+        return np.nan, 0
+    solve(room.viscous, body.first, body.starts, room.own, room.pivots, room.residual)
+    spread(body, room, room.residual, -1.0)
+    method.advance(step)
+    if not method.solve(step, 0.0):
+        return np.nan, 0
+    method.advance(step)
+    elasticity.resist(elastic, body, room, x, weights, 1.0)
+    elasticity.assemble(elastic, body, room, x)
+    for k in range(room.values.size):
+        room.values[k] -= room.viscous[k]
+    if factorise(room.viscous, body.first, body.starts, room.own, room.pivots) != 0:
+        return np.nan, 0
+    lowest, products = _lowest_ratio(body, room, lanczos, probe)
+    return 1.0 + lowest, products
