@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
+from modalshell.models.coarse.profile_step import QuickEstimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
 
 
@@ -103,7 +104,7 @@ class MotionCheck:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse = coarse
-        self._estimator = ErrorEstimator(shell if coarse is None else coarse.coarse.shell)
+        self._estimator = QuickEstimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""

@@ -153,23 +153,27 @@ class Estimator(ABC):
         watch, shell = Stopwatch(), self.shell
         if live is not None:
             live = replace(live, origin=self.origin)
-        problem = Potential(load, shell.rest_positions, shell, self._factoriser, self.costs, live)
         x = _allowed(shell, positions - self.origin)
         self.last = None
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                corrected, stresses = self._steps(problem, x)
-                margin = self._margin(problem, corrected, stresses)
+                corrected, margin = self._found(x, load, live)
         except SolverError as error:
             return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
         moved = self.length(corrected - shell.rest_positions)
         off = self.length(corrected - x)
         tiny = _NOTHING * shell.size
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
-        softer = 1.0 - margin.value
+        softer = 1.0 - margin
         critical = 1.0 / softer if softer > 0.0 else np.inf
-        valid = margin.value > LEAST_MARGIN
-        return ErrorBar(displacement, margin.value, critical, valid, corrected + self.origin, watch(), on=on)
+        valid = margin > LEAST_MARGIN
+        return ErrorBar(displacement, margin, critical, valid, corrected + self.origin, watch(), on=on)
+
+    def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
+        """Positions (n, 3) [m] after Newton's steps from x (n, 3), and the stability margin there."""
+        problem = Potential(load, self.shell.rest_positions, self.shell, self._factoriser, self.costs, live)
+        corrected, stresses = self._steps(problem, x)
+        return corrected, self._margin(problem, corrected, stresses).value
 
     @abstractmethod
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
@@ -199,7 +203,7 @@ class Estimator(ABC):
                 product = 0.5 * (product + geometric.T @ moved)
             return self._across(along, np.asarray(unknowns.restrict(product)))
 
-        start = np.random.default_rng(0).standard_normal(unknowns.count)
+        start = probe(unknowns.count)
         start = self._across(np.zeros_like(start), start)
         found = lowest_ratio(factor.solve, softening, start)
         self.last = LastStep(problem, x, stressed, found.direction, factor)
@@ -240,7 +244,6 @@ class Estimator(ABC):
         return float(np.sqrt(np.sum(self.shell.mass[:, None] * displacement**2)))
 
 
-@final
 class ErrorEstimator(Estimator):
     """That of answers whose supports alone hold the shell: two mixed steps."""
 
@@ -281,6 +284,11 @@ class LastStep:
     stressed: Array
     direction: Array
     factor: Factor = field(repr=False)
+
+
+def probe(count: int) -> Array:
+    """Forces (N,) on unknowns from which the iterations for the margin start: any, but always the same."""
+    return np.random.default_rng(0).standard_normal(count)
 
 
 def _allowed(shell: Shell, positions: Array) -> Array:

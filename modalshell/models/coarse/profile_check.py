@@ -170,9 +170,7 @@ def check(body, room, lanczos, start, load, weights, probe):  # type: ignore[no-
         return np.nan, 0
     method.advance(step)
     elasticity.resist(elastic, body, room, x, weights, 1.0)
-    elasticity.assemble(elastic, body, room, x)
-    for k in range(room.values.size):
-        room.values[k] -= room.viscous[k]
+    elasticity.soften(elastic, body, room, x)
     if factorise(room.viscous, body.first, body.starts, room.own, room.pivots) != 0:
         return np.nan, 0
     lowest, products = _lowest_ratio(body, room, lanczos, probe)

@@ -23,6 +23,11 @@ def assemble(elastic: Any, body: Any, room: Any, x: Array) -> None:
     elastic.assemble(body, room, x)
 
 
+def soften(elastic: Any, body: Any, room: Any, x: Array) -> None:
+    """Write the geometric part of the Hessian at ``x`` to ``room``, with the stresses there."""
+    elastic.soften(body, room, x)
+
+
 def resist(elastic: Any, body: Any, room: Any, x: Array, resistances: tuple[Array, ...], dt: float) -> None:
     """Write the viscous matrix at ``x``, over ``dt``, to ``room``: the first part of the Hessian, of other weights."""
     elastic.resist(body, room, x, resistances, dt)

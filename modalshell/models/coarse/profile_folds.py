@@ -340,6 +340,16 @@ def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
     add_tensions(own.tensions, elastic.membrane, strides, values)
 
 
+@operation_of(Folds, elasticity.soften, **_options)
+def _soften(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the geometric part alone."""
+    own, values, strides = room.elastic, room.values, body.strides
+    _measure(elastic, own, x)
+    values[:] = 0.0
+    add_fold_curvatures(own.points, elastic.hinges, own.couples, elastic.slots, strides, values)
+    add_tensions(own.tensions, elastic.membrane, strides, values)
+
+
 @operation_of(Folds, elasticity.resist, **_options)
 def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped-def]
     """Write the viscous matrix at ``x``: the first part of the Hessian times the one resistance [s]."""
@@ -353,8 +363,9 @@ def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped
     write(elastic.shares, values)
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
-    for k in range(values.size):
-        values[k] *= own.viscosity[0]
+    if own.viscosity[0] != 1.0:
+        for k in range(values.size):
+            values[k] *= own.viscosity[0]
 
 
 @operation_of(Folds, elasticity.add_viscous_force, **_options)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.core.typing import Array, Index
-from modalshell.kernels.compiler import UNCOUNTED
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
 from modalshell.linalg.profile import add_product
 from modalshell.models.coarse import profile_elasticity as elasticity
@@ -41,7 +41,8 @@ class Hinges(NamedTuple):
 
     def room(self) -> Stresses:
         """Room for one step."""
-        return Stresses(*(np.empty(elements.rest.size) for elements in self))
+        sizes = [elements.rest.size for elements in self]
+        return Stresses(*(np.empty(size) for size in sizes), np.zeros(max(sizes)))
 
     @property
     def evaluated(self) -> int:
@@ -50,11 +51,12 @@ class Hinges(NamedTuple):
 
 
 class Stresses(NamedTuple):
-    """Stresses of the elements."""
+    """Stresses of the elements, and weights of zero."""
 
     triangles: Array
     edges: Array
     hinges: Array
+    nothing: Array
 
 
 def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
@@ -73,14 +75,27 @@ def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
 @operation_of(Hinges, elasticity.assemble, **_options)
 def _assemble(elastic, body, room, x):  # type: ignore[no-untyped-def]
     """Write the elastic gradient and Hessian at ``x``, its geometric part with the stresses in ``room``."""
+    _add(elastic, body, room, x, elastic.triangles.weight, elastic.edges.weight, elastic.hinges.weight)
+
+
+@operation_of(Hinges, elasticity.soften, **_options)
+def _soften(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the geometric part alone: the rest has weights of zero."""
+    nothing = room.elastic.nothing
+    _add(elastic, body, room, x, nothing, nothing, nothing)
+
+
+@njit(**_options)
+def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-untyped-def]
+    """Write the gradient and the Hessian with these weights, its geometric part with the stresses in ``room``."""
     s = room.elastic
     strides, values, gradient = body.strides, room.values, room.gradient
     values[:] = 0.0
     gradient[:] = 0.0
     t, e, h = elastic.triangles, elastic.edges, elastic.hinges
-    stretch.add_stiffness(x, t.stencils, t.rest, t.weight, s.triangles, _LINEARISED, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, e.weight, s.edges, _LINEARISED, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, h.weight, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
+    stretch.add_stiffness(x, t.stencils, t.rest, triangles, s.triangles, _LINEARISED, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, edges, s.edges, _LINEARISED, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, hinges, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
 
 
 @operation_of(Hinges, elasticity.resist, **_options)
@@ -92,8 +107,9 @@ def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped
     stretch.add_stiffness(x, t.stencils, t.rest, resistances[0], none, _STRETCHING, t.slots, strides, values, gradient)
     shear.add_stiffness(x, e.stencils, e.rest, resistances[1], none, _STRETCHING, e.slots, strides, values, gradient)
     flexure.add_stiffness(x, h.stencils, h.rest, resistances[2], none, _STRETCHING, h.slots, strides, values, gradient)
-    for k in range(values.size):
-        values[k] /= dt
+    if dt != 1.0:
+        for k in range(values.size):
+            values[k] /= dt
 
 
 @operation_of(Hinges, elasticity.add_viscous_force, **_options)

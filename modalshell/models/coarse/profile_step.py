@@ -1,4 +1,4 @@
-"""Implicit Euler steps of small shells in one compiled function.
+"""Implicit Euler steps and error bars of small shells, each in one compiled function.
 
 The kernels add element blocks straight into the storage of a profile factorisation; blocks above the diagonal and those
 of held vertices have no place there. Of the milliseconds that a step of a few hundred unknowns takes through
@@ -20,10 +20,13 @@ from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of, numbering_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
+from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
+from modalshell.statics.error_bar import ErrorEstimator, probe
+from modalshell.statics.live_loads import LiveLoads
 
 _PRODUCTS = 3e8
 """Multiplications of a factorisation above which sparse ones are quicker."""
@@ -31,7 +34,7 @@ _PRODUCTS = 3e8
 
 @final
 class ProfileStep:
-    """Steps of implicit Euler of one shell without further energies, compiled; see :func:`profile_step`.
+    """Steps of implicit Euler and error bars of one shell without further energies; see :func:`profile_step`.
 
     Parameters
     ----------
@@ -48,7 +51,9 @@ class ProfileStep:
     def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
         self._shell, self._analysis = shell, analysis
         self._unknowns, self._products = analysis.size, analysis.products
-        self._undamped = (np.empty(0),) * (1 if isinstance(shell.material, Sheet) else len(KERNELS))
+        folded = isinstance(shell.material, Sheet)
+        self._undamped = (np.empty(0),) * (1 if folded else len(KERNELS))
+        self._weights = (np.ones(1),) if folded else tuple(elements.weight for elements in elastic)
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
@@ -64,6 +69,9 @@ class ProfileStep:
             elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))
+        self._lanczos = PerThread(functools.partial(make_lanczos, self._body))
+        self._probe = np.zeros(3 * analysis.first.size)
+        self._probe[(3 * place[shell.free][:, None] + np.arange(3)).ravel()] = probe(3 * shell.free.size)
 
     def __call__(self, start: EulerStart, load: Array, damping: Damping, tolerance: float) -> tuple[Array, bool]:
         """Positions (n, 3) [m] after a step under ``load`` (n, 3) [N], and whether the step's equations are solved.
@@ -81,6 +89,21 @@ class ProfileStep:
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
         return room.x.copy(), bool(solved)
+
+    def check(self, x: Array, load: Array) -> tuple[Array, float] | None:
+        """Positions (n, 3) [m] after the two steps of an error bar, and the margin; None where a pivot vanishes.
+
+        The bar is that of :class:`modalshell.statics.error_bar.ErrorEstimator` from x (n, 3) [m], where the supports
+        allow it, under ``load`` (n, 3) [N].
+        """
+        room, lanczos = self._room(), self._lanczos()
+        margin, products = check(
+            self._body, room, lanczos, _writeable(x), _writeable(load), self._weights, self._probe
+        )
+        count_elements(6 * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
+        count_factorisation(self._unknowns, 3, self._products)
+        count_solves(self._unknowns, 2 + products)
+        return (room.x.copy(), float(margin)) if np.isfinite(margin) else None
 
     def _resistances(self, rate: float) -> tuple[Array, ...]:
         """Weights of the damping by the elements' rates; empty arrays without damping."""
@@ -104,6 +127,23 @@ def profile_step(shell: Shell) -> ProfileStep | None:
         return None
     analysis, place, elastic = found
     return ProfileStep(shell, analysis, place, elastic())
+
+
+@final
+class QuickEstimator(ErrorEstimator):
+    """Finds bars by the compiled check where that serves a shell and its loads, and by sparse algebra elsewhere.
+
+    They agree to rounding. A compiled one leaves nothing for bars of quantities.
+    """
+
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self._compiled = profile_step(self.shell)
+
+    def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
+        """The same as that of sparse algebra, which says what is wrong where the compiled check finds no margin."""
+        found = None if self._compiled is None or live is not None else self._compiled.check(x, load)
+        return super()._found(x, load, live) if found is None else found
 
 
 def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
