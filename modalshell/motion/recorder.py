@@ -203,7 +203,7 @@ class Recorder:
             unconverged_steps=self.motion.unconverged,
             seconds=self.seconds,
             step_error=self.motion.errors.largest,
-            damping_error=self.motion.errors.damping_error(),
+            damping_error=self.motion.errors.damping_error(self.motion.state),
             energies=np.array(self.energies),
             constraint_residuals=np.array(self.residuals),
             faces=np.asarray(shell.mesh.faces),
@@ -236,7 +236,7 @@ class Recorder:
         if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         notes = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
-        said = [motion.errors.remark(), motion.errors.undersampled()]
+        said = [motion.errors.remark(motion.state), motion.errors.undersampled()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
         said.append(motion.model.account(motion.state))

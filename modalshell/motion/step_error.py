@@ -150,9 +150,9 @@ class StepErrors:
         known = self._known and math.isfinite(self._largest)
         return self._largest / self._stepper.shell.mesh.moment_length if known else None
 
-    def damping_error(self) -> float | None:
+    def damping_error(self, state: MotionState) -> float | None:
         """Error of the damping ratio at the motion's frequency, over the one asked for; None where not known."""
-        obtained, asked = self.obtained(self._stepper.setup.dt), self.asked
+        obtained, asked = self.obtained(state, self._stepper.setup.dt), self.asked
         return None if np.isnan(obtained) or asked == 0.0 else obtained / asked - 1.0
 
     @property
@@ -177,21 +177,21 @@ class StepErrors:
         adding = 1.0 / max(self.decay, 1.0 / tolerance.span)
         return tolerance.share * self._stepper.shell.mesh.moment_length * dt / (_COHERENT * adding)
 
-    def obtained(self, dt: float) -> float:
-        """Damping ratio that steps of ``dt`` [s] give motion of its frequency; not a number where it is not known."""
-        omega = self.frequency
-        growth = self._stepper.model.growth(omega**2, self._damping_rate(omega), dt) if omega else complex(np.nan)
+    def obtained(self, state: MotionState, dt: float) -> float:
+        """Damping ratio that steps of ``dt`` [s], as to ``state``, give motion of its frequency; NaN if unknown."""
+        omega, model = self.frequency, self._stepper.model
+        growth = model.mean_growth(state, omega**2, self._damping_rate(omega), dt) if omega else complex(np.nan)
         size = np.log(max(abs(growth), np.finfo(float).tiny))
         return float(-size / np.hypot(size, np.angle(growth))) if growth == growth and size else float("nan")
 
-    def remark(self) -> str:
+    def remark(self, state: MotionState) -> str:
         """What the damping that steps add does to the motion, and the step that would not; "" if it is little."""
         dt, asked = self._stepper.setup.dt, self.asked
-        added = self.obtained(dt) - asked
+        added = self.obtained(state, dt) - asked
         if not added > max(_PLAIN[0], _PLAIN[1] * asked) or asked >= 1.0:
             return ""
         fitting = dt
-        while self.obtained(fitting) - asked > _AIM * max(asked, _PLAIN[0]) and fitting > 1e-6 * dt:
+        while self.obtained(state, fitting) - asked > _AIM * max(asked, _PLAIN[0]) and fitting > 1e-6 * dt:
             fitting *= 0.5
         return (
             f"steps add a damping ratio of {added:.2g} to motion at {self.frequency / (2.0 * np.pi):.3g} Hz "

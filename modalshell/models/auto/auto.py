@@ -16,10 +16,11 @@ from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
+from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
-from modalshell.models.auto.stepper import AutoStepper, told
+from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
@@ -132,6 +133,7 @@ class Auto(Model):
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
         self.levels.append(FullLevel(DiscreteShell(shell)))
         self.level_names = tuple(level.model.name for level in self.levels)
+        self._unpacked: tuple[MotionState | None, tuple[int, MotionState] | None] = (None, None)
 
     # ---- statics
 
@@ -241,8 +243,12 @@ class Auto(Model):
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:
         """The level of a state, and that level's own state."""
-        level = int(state.memory["level"][0])
-        return level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
+        known, found = self._unpacked
+        if known is not state or found is None:
+            level = int(state.memory["level"][0])
+            found = level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
+            self._unpacked = state, found  # energies ask for it, too
+        return found
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -277,6 +283,12 @@ class Auto(Model):
     def account(self, state: MotionState) -> str:
         """How many steps each level took, and why it was left."""
         return told(state, self.level_names)
+
+    def mean_growth(self, state: MotionState, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, the geometric mean of those of all levels so far."""
+        taken = [(level.model, count) for level, count in zip(self.levels, state.memory["steps"], strict=True) if count]
+        logs = [count * np.log(model.growth(stiffness, damp, dt)) for model, count in taken]
+        return complex(np.exp(sum(logs) / sum(count for _, count in taken))) if taken else complex(np.nan)
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse what any level refuses."""

@@ -10,12 +10,13 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
+from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.trusted import SELDOM, SURE, trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
-from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
+from modalshell.statics.error_bar import LEAST_MARGIN
 
 _SWITCH = 0.5
 """Bar over the error allowed from which a rung is left."""
@@ -42,8 +43,6 @@ where it does."""
 _MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _LARGE = 1e9
-_LACKS_LOAD, _LACKS_START = 1.0, 2.0
-"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts."""
 
 
 class _Seen(NamedTuple):
@@ -84,12 +83,18 @@ class AutoStepper(Stepper):
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, setup)
         self._levels = levels
-        self._steppers = [level.model.stepper(setup) for level in levels]
+        self._made = {number: levels[number].model.stepper(setup) for number in (0, len(levels) - 1)}
         self._check: Check = model.check(setup)
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
         self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
         self._mass = model.shell.mass[:, None]
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
+
+    def _stepper(self, level: int) -> Stepper:
+        """What takes the steps of a level; those between the first and the last are made when they are wanted."""
+        if level not in self._made:
+            self._made[level] = self._levels[level].model.stepper(self.setup)
+        return self._made[level]
 
     @staticmethod
     def memory(x: Array, sizes: Sequence[int], modes: int) -> dict[str, Array]:
@@ -114,7 +119,7 @@ class AutoStepper(Stepper):
             "pushed": np.zeros_like(x),
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
-            "log": np.zeros((_MOST_TOLD, 5)),
+            "log": np.zeros((_MOST_TOLD, 6)),
             "switches": np.zeros(1),
             "time": np.zeros(1),
         }
@@ -130,7 +135,7 @@ class AutoStepper(Stepper):
             return super().start(positions)
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in range(1 if self._check.least else last):
-            inner = self._levels[number].entered(self._steppers[number], positions, np.zeros_like(positions), 0.0)
+            inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
             if number == 0:
                 missed, margin = off, stable
@@ -138,18 +143,18 @@ class AutoStepper(Stepper):
                 return self._begun(number, inner, missed, margin)
             if not stable > LEAST_MARGIN:
                 break
-        return self._begun(last, self._steppers[last].state_at(positions, 0.0), missed, margin)
+        return self._begun(last, self._stepper(last).state_at(positions, 0.0), missed, margin)
 
     def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
         """The state of a start on a level, with what the first one lacks of it, over what it may."""
-        state: MotionState = self.model.on_level(level, inner, self._steppers[level].positions(inner, 0.0))
+        state: MotionState = self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0))
         if level > 0:
-            self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, _LACKS_START))
+            self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, LACKS_START))
         return state
 
     def _lost(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
         """What a level's state lacks of a start (n, 3) [m] over what it may, and the stability margin there."""
-        level, stepper = self._levels[number], self._steppers[number]
+        level, stepper = self._levels[number], self._stepper(number)
         x, allowed = stepper.positions(inner, 0.0), _BACK * self.model.error * self._check.moved(start)
         gap, margin = self._length(x - start), 1.0
         if isinstance(level, ModalLevel) and gap <= allowed and not self._check.least:
@@ -160,8 +165,8 @@ class AutoStepper(Stepper):
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
-        inner = self._steppers[top].state_at(positions, time)
-        state: MotionState = self.model.on_level(top, inner, self._steppers[top].positions(inner, time))
+        inner = self._stepper(top).state_at(positions, time)
+        state: MotionState = self.model.on_level(top, inner, self._stepper(top).positions(inner, time))
         return state
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
@@ -173,12 +178,11 @@ class AutoStepper(Stepper):
             switch = self._foreseen(level, state.coordinates, state.rates, memory, (begin, time, load))
             if switch is None:
                 break
-            self._note(memory, switch)
+            inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
             level = switch[1]
-            inner = self._levels[level].entered(self._steppers[level], state.coordinates, state.rates, begin)
-        stepper = self._steppers[level]
+        stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
-        memory[COST] = _cost(stepper, inner, after, dt)
+        memory[COST] = cost_of(stepper, inner, after, dt)
         x, v = self._levels[level].left(stepper, after, time, dt)
         memory["time"][0] = time
         memory["since"] += 1.0
@@ -235,8 +239,24 @@ class AutoStepper(Stepper):
                     wanted = 0
         if wanted == level or seen is None:
             return level, after
-        self._note(memory, (time, wanted, seen.bar, seen.margin, 0.0))
-        return wanted, self._levels[wanted].entered(self._steppers[wanted], frames[2], v, time)
+        switch = time, wanted, seen.bar, seen.margin, 0.0
+        return wanted, self._taken_over(after, (frames[2], v), memory, (time, now[2]), switch)
+
+    def _taken_over(
+        self,
+        inner: MotionState,
+        motion: tuple[Array, Array],
+        memory: dict[str, Array],
+        now: tuple[float, Array],
+        switch: tuple[float, int, float, float, float],
+    ) -> MotionState:
+        """The state of the level that takes over from the present one's, at positions and velocities (n, 3)."""
+        (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
+        after, loading = self._levels[new].entered(self._stepper(new), x, v, time), self.setup.loading
+        force = dead + loading.live_force(x, v, time) if loading.live else dead
+        gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
+        self._note(memory, switch, gained)
+        return after
 
     def _checked(self, seen: _Seen, q: Array, memory: dict[str, Array]) -> None:
         """Trust coordinates (m,) that a check was sure of, of held shells, and none from one that was not."""
@@ -263,11 +283,11 @@ class AutoStepper(Stepper):
         return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
 
     @staticmethod
-    def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float]) -> None:
-        """Remember a switch: its time, level, bar and margin, and the mark of what the modes lack, or zero."""
+    def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0) -> None:
+        """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
         if place < _MOST_TOLD:
-            memory["log"][place] = np.clip(switch, -_LARGE, _LARGE)
+            memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
         memory["switches"] += 1.0
         memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
         memory["ahead"][0] = memory["looked"][0] = 0.0
@@ -295,7 +315,7 @@ class AutoStepper(Stepper):
         answer = self.model.answers.following(force, memory)
         missed = answer.missing / max(answer.whole, float(memory["largest"][0]), self._check.least)
         if missed > _SWITCH * self.model.error:
-            return begin, self._above(level, memory, deaf=True), missed, 0.0, _LACKS_LOAD
+            return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         memory["ahead"][0] = answer.whole
@@ -341,8 +361,8 @@ class AutoStepper(Stepper):
         """
         lowest = self._levels[0]
         allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
-        state = lowest.entered(self._steppers[0], frames[2], v, now[0])
-        fitted, rates = lowest.left(self._steppers[0], state, now[0], now[1])
+        state = lowest.entered(self._stepper(0), frames[2], v, now[0])
+        fitted, rates = lowest.left(self._stepper(0), state, now[0], now[1])
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
         if not max(self._length(fitted - frames[2]), lost) <= allowed:
             return None
@@ -357,34 +377,3 @@ class AutoStepper(Stepper):
 
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
-
-
-def _cost(stepper: Stepper, before: MotionState, after: MotionState, dt: float) -> Array:
-    """What :data:`COST` names of a level's step."""
-    if (known := after.memory.get(COST)) is not None:
-        return known.copy()
-    error = stepper.model.local_error(before, after, dt)
-    assert error is not None  # the rules that levels take by default know theirs
-    changes = (error, after.rates - before.rates, after.coordinates - before.coordinates)
-    return np.array([stepper.model.squared(change) for change in changes])
-
-
-def told(state: MotionState, names: Sequence[str]) -> str:
-    """Steps of each level, and switches with their reasons."""
-    memory = state.memory
-    steps = memory["steps"]
-    total = max(float(steps.sum()), 1.0)
-    taken = [(name, count) for name, count in zip(names, steps, strict=True) if count]
-    shares = ", ".join(f"{name} {100.0 * count / total:.0f} %" for name, count in taken)
-    lines = []
-    for time, level, bar, margin, mark in memory["log"][: int(memory["switches"][0])]:
-        if mark == _LACKS_START and margin > LEAST_MARGIN:
-            reason = f"the modes are {share_as_text(bar)} off the start"
-        elif mark == _LACKS_LOAD:
-            reason = f"the modes lack {share_as_text(bar)} of the linear answer to the load"
-        elif int(level) == 0 or margin <= LEAST_MARGIN:
-            reason = f"stability margin {margin:.2f}"
-        else:
-            reason = f"{share_as_text(bar)} from DS"
-        lines.append(f"to {names[int(level)]} at {time:.4g} s ({reason})")
-    return f"steps by {shares}" + (f"; {', '.join(lines)}" if lines else "")

@@ -301,6 +301,10 @@ class Model(ABC):
         """What steps multiply motion by that oscillates with ``stiffness`` [1/s^2] and ``damp`` [1/s], if known."""
         return complex(np.nan)
 
+    def mean_growth(self, state: MotionState, stiffness: float, damp: float, dt: float) -> complex:
+        """The same of the steps that have led to a state, on average."""
+        return self.growth(stiffness, damp, dt)
+
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0

@@ -25,6 +25,8 @@ _FEWEST: int = np.int64(margin.FEWEST)  # type: ignore[assignment]  # a plain in
 _BISECTIONS: int = np.int64(80)  # type: ignore[assignment]
 _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 """Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
+_STAGES: int = np.int64(3)  # type: ignore[assignment]
+"""Factorisations: of the first step, of the second, and for the margin."""
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
@@ -106,31 +108,33 @@ def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
     vectors, images, diagonal, beside = lanczos.vectors, lanczos.images, lanczos.diagonal, lanczos.beside
     first, starts, wide = body.first, body.starts, probe.size
     most = min(diagonal.size - 1, 3 * body.free.size)
-    write(probe, images)
-    write(probe, vectors)
-    solve(room.viscous, first, starts, room.own, room.pivots, vectors[:wide])
-    length = np.sqrt(max(dot(vectors, 0, images, 0, wide), 0.0))
-    size, lowest, before = 0.0, 0.0, 0.0
-    for step in range(most):
-        here, there, count = step * wide, (step + 1) * wide, step + 1
-        for k in range(wide):
-            vectors[here + k] /= length
-            images[here + k] /= length
-            images[there + k] = 0.0
-        image = images[there : there + wide]
-        add_product(room.values, first, starts, vectors[here:there], image)
-        diagonal[step] = dot(vectors, here, images, there, wide)
-        write(image, vectors[there : there + wide])
-        solve(room.viscous, first, starts, room.own, room.pivots, vectors[there : there + wide])
-        for _ in range(2):  # as rounding would let found directions come back
-            for k in range(count):
-                lanczos.shape[k] = dot(images, k * wide, vectors, there, wide)
-            for k in range(count):
-                _take(vectors, there, vectors, k * wide, wide, lanczos.shape[k])
-                _take(images, there, images, k * wide, wide, lanczos.shape[k])
+    size, lowest, before, length = 0.0, 0.0, 0.0, 0.0
+    for count in range(most + 1):
+        here, there = (count - 1) * wide, count * wide
+        image, following = images[there : there + wide], vectors[there : there + wide]
+        if count == 0:
+            write(probe, image)
+        else:
+            for k in range(wide):
+                vectors[here + k] /= length
+                images[here + k] /= length
+                image[k] = 0.0
+            add_product(room.values, first, starts, vectors[here:there], image)
+            diagonal[count - 1] = dot(vectors, here, images, there, wide)
+        write(image, following)
+        solve(room.viscous, first, starts, room.own, room.pivots, following)
+        for twice in range(2 * count):  # as rounding would let found directions come back
+            k = twice % count
+            lanczos.shape[k] = dot(images, k * wide, vectors, there, wide)
+            if k == count - 1:
+                for j in range(count):
+                    _take(vectors, there, vectors, j * wide, wide, lanczos.shape[j])
+                    _take(images, there, images, j * wide, wide, lanczos.shape[j])
         length = np.sqrt(max(dot(vectors, there, images, there, wide), 0.0))
-        beside[step] = length
-        size = max(size, abs(diagonal[step]) + before + length)
+        if count == 0:
+            continue
+        beside[count - 1] = length
+        size = max(size, abs(diagonal[count - 1]) + before + length)
         before = length
         ended = length <= margin.ENDED * max(size, 1e-300) or count == most
         if ended or count >= _FEWEST:
@@ -158,20 +162,22 @@ def check(body, room, lanczos, start, load, weights, probe):  # type: ignore[no-
     write(load, room.push)
     still(room)
     step = Step(body, room, body.rest, room.viscous[:0], x, room.slots)
-    elasticity.energy(elastic, room, x)
-    outer(step)
-    elasticity.resist(elastic, body, room, x, weights, 1.0)
-    if factorise(room.viscous, body.first, body.starts, room.own, room.pivots) < 0:
-        return np.nan, 0
-    solve(room.viscous, body.first, body.starts, room.own, room.pivots, room.residual)
-    spread(body, room, room.residual, -1.0)
-    method.advance(step)
-    if not method.solve(step, 0.0):
-        return np.nan, 0
-    method.advance(step)
-    elasticity.resist(elastic, body, room, x, weights, 1.0)
+    for stage in range(_STAGES):  # a loop, as each place that calls a kernel is compiled anew
+        stressed = stage == 1
+        matrix = room.values if stressed else room.viscous
+        if stressed:
+            elasticity.assemble(elastic, body, room, x)
+        else:
+            elasticity.resist(elastic, body, room, x, weights, 1.0)
+            elasticity.energy(elastic, room, x)
+        negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)
+        if negative < 0 or (stage == _STAGES - 1 and negative > 0):
+            return np.nan, 0
+        if stage < _STAGES - 1:
+            outer(step)
+            solve(matrix, body.first, body.starts, room.own, room.pivots, room.residual)
+            spread(body, room, room.residual, -1.0)
+            method.advance(step)
     elasticity.soften(elastic, body, room, x)
-    if factorise(room.viscous, body.first, body.starts, room.own, room.pivots) != 0:
-        return np.nan, 0
     lowest, products = _lowest_ratio(body, room, lanczos, probe)
     return 1.0 + lowest, products

@@ -42,7 +42,8 @@ class Hinges(NamedTuple):
     def room(self) -> Stresses:
         """Room for one step."""
         sizes = [elements.rest.size for elements in self]
-        return Stresses(*(np.empty(size) for size in sizes), np.zeros(max(sizes)))
+        triangles, edges, hinges = map(np.empty, sizes)
+        return Stresses(triangles, edges, hinges, np.zeros(max(sizes)))
 
     @property
     def evaluated(self) -> int:
@@ -93,7 +94,9 @@ def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-u
     values[:] = 0.0
     gradient[:] = 0.0
     t, e, h = elastic.triangles, elastic.edges, elastic.hinges
-    stretch.add_stiffness(x, t.stencils, t.rest, triangles, s.triangles, _LINEARISED, t.slots, strides, values, gradient)
+    stretch.add_stiffness(
+        x, t.stencils, t.rest, triangles, s.triangles, _LINEARISED, t.slots, strides, values, gradient
+    )
     shear.add_stiffness(x, e.stencils, e.rest, edges, s.edges, _LINEARISED, e.slots, strides, values, gradient)
     flexure.add_stiffness(x, h.stencils, h.rest, hinges, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
 

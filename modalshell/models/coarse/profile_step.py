@@ -17,10 +17,10 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.linalg import ProfileAnalysis
+from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of, numbering_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
-from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
@@ -97,9 +97,7 @@ class ProfileStep:
         allow it, under ``load`` (n, 3) [N].
         """
         room, lanczos = self._room(), self._lanczos()
-        margin, products = check(
-            self._body, room, lanczos, _writeable(x), _writeable(load), self._weights, self._probe
-        )
+        margin, products = check(self._body, room, lanczos, _writeable(x), _writeable(load), self._weights, self._probe)
         count_elements(6 * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
         count_factorisation(self._unknowns, 3, self._products)
         count_solves(self._unknowns, 2 + products)
