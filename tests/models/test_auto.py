@@ -11,6 +11,7 @@ from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
+from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
 from modalshell.models.auto.trusted import trust, trusts
@@ -74,6 +75,8 @@ def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam,
     assert shares["DS"] > 0.1
     assert "steps by MWTS" in run.message
     assert "to DS at 0." in run.message
+    assert "its energy changed by" in run.message
+    assert abs(run.damping_error) < 0.02
 
 
 def test_where_the_cheapest_rung_serves_nothing_else_is_taken(beam):
@@ -341,6 +344,32 @@ def test_a_scene_that_was_stopped_resumes_to_the_same_bits(tmp_path):
     assert np.array_equal(resumed.trajectory.positions, whole.trajectory.positions)
     assert resumed.trajectory.levels == whole.trajectory.levels
     assert resumed.trajectory.message == whole.trajectory.message
+
+
+def test_the_damping_of_its_steps_is_the_mean_of_its_levels(beam):
+    auto = ms.Auto(beam, 6)
+    state, number = auto.start_motion(), (50.0, 0.3, DT)
+    assert np.isnan(auto.mean_growth(state, *number))
+    state.memory["steps"][:] = 3.0, 0.0, 1.0
+    modal, _, full = (level.model.growth(*number) for level in auto.levels)
+    assert modal != full
+    assert auto.mean_growth(state, *number) ** 4 == pytest.approx(modal**3 * full)
+    swing = {"duration": 1.0, "dt": DT, "gravity": (0.0, 0.0, -0.1), "damping": (0.5, 0.0)}
+    runs = [ms.simulate(model, **swing) for model in (auto, auto.levels[0].model)]
+    assert set(runs[0].levels) == {"MWTS"}
+    assert runs[0].damping_error == pytest.approx(runs[1].damping_error, rel=1e-6)
+
+
+def test_a_switch_tells_what_energy_it_changes(beam):
+    setup = MotionSetup(DT, Damping(), Loading(beam.rest_positions, np.zeros((len(beam.mass), 3))))
+    model = ms.DiscreteShell(beam)
+    stepper, force = model.stepper(setup), beam.gravity_force((0.0, 0.0, -1.0))
+    rest, sunk = (stepper.state_at(beam.rest_positions - [0.0, 0.0, drop], 0.0) for drop in (0.0, 0.01))
+    assert energy_change((stepper, stepper), (rest, rest), force) == 0.0
+    change = energy_change((stepper, stepper), (rest, sunk), force)
+    energy = model.elastic_energy(sunk)
+    free = beam.mass[~beam.clamped].sum()
+    assert change == pytest.approx(1.0 - 0.01 * free / energy)
 
 
 def test_comparisons_of_all_models_leave_it_out(beam):

@@ -93,12 +93,10 @@ def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-u
     strides, values, gradient = body.strides, room.values, room.gradient
     values[:] = 0.0
     gradient[:] = 0.0
-    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
-    stretch.add_stiffness(
-        x, t.stencils, t.rest, triangles, s.triangles, _LINEARISED, t.slots, strides, values, gradient
-    )
-    shear.add_stiffness(x, e.stencils, e.rest, edges, s.edges, _LINEARISED, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, hinges, s.hinges, _LINEARISED, h.slots, strides, values, gradient)
+    t, e, h, kind = elastic.triangles, elastic.edges, elastic.hinges, _LINEARISED
+    stretch.add_stiffness(x, t.stencils, t.rest, triangles, s.triangles, kind, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, edges, s.edges, kind, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, hinges, s.hinges, kind, h.slots, strides, values, gradient)
 
 
 @operation_of(Hinges, elasticity.resist, **_options)
