@@ -14,7 +14,7 @@ from modalshell.models.coarse.profile_step import QuickEstimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import SupportPath
 
 
@@ -86,6 +86,8 @@ class MotionCheck:
         How its supports move.
     coarse : CoarseDiscreteShell, optional
         The coarse shell of it on which bars are found, in place of itself.
+    once : bool
+        Whether one bar alone is wanted, for which nothing is compiled.
 
     Raises
     ------
@@ -100,11 +102,14 @@ class MotionCheck:
         damping: Damping,
         supports: SupportPath | None = None,
         coarse: CoarseDiscreteShell | None = None,
+        *,
+        once: bool = False,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse = coarse
-        self._estimator = QuickEstimator(shell if coarse is None else coarse.coarse.shell)
+        kind = ErrorEstimator if once else QuickEstimator
+        self._estimator = kind(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
@@ -153,7 +158,7 @@ def bar_at_largest(
     """
     if len(times) < 3:
         return None
-    check = MotionCheck(shell, loading, damping)
+    check = MotionCheck(shell, loading, damping, once=True)
     moved = [check.moved(check.own(0.0, frame)) for frame in frames[1:-1]]
     k = 1 + int(np.argmax(moved))
     around = slice(k - 1, k + 2)
