@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
-from modalshell.models.coarse.profile_step import QuickEstimator
+from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -108,8 +108,8 @@ class MotionCheck:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse = coarse
-        kind = ErrorEstimator if once else QuickEstimator
-        self._estimator = kind(shell if coarse is None else coarse.coarse.shell)
+        own = shell if coarse is None else coarse.coarse.shell
+        self._estimator = ErrorEstimator(own) if once else quick_estimator(own)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""

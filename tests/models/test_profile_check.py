@@ -35,7 +35,7 @@ def test_they_are_those_of_sparse_algebra(kind):
     """Eight states of each shell, moved by up to half its size; margins below the least that holds, too."""
     shell, rng, margins = SHELLS[kind](), np.random.default_rng(3), []
     basis = ms.solve_modes(shell, 6)
-    sparse, quick = ErrorEstimator(shell), profile_step.QuickEstimator(shell)
+    sparse, quick = ErrorEstimator(shell), profile_step.quick_estimator(shell)
     model = ms.ModalWarping(basis)
     for share in np.geomspace(1e-3, 0.5, 8):
         q = rng.standard_normal(6) / basis.eigenvalues
@@ -47,7 +47,7 @@ def test_they_are_those_of_sparse_algebra(kind):
         assert found.displacement == pytest.approx(expected.displacement, rel=1e-6)
         assert found.margin == pytest.approx(expected.margin, abs=1e-6 * (1.0 + abs(expected.margin)))
         assert found.corrected == pytest.approx(expected.corrected, abs=1e-8 * shell.size)
-        assert quick._compiled.check(x - quick.origin, force) is not None  # nothing has stood in for it
+        assert quick._compiled(x - quick.origin, force) is not None  # nothing has stood in for it
         margins.append(found.margin)
     assert max(margins) > 0.3
     assert min(margins) < 0.3
@@ -57,7 +57,7 @@ def test_bits_do_not_depend_on_bars_before():
     shell = fold(SHEET)
     force = shell.gravity_force((0.0, 0.1, -0.5))
     bent = ms.RotationStrain(ms.solve_modes(shell, 6)).equilibrium(force=force).positions
-    first, later = profile_step.QuickEstimator(shell), profile_step.QuickEstimator(shell)
+    first, later = profile_step.quick_estimator(shell), profile_step.quick_estimator(shell)
     later.bar(np.array(shell.rest_positions), -2.0 * force)
     one, other = first.bar(bent, force), later.bar(bent, force)
     assert np.array_equal(one.corrected, other.corrected)
@@ -68,11 +68,11 @@ def test_where_a_pivot_vanishes_or_supports_hold_single_directions_sparse_algebr
     shell = fold(HINGES)
     force = shell.gravity_force((0.0, 0.1, -0.5))
     crushed = np.zeros_like(shell.rest_positions)
-    quick, sparse = profile_step.QuickEstimator(shell), ErrorEstimator(shell)
-    assert quick._compiled.check(crushed, force) is None
+    quick, sparse = profile_step.quick_estimator(shell), ErrorEstimator(shell)
+    assert quick._compiled(crushed, force) is None
     assert quick.bar(crushed, force).message == sparse.bar(crushed, force).message != ""
     held = shell.also_supported([ms.Roller("x > 0.99", (1.0, 0.0, 0.0))])
-    quick = profile_step.QuickEstimator(held)
+    quick = profile_step.quick_estimator(held)
     assert quick._compiled is None
     x = np.array(held.rest_positions)
     assert quick.bar(x, force).margin == ErrorEstimator(held).bar(x, force).margin

@@ -26,7 +26,6 @@ from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.error_bar import ErrorEstimator, probe
-from modalshell.statics.live_loads import LiveLoads
 
 _PRODUCTS = 3e8
 """Multiplications of a factorisation above which sparse ones are quicker."""
@@ -127,21 +126,10 @@ def profile_step(shell: Shell) -> ProfileStep | None:
     return ProfileStep(shell, analysis, place, elastic())
 
 
-@final
-class QuickEstimator(ErrorEstimator):
-    """Finds bars by the compiled check where that serves a shell and its loads, and by sparse algebra elsewhere.
-
-    They agree to rounding. A compiled one leaves nothing for bars of quantities.
-    """
-
-    def __init__(self, shell: Shell) -> None:
-        super().__init__(shell)
-        self._compiled = profile_step(self.shell)
-
-    def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
-        """The same as that of sparse algebra, which says what is wrong where the compiled check finds no margin."""
-        found = None if self._compiled is None or live is not None else self._compiled.check(x, load)
-        return super()._found(x, load, live) if found is None else found
+def quick_estimator(shell: Shell) -> ErrorEstimator:
+    """What finds bars of a shell by the compiled check, where that serves it, and by sparse algebra elsewhere."""
+    step = profile_step(shell.centred()[0])
+    return ErrorEstimator(shell, None if step is None else step.check)
 
 
 def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
