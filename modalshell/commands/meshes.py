@@ -268,7 +268,8 @@ def _error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> li
         assert scene.motion is not None
         loading = shell.loading(scene.loads.gravity if scene.loads else None)
         found = bar_at_largest(run.times, run.positions, shell, loading, build_damping(scene.motion))
-        if found is None:
+        levels = dict(zip(run.times.tolist(), run.levels, strict=False))
+        if found is None or levels.get(found[0]) == MODELS[TRUTH].name:  # auto may have that frame of DS
             return []
         good = found[1].valid and found[1].displacement <= _GOOD
         text = f"at its largest displacement, at {found[0]:.3g} s: {found[1]}"

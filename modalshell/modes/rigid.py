@@ -111,6 +111,16 @@ def _free_motions(shell: Shell) -> Iterator[tuple[Index, Array]]:
         yield vertices, right[np.count_nonzero(values > 1e-6 * values[0]) :].T
 
 
+def free_translations(shell: Shell) -> list[tuple[Index, Array, int]]:
+    """Vertices, directions (3, k) along which supports let it translate, and number of free motions, of every part."""
+    found = []
+    for vertices, free in _free_motions(shell):
+        _, values, right = np.linalg.svd(free[3:])
+        directions = free[:3] @ right[np.count_nonzero(values > 1e-6) :].T
+        found.append((vertices, np.linalg.qr(directions)[0] if directions.size else directions, free.shape[1]))
+    return found
+
+
 class RigidFreeSolver:
     """Solves ``K x = b`` on the complement of the rigid motions.
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
+from modalshell.integrators.full.second_order import SecondOrderRule
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
@@ -193,9 +194,11 @@ class StepErrors:
         fitting = dt
         while self.obtained(state, fitting) - asked > _AIM * max(asked, _PLAIN[0]) and fitting > 1e-6 * dt:
             fitting *= 0.5
+        second = isinstance(getattr(self._stepper.model, "integrator", None), SecondOrderRule)
+        other = "" if second else " or an integrator of second order"
         return (
             f"steps add a damping ratio of {added:.2g} to motion at {self.frequency / (2.0 * np.pi):.3g} Hz "
-            f"(asked {asked:.2g}): take dt <= {fitting:.2g} s or an integrator of second order"
+            f"(asked {asked:.2g}): take dt <= {fitting:.2g} s{other}"
         )
 
     def undersampled(self) -> str:

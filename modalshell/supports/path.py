@@ -98,6 +98,10 @@ def _jumps(vectors: Array) -> bool:
     return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
 
 
+_ROUNDING = 1e-12
+"""Share of a path's duration by which a time may lie outside and still count as its end, where supports yet brake."""
+
+
 @final
 class SupportPath:
     """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation vector.
@@ -182,7 +186,7 @@ class SupportPath:
         """Pose of the supports at ``time`` [s]."""
         time = checked_number("time", time, unit="s")
         inside = float(np.clip(time, self.times[0], self.times[-1]))
-        moving = self.times[0] <= time <= self.times[-1]
+        moving = abs(time - inside) <= _ROUNDING * float(np.ptp(self.times))  # frames may miss an end by rounding
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
         if isinstance(self._rotation, RotationSpline):

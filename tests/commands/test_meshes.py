@@ -331,3 +331,15 @@ def test_frames_of_a_run_with_other_options_are_kept(capsys, tmp_path, monkeypat
     status, out, err = run(capsys, *command, "--young", "1e8", "--restart")
     assert (status, "earlier run" in out) == (0, False), err
     assert not (tmp_path / "strip_mwts.frames").exists()
+
+
+def test_auto_is_not_told_to_take_what_it_took(capsys, tmp_path, monkeypatch):
+    """Frames that show a motion too fast for them give a bar, even of DS, that says nothing of it."""
+    ms.save_mesh(ms.cylinder_panel(length=0.4, radius=0.08, angle=300.0, cells=(8, 12)), tmp_path / "tube.obj")
+    arguments = ["simulate", tmp_path / "tube.obj", "--clamp", "x < 0.01", "--duration", "0.2", "--out", tmp_path]
+    monkeypatch.setattr("modalshell.commands.meshes._GOOD", -1.0)
+    status, out, err = run(capsys, *arguments, "--model", "auto")
+    assert status == 0, err
+    assert "steps by DS 100 %" in out
+    assert "take --model ds" not in out
+    assert "take --model ds" in run(capsys, *arguments, "--model", "mwts")[1]

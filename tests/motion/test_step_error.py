@@ -162,6 +162,15 @@ def test_the_damping_that_steps_add_is_theirs_in_linear_theory(strip, basis, key
     assert ("steps add a damping ratio" in run.message) == (key == "implicit")
 
 
+def test_rules_of_second_order_are_not_told_to_take_one(strip, basis):
+    omega = float(np.sqrt(basis.eigenvalues[0]))
+    for key in ("implicit", "bdf2"):
+        model = ms.DiscreteShell(strip, integrator=key)
+        run = ms.simulate(model, duration=8.0 / omega, dt=0.8 / omega, gravity=(0, 0, -0.1))
+        assert "steps add a damping ratio" in run.message
+        assert ("an integrator of second order" in run.message) == (key == "implicit")
+
+
 def test_modes_too_fast_for_frames_are_named(strip):
     modes = ms.solve_modes(strip, 12)
     run = ms.simulate(ms.LinearModal(modes), duration=2.0, dt=0.2, loads=[ms.PointForce([5], (0, 0, 0.05))])

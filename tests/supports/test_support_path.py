@@ -189,3 +189,15 @@ def test_rotation_vectors_that_jump_at_half_a_turn_are_followed_through_more_tha
         np.testing.assert_allclose(pose.turn_rate, rate, atol=2e-3)
         numbers = [path.at(time + sign * h).turn_rate for sign in (-1.0, 1.0)]
         np.testing.assert_allclose(pose.turn_acceleration, (numbers[1] - numbers[0]) / (2.0 * h), atol=0.05)
+
+
+def test_an_end_missed_by_rounding_is_the_end():
+    """Whether supports still brake in the frame at their end must not hang on the last bit of its time."""
+    path = ms.SupportPath([0.0, 0.15, 0.3], [[0, 0, 0], [0, 0, 0.02], [0, 0, 0]], [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]])
+    braking = path.at(0.3)
+    assert abs(braking.acceleration[2]) > 1.0
+    for time in (3 * 0.1, np.nextafter(0.3, 0.0), np.nextafter(0.3, 1.0)):
+        pose = path.at(time)
+        np.testing.assert_allclose(pose.acceleration, braking.acceleration, rtol=1e-12)
+        np.testing.assert_allclose(pose.turn_acceleration, braking.turn_acceleration, rtol=1e-12)
+    assert not path.at(0.3 + 1e-9).acceleration.any()

@@ -184,8 +184,8 @@ class Auto(Model):
         return self._told(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
 
     def rigid_load(self, load: Array) -> float:
-        """That of modal models: the share of a load (n, 3) that moves free parts as rigid bodies."""
-        return self.levels[0].model.rigid_load(load)
+        """That of DS: the share of a load (n, 3) along free translations; free turns can find a balance."""
+        return self.levels[-1].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
         """The error of motions, which take no contacts."""

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreeParts
@@ -21,8 +22,9 @@ from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.free_statics import balanced, pushed_share
 from modalshell.models.base.full_stepper import FullStepper
-from modalshell.models.base.model import Model
+from modalshell.models.base.model import RIGID_LOAD, Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
@@ -63,6 +65,7 @@ class FullModel(Model):
     shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch. A saddle
     on the way is left along its unstable mode, to the lower of both sides, and ``message`` says so. Patches under
     constraints are led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
+    Parts that no support holds bear loads in balance, turned as little as they leave open; other loads push them away.
 
     Parameters
     ----------
@@ -110,7 +113,24 @@ class FullModel(Model):
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
-        return self._solve_constrained(loading, start, ())
+        if loading.live or not left_free(self.shell):
+            return self._solve_constrained(loading, start, ())
+        if (share := self.rigid_load(loading.dead)) > RIGID_LOAD:
+            x = self.shell.rest_positions if start is None else start
+            return Equilibrium(x, Outcome.NO_EQUILIBRIUM, "", 0, share, None, creases=self.shell.crease_state)
+
+        def solve(shell: Shell) -> Equilibrium:
+            model = copy.copy(self)
+            model.shell, model.factoriser = shell, Factoriser(self.factoriser.backend)
+            found = model._solve_constrained(loading, start, ())
+            neutral = found.outcome is Outcome.UNSTABLE and not model._curves_down(found.positions)
+            return replace(found, outcome=Outcome.CONVERGED, message="", stable=True) if neutral else found
+
+        return balanced(self.shell, loading.dead, start, solve)
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of a load (n, 3) along free translations; free turns can find a balance."""
+        return pushed_share(self.shell, load) if load.any() else 0.0
 
     def _patches(self, constraints: Sequence[Constraint]) -> list[HeldPatch]:
         return held_patches(constraints, self.shell.rest_positions, self.shell.mesh.faces, self.shell.unknowns)
@@ -262,10 +282,12 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential has negative curvature; False for a shell without supports."""
-        if not self.shell.unknowns.supported.any():
-            return False
-        problem = self.as_creased(state)._statics(np.zeros_like(state.coordinates))
-        hessian = problem.linearise(state.coordinates, EXACT)[1]
+        return bool(self.shell.unknowns.supported.any()) and self.as_creased(state)._curves_down(state.coordinates)
+
+    def _curves_down(self, x: Array) -> bool:
+        """Whether the potential has negative curvature, beyond rounding, at x (n, 3) [m]."""
+        problem = self._statics(np.zeros_like(x))
+        hessian = problem.linearise(x, EXACT)[1]
         if problem.definite_factor(hessian) is not None:
             return False
         rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
@@ -326,12 +348,12 @@ class FullModel(Model):
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
         patches = self._patches(setup.constraints)
         model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
-        # Supports of single components turn with the frame that they belong to.
-        return FullStepper(model, setup, patches, in_frame=self.shell.unknowns.matrix is not None)
+        in_frame = self.shell.unknowns.matrix is not None  # supports of single components turn with their frame
+        return FullStepper(model, setup, patches, in_frame=in_frame)
 
     @property
     def free_parts(self) -> FreeParts | None:
-        """Parts of the shell that nothing holds, kept as long as its supports are the same."""
+        """Parts of the shell that nothing holds, kept as long as its supports are."""
         if self._free_parts is None or self._free_parts[0] is not self.shell.unknowns:
             self._free_parts = self.shell.unknowns, FreeParts.of(self.shell)
         return self._free_parts[1]

@@ -1,0 +1,106 @@
+"""Parts of a shell that supports let translate: a load in balance is borne by them with as little held as can be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from modalshell.core.typing import Array, Index
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.modes.rigid import free_translations
+from modalshell.shell import Shell
+from modalshell.supports import Pin, Support, Symmetry
+
+_PARALLEL = 1e-9
+"""Share of a part's forces across their direction up to which they are parallel, and a turn about it does nothing."""
+
+
+@final
+@dataclass(frozen=True)
+class FreePart:
+    """A part of a shell that its supports let translate along every direction.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (k,)
+        Its vertices.
+    axis : ndarray, shape (3,), or None
+        Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
+        nothing.
+    """
+
+    vertices: Index
+    axis: Array | None
+
+    def supports(self, shell: Shell, *, turning: bool) -> list[Support]:
+        """What holds it, ``turning`` about its axis or not: a load in balance makes no reaction there."""
+        points = shell.rest_positions[self.vertices]
+        middle = np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()
+        held: list[Support] = [Pin(self.vertices[[middle]])]
+        if self.axis is not None and not turning:
+            across = np.cross(self.axis, points - points[middle])
+            farthest = np.linalg.norm(across, axis=1).argmax()
+            held.append(Symmetry(self.vertices[[farthest]], across[farthest]))
+        return held
+
+    def put_back(self, shell: Shell, x: Array, start: Array) -> None:
+        """Move x (n, 3) [m] so that the centre of mass is where it was at ``start``, turned as little as can be."""
+        mass = shell.mass[self.vertices]
+        after, before = x[self.vertices], start[self.vertices]
+        centre, first = mass @ after / mass.sum(), mass @ before / mass.sum()
+        arms = after - centre
+        x[self.vertices] = first + (arms if self.axis is None else _turned(arms, before - first, self.axis, mass))
+
+
+def _turned(arms: Array, were: Array, axis: Array, mass: Array) -> Array:
+    """``arms`` (k, 3), turned about a unit axis to be nearest to those that ``were``, in the norm of the mass."""
+    across = np.cross(axis, arms)
+    flat = arms - np.outer(arms @ axis, axis)
+    angle = np.arctan2(mass @ np.sum(across * were, axis=1), mass @ np.sum(flat * were, axis=1))
+    return np.asarray(arms - flat + np.cos(angle) * flat + np.sin(angle) * across)
+
+
+def free_parts(shell: Shell, load: Array) -> list[FreePart]:
+    """The parts that can translate along every direction, under a load (n, 3) [N]."""
+    found = []
+    for vertices, directions, motions in free_translations(shell):
+        if directions.shape[1] == 3:
+            forces = load[vertices]
+            strongest = forces[np.linalg.norm(forces, axis=1).argmax()]
+            axis = strongest / np.linalg.norm(strongest) if motions == 6 and strongest.any() else None
+            if axis is not None and np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces):
+                axis = None
+            found.append(FreePart(vertices, axis))
+    return found
+
+
+def balanced(shell: Shell, load: Array, start: Array | None, solve: Callable[[Shell], Equilibrium]) -> Equilibrium:
+    """Equilibrium of a shell whose free parts a load (n, 3) [N] does not push away.
+
+    ``solve`` finds it for the shell with further supports. Turns that change nothing are held, too, unless the way to
+    the answer is too hard so.
+    """
+    parts = free_parts(shell, load)
+    for turning in (False, True):
+        supports = [support for part in parts for support in part.supports(shell, turning=turning)]
+        found = solve(shell.also_supported(supports) if supports else shell)
+        if found.converged or all(part.axis is None for part in parts):
+            break
+    positions = found.positions.copy()
+    for part in parts:
+        part.put_back(shell, positions, shell.rest_positions if start is None else start)
+    return replace(found, positions=positions)
+
+
+def pushed_share(shell: Shell, load: Array) -> float:
+    """Largest share of the forces (n, 3) [N] on a part along translations that its supports leave free."""
+    shares = [0.0]
+    for vertices, directions, _ in free_translations(shell):
+        forces = load[vertices]
+        if directions.shape[1] and forces.any():
+            pushed = np.linalg.norm(forces.sum(axis=0) @ directions)
+            shares.append(float(pushed / np.linalg.norm(forces, axis=1).sum()))
+    return max(shares)

@@ -1,0 +1,108 @@
+"""Statics of full models whose parts no support holds: what pushes them, what bends them, what they may keep."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+ISOTROPIC = ms.Isotropic(young=2e9, poisson=0.35, thickness=1e-3, density=900.0)
+HINGED = ms.Material(stretch=2e6, shear=2e4, flexure=0.2, density=0.9)
+
+
+def strip(cells=(12, 4)):
+    return ms.flat_beam(length=0.5, width=0.1, cells=cells)
+
+
+def along(at):
+    """1 at the vertices of the strip with this x [m], 0 elsewhere."""
+    return (np.abs(strip().vertices[:, 0] - at) < 1e-6).astype(float)
+
+
+def pulls(forces):
+    """Forces (n, 3) [N] along z, one number per vertex."""
+    return np.outer(forces, [0.0, 0.0, 1e-3])
+
+
+def bending():
+    return pulls(2.0 * along(0.25) - along(0.0) - along(0.5))
+
+
+def couple():
+    return pulls(along(0.0) - along(0.5))
+
+
+def full_models(shell):
+    yield ms.DiscreteShell(shell)
+    yield ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, strip((6, 2))))
+    yield ms.Auto(shell)
+
+
+@pytest.fixture(scope="module")
+def free():
+    return ms.Shell(strip(), ISOTROPIC)
+
+
+def test_a_load_that_pushes_has_no_equilibrium(free):
+    for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):
+        answer = model.equilibrium(gravity=(0.1, 0.0, -9.81))
+        assert answer.outcome is ms.Outcome.NO_EQUILIBRIUM
+        assert "the supports leave free all translations and turns" in answer.message
+        np.testing.assert_allclose(answer.positions, strip().vertices, atol=1e-15)
+    rail = ms.Shell(strip(), ISOTROPIC, supports=[ms.Fix("x < 1", axes="yz")])
+    assert "a translation along (1, 0, 0)" in ms.DiscreteShell(rail).equilibrium(gravity=(1.0, 0.0, 0.0)).message
+    assert ms.DiscreteShell(rail).equilibrium(gravity=(0.0, 0.0, 1.0)).converged  # the supports bear this one
+
+
+def test_a_load_in_balance_bends_as_modes_do(free):
+    modes = ms.LinearModal(ms.solve_modes(free, 26)).equilibrium(force=bending())
+    for model in full_models(free):
+        answer = model.equilibrium(force=bending())
+        assert (answer.converged, answer.stable, answer.message) == (True, True, "")
+        coarse = isinstance(model, ms.CoarseDiscreteShell)
+        most = 0.03 if coarse else 0.01  # cells of 8 cm, and of 4
+        assert ms.measure.displacement_error(answer.positions, modes.positions, free) < most
+        centre = free.mass @ (answer.positions - strip().vertices) / free.mass.sum()
+        assert np.abs(centre).max() < (0.1 if coarse else 1e-9) * 1e-3  # of 1 mm; coarse vertices have other masses
+    held = ms.Shell(strip(), ISOTROPIC, supports=[ms.Pin("nearest(0.25, 0, 0)"), ms.Fix([0], axes="y")])
+    moved = ms.DiscreteShell(held).equilibrium(force=bending()).positions - strip().vertices
+    moved -= free.mass @ moved / free.mass.sum()
+    answer = ms.DiscreteShell(free).equilibrium(force=bending())
+    np.testing.assert_allclose(answer.positions - strip().vertices, moved, atol=1e-6 * np.abs(moved).max())
+
+
+def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
+    for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):
+        x = model.equilibrium(force=couple()).positions
+        assert np.ptp(x[:, 2]) == pytest.approx(0.5, rel=1e-3)
+        assert np.ptp(x[:, 0]) < 0.11
+        assert np.sum(x * couple()) == pytest.approx(2.5e-3, rel=1e-3)  # 5 vertices of 1 mN, 0.5 m apart
+
+
+def test_a_turn_that_changes_nothing_is_not_made(free):
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    flat = ms.DiscreteShell(free).equilibrium(force=bending()).positions
+    start = strip().vertices @ turn.T
+    np.testing.assert_allclose(
+        ms.DiscreteShell(free).equilibrium(force=bending(), start=start).positions, flat @ turn.T, atol=1e-9
+    )
+
+
+def test_each_part_is_judged_by_itself():
+    one = strip()
+    count = len(one.vertices)
+    vertices = np.vstack([one.vertices, one.vertices + np.array([1.0, 0.0, 0.0])])
+    mesh = ms.TriangleMesh(vertices, np.vstack([one.faces, one.faces + count]))
+    held = np.concatenate([along(0.0) > 0, np.zeros(count, dtype=bool)])
+    model = ms.DiscreteShell(ms.Shell(mesh, ISOTROPIC, clamped=held, loose_parts=True))
+    weight = bending() + pulls(np.full(count, 0.01))
+    answer = model.equilibrium(force=np.vstack([weight, bending()]))
+    assert answer.converged
+    alone = ms.DiscreteShell(ms.Shell(one, ISOTROPIC, clamped=along(0.0) > 0)).equilibrium(force=weight)
+    np.testing.assert_allclose(answer.positions[:count], alone.positions, atol=1e-8)
+    assert model.equilibrium(force=np.vstack([bending(), weight])).outcome is ms.Outcome.NO_EQUILIBRIUM
+
+
+def test_a_free_shell_without_a_load_rests(free):
+    for model in full_models(free):
+        answer = model.equilibrium()
+        assert (answer.converged, answer.stable) == (True, True)
