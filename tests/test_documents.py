@@ -33,7 +33,7 @@ SHORTER = {
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
 }
-"""What runs in place of a command that needs a display, takes an hour, does what another does, too, or is as it stands in .ci/run."""
+"""In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only flat_vs_v_beam",
     ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",
