@@ -35,14 +35,14 @@ FRAMES, QUICK_FRAMES = 120, 10
 """Frames of a cantilever on a table whose time is taken, after as many in which it comes down."""
 
 
-def fall(integrator: str, thickness: float) -> dict[str, Any]:
+def fall(integrator: str, thickness: float, steps: int) -> dict[str, Any]:
     """A tilted strip falls on a floor and comes down flat."""
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(40, 4))
     shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=thickness, density=500.0))
     x = mesh.vertices[:, 0] - 0.5
     start = np.stack([x * np.cos(0.3), mesh.vertices[:, 1], x * np.sin(0.3) + 0.35], axis=1)
     model = ms.DiscreteShell(shell, integrator=integrator)
-    given: dict[str, Any] = {"duration": 100 / 60, "dt": 1 / 60, "gravity": (0, 0, -GRAVITY), "start": start}
+    given: dict[str, Any] = {"duration": steps / 60, "dt": 1 / 60, "gravity": (0, 0, -GRAVITY), "start": start}
     rows: dict[str, Any] = {}
     for name, friction in (("smooth", 0.0), ("rough", FRICTION)):
         run = ms.simulate(model, contacts=[ms.Contact(ms.Plane(), friction=friction)], **given)
@@ -52,8 +52,8 @@ def fall(integrator: str, thickness: float) -> dict[str, Any]:
     return {"integrator": integrator, "thickness": thickness, **rows}
 
 
-def motion_on(body: str, thickness: float) -> dict[str, Any]:
-    """A strip falls on a body, 200 steps of implicit Euler."""
+def motion_on(body: str, thickness: float, steps: int) -> dict[str, Any]:
+    """A strip falls on a body, in steps of implicit Euler."""
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(30, 3))
     held = "x < 1e-6" if "held" in body else None
     sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=thickness, density=500.0)
@@ -62,7 +62,7 @@ def motion_on(body: str, thickness: float) -> dict[str, Any]:
         x = mesh.vertices[:, 0] - 0.5
         start = np.stack([x * np.cos(0.3), mesh.vertices[:, 1], x * np.sin(0.3) + 0.35], axis=1)
     model = ms.DiscreteShell(shell, integrator="implicit")
-    given: dict[str, Any] = {"duration": 200 / 60, "dt": 1 / 60, "gravity": (0, 0, -GRAVITY), "start": start}
+    given: dict[str, Any] = {"duration": steps / 60, "dt": 1 / 60, "gravity": (0, 0, -GRAVITY), "start": start}
     run = ms.simulate(model, contacts=[BODIES[body]], **given)
     gained = np.diff(run.energies.sum(axis=1)) / np.ptp(run.energies[:, 2])
     return {

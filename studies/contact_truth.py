@@ -69,7 +69,7 @@ HELD = {
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
-    """All tables; ``quick`` takes one mesh family, coarser meshes, and fewer heights, radii, gaps and bodies.
+    """All tables; ``quick`` takes one mesh family, coarser meshes, shorter falls and fewer of the cases.
 
     The mesh families are compared at the sheet off a table, at what is off it alone, and at the cylinder.
     """
@@ -95,8 +95,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "draped": lambda case: [draped(case[0], case[1], 30 if quick else 60)],
         "rings": lambda case: [ring(case[0], case[1], fine)],
         "bent": lambda case: [bent(case[0], fine)],
-        "falls": lambda case: [fall(case[0], case[1])],
-        "motions": lambda case: [motion_on(*case)],
+        "falls": lambda case: [fall(case[0], case[1], 40 if quick else 100)],
+        "motions": lambda case: [motion_on(case[0], case[1], 60 if quick else 200)],
         "slopes": lambda case: [slope(case)],
         "strikes": lambda case: [strike(case)],
         "table": lambda case: on_table(case, quick),

@@ -50,7 +50,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     rows: list[dict[str, Any]] = []
     sheets: list[dict[str, Any]] = []
     for size in counted(sizes, on_step):
-        sheet, timed = timings(size, 3 if quick else 5)
+        sheet, timed = timings(size, 1 if quick else 5)
         sheets.append(sheet)
         rows += timed
     findings = {

@@ -251,8 +251,8 @@ def work(name: str, quick: bool) -> dict[str, Any]:
 
 
 def mapped(quick: bool) -> list[str]:
-    """The rows that are mapped: all, or of each model that with its default integrator."""
-    return list({name.partition(", ")[0]: name for name in reversed(ROWS)}.values())[::-1] if quick else list(ROWS)
+    """The rows that are mapped: all, or the first of each kind."""
+    return list({row.kind: name for name, row in reversed(ROWS.items())}.values())[::-1] if quick else list(ROWS)
 
 
 def chosen_slices(quick: bool) -> dict[str, Slice]:

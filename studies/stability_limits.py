@@ -45,8 +45,11 @@ Limit = tuple[str, str, float | None, float | None]
 
 def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     """Limits of one row that have a theory, measured."""
-    row, model = ROWS[name], model_of(name, BASE.ratio, BASE.aspect, BASE.fold)
-    if isinstance(model, str) or row.kind not in _LIMITS or row.coordinates:  # a limit is that of the coordinates
+    row = ROWS[name]
+    if row.kind not in _LIMITS or row.coordinates:  # a limit is that of the coordinates
+        return []
+    model = model_of(name, BASE.ratio, BASE.aspect, BASE.fold)
+    if isinstance(model, str):
         return []
     return [entry(name, *limit) for limit in _LIMITS[row.kind](row, model, quick)]
 

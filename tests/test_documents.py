@@ -23,15 +23,17 @@ from modalshell import springs
 from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
+ADVISE = "modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60"
 VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
+    ADVISE: f"{ADVISE} --modes 4",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell bench": "modalshell bench --only assembly",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
 }
-"""What runs in place of a command that needs a display, takes an hour, or that .ci/run takes as it stands."""
+"""In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only flat_vs_v_beam",
     ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",

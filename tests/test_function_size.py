@@ -7,7 +7,6 @@ from test_layering import REPOSITORY, ROOT
 
 MOST_LINES, MOST_ARGUMENTS = 80, 8
 OPTIONS = "public function of many keyword options, most with a default"
-DOCUMENTED = "half of its lines are the docstring of its options"
 KERNEL = "kernel whose numbers stay in registers from line to line"
 INTERFACE = "arguments of the generated kernels in whose place it stands"
 REASONS = {

@@ -50,7 +50,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 280, 4700
+DEFAULT, LONG = 280, 3000
 
 
 def attempts(surface, count, folder, seed=None):
@@ -282,6 +282,7 @@ PARTS = {
     measured_from_the_origin: lambda _: properties.offsets(),
     shared_scratch: lambda _: properties.threads(),
     clamps_left_behind: lambda _: properties.carried(),
+    inputs_forgotten: outputs._commands,
     units_of_exports_forgotten: outputs.sizes,
     far_from_the_origin: outputs.sizes,
     flat_shading_kept: outputs.parts,
@@ -296,6 +297,7 @@ PARTS = {
         (properties, "offsets"),
         (properties, "threads"),
         (properties, "carried"),
+        (outputs, "_commands"),
         (outputs, "sizes"),
         (outputs, "parts"),
         (saved, "_forgeries"),

@@ -13,8 +13,6 @@ from modalshell import springs
 from modalshell.core.short_repr import short_repr
 
 LONGEST = 300
-NO_INSTANCES = {"EnergyFunction", "Model"}
-"""A class that the user fills with a function, and the base of the models."""
 
 
 @pytest.fixture(autouse=True)

@@ -17,15 +17,17 @@ import sys
 import modalshell as ms
 import modalshell.springs
 assert ms.__file__.startswith(sys.argv[1]), ms.__file__
-mesh = ms.load_mesh(sys.argv[1] + "/modalshell/bundled/meshes/leaf.obj")
-shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=700.0), clamped="x < 0.08")
-basis = ms.solve_modes(shell, 4)
-run = ms.simulate(ms.ModalWarping(basis), duration=0.2, dt=1 / 30, gravity=(0, 0, -9.81))
-assert run.status == "completed", run.message
-basis.page("leaf.html")
-ms.save_trajectory(run, "leaf.npz")
-assert ms.load_trajectory("leaf.npz").positions.shape == run.positions.shape
+from modalshell.commands.cli import main
+
+ms.load_mesh(sys.argv[1] + "/modalshell/bundled/meshes/leaf.obj")
+for line in ("run scene.toml --out results", "page scene.toml --out scene.html", "licences"):
+    try:
+        main(line.split())
+    except SystemExit as end:
+        assert not end.code, line
+assert ms.load_trajectory("results/scene.npz").positions.shape == (1, 81, 3)
 """
+"""One process for most of it: each imports everything, and this copy's kernels are in no cache yet."""
 SCENE = """
 [mesh]
 shape = "sheet"
@@ -39,9 +41,9 @@ density = 700.0
 kind = "pin"
 sel = "boundary"
 [loads]
-gravity = [0, 0, -9.81]
+gravity = [0, 0, -0.1]
 [model]
-name = "ds"
+name = "lma"
 """
 
 
@@ -87,9 +89,6 @@ def test_an_installed_copy_works_away_from_the_checkout(archives, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(site), "MODALSHELL_RENDERER": "built-in"}
     for arguments in (
         ["-c", SMOKE, str(site)],
-        ["-m", "modalshell", "run", "scene.toml", "--out", "results"],
-        ["-m", "modalshell", "page", "scene.toml", "--out", "scene.html"],
-        ["-m", "modalshell", "licences"],
         ["-m", "modalshell", "doctor"],
     ):
         done = subprocess.run([sys.executable, *arguments], cwd=work, env=environment, capture_output=True, text=True)

@@ -57,6 +57,11 @@ class ElementSet:
     weight: Array
     viscosity: Array | None = None
 
+    def __post_init__(self) -> None:
+        stencils = self.stencils.view()
+        stencils.flags.writeable = False  # as those of meshes, also in copies: kernels are compiled for one kind
+        object.__setattr__(self, "stencils", stencils)
+
     @classmethod
     def at_rest(
         cls, name: str, kernel: ModuleType | MirroredFlexure, mesh: TriangleMesh, stencils: Index, weight: Array
@@ -74,6 +79,7 @@ class ElementSet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         kernel = state["kernel"]
         self.__dict__.update(state, kernel=import_module(kernel) if isinstance(kernel, str) else kernel)
+        self.__post_init__()
 
     def resistance(self, factor: float) -> Array:
         """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""

@@ -81,12 +81,7 @@ def _command(folder: Path, argv: list[str], foreign: list[str]) -> None:
             np.savez(work / name, measured=np.arange(3.0))
         else:
             (work / name).write_text('{"my": "settings"}' if name.endswith(".json") else "# mine\nv 0 0 0\n")
-    for suffix, name in {
-        ".html": "scene.toml",
-        ".json": "data.json",
-        ".obj": "panel.obj",
-        ".toml": "scene.toml",
-    }.items():
+    for suffix, name in _ALIASED.items():
         (work / f"linked{suffix}").symlink_to(work / name)
         (work / f"hard{suffix}").hardlink_to(work / name)
     at = argv.index("--out") if "--out" in argv else len(argv)

@@ -220,7 +220,7 @@ def _settled(rung: str, sheet: bool, supports: list[Any], moved: Any, turned: An
     first = 2.0 * np.pi * float(basis.frequencies[0])
     path = ms.SupportPath([0.0, 0.5], [[0, 0, 0], moved], [[0, 0, 0], turned], pivot=(0.1, 0.0, 0.2))
     model = ms.models()[rung].builder(basis) if rung != "ds" else ms.DiscreteShell(shell)
-    run = ms.simulate(model, duration=0.5 + 12.0 / first, dt=0.02, damping=(2.0 * first, 1e-4), supports=path)
+    run = ms.simulate(model, duration=0.5 + 12.0 / first, dt=0.05, damping=(2.0 * first, 1e-4), supports=path)
     off = np.abs(run.positions[-1] - path.at(10.0).to_world(shell.rest_positions)).max()
     if run.outcome.succeeded and off > 1e-3:
         raise Contradiction(f"{off:.3g} m from a rigid copy")

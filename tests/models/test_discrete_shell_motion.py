@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import cantilever, held
+from scenes import held
 
 from modalshell import (
     DiscreteShell,
@@ -14,10 +14,6 @@ from modalshell import (
 from modalshell.core.errors import OptionError
 from modalshell.integrators.state import MotionState
 from modalshell.shell.damping import Damping
-
-
-def v_scene():
-    return cantilever((20, 4))
 
 
 def small_shell():

@@ -106,7 +106,7 @@ def sweep_under_kills(sweep, folder, moments, victims, delays, total):
 def check(tmp_path, sweep, total, kills, last, seed):
     chance = np.random.default_rng(seed)
     moments = np.sort(chance.uniform(0.0, last, kills))
-    victims = ["worker", "worker", "driver"] * (kills // 3)  # a case that a driver sees killed three times has failed
+    victims = ["worker", "driver"] * (kills // 2)  # a case that a driver sees killed three times has failed
     delays = chance.uniform(0.0, 0.05, kills)
     done, orphans, _ = sweep_under_kills(sweep, tmp_path / "killed", moments, victims, delays, total)
     assert sum(done.values()) == kills
@@ -128,13 +128,13 @@ def check(tmp_path, sweep, total, kills, last, seed):
 
 
 @pytest.mark.slow
-def test_six_kills_of_a_sweep_of_fifty_six_cases(tmp_path, monkeypatch):
+def test_four_kills_of_a_sweep_of_forty_cases(tmp_path, monkeypatch):
     """Against the sweep in this process, which no kill meets."""
-    sweep = write(tmp_path, (2, 5, 8), 8, 6.0)
+    sweep = write(tmp_path, (2, 5), 8, 6.0)
     with monkeypatch.context() as patch:
         patch.setattr("modalshell.sweep.driver.run_locally", lambda tasks, *_: (run_case(task) for task in tasks))
         ms.run_sweep(sweep, out=tmp_path / "whole")
-    done = check(tmp_path, sweep, 56, 6, 0.95, seed=0)
+    done = check(tmp_path, sweep, 40, 4, 0.95, seed=0)
     assert done["driver"] >= 2
 
 
