@@ -185,16 +185,15 @@ class ShellSteps(LoadedSteps):
         if self._damping.stiffness_factor:
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
-        near, first = start.near, hold(shell, start.origin + start.dt * start.rates, held)
+        near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
         # Those that a straight way to a turned place would predict are a compression (theory 12).
-        stresses = body.start_shell.predicted_stresses(near, np.zeros_like(near))
-        if self._minimum is None and not self.turn(near, first - near) <= STRAIGHT:
-            first = hold(shell, near, held)
+        stresses = body.start_shell.predicted_stresses(start.near, np.zeros_like(near))
         if self._minimum is not None:
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
             return start.after(point), solved
         kept = self._last[1] if self._last is not None and self._last[0] == start.dt else None
-        result = solve(problem, first, scale, body.step_tolerance, stresses, kept)
+        guess = first if self.turn(near, first - near) <= STRAIGHT else near
+        result = solve(problem, guess, scale, body.step_tolerance, stresses, kept, near)
         self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged
 
