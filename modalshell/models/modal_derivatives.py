@@ -243,7 +243,7 @@ class ModalDerivatives(ImplicitModel):
         problem, scale = self.step_problem(start, load.ravel() @ self._vectors, damping)
         scale = max(scale, size)
         guess = start.origin + start.dt * start.rates
-        stresses = self.energy.predicted_stresses(start.near, guess - start.near)
+        stresses = self.energy.predicted_stresses(start.near, np.zeros_like(guess))
         answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
         if not answer.converged:
             answer = problem.descend(start.near, scale)

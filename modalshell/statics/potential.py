@@ -378,20 +378,23 @@ def solve(
     goal: float = method.GOAL,
     stresses: list[Array] | None = None,
     near: NewtonResult | None = None,
+    begin: Array | None = None,
 ) -> NewtonResult:
-    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
+    """One implicit step: mixed Newton, and descent where it fails or ends at no minimum.
 
-    ``near`` is the result of an earlier step of the same length, whose factor may serve this one, too.
+    A descent begins at ``begin``, by default at the ``start`` of Newton's method. ``near`` is the result of an earlier
+    step of the same length, whose factor may serve this one, too.
     """
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
+        state.slots[method.START] = start if begin is None else begin
         if near is not None and near.factor is not None and near.factored_at is not None:
             state.keep(near.factor, near.factored_at)
         return state.result(method.solve_step(state, rules_of(problem, goal)))
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if is_minimum(problem, result):
         return result
-    fallback = problem.descend(start, scale)
+    fallback = problem.descend(start if begin is None else begin, scale)
     fallback.iterations += result.iterations
     if fallback.converged or not result.converged:
         return fallback

@@ -32,17 +32,32 @@ def let_fall(shell: ms.Shell, rule: str, gamma: float, steps: int, dt: float) ->
 @pytest.mark.parametrize("rule", ["implicit_euler", "bdf2", "sdirk2"])
 def test_a_stiff_sheet_that_swings_is_solved_in_few_iterations(rule):
     solutions = 2 if rule == "sdirk2" else 1
-    # By the explicit guess alone BDF2 takes 8.1, for what such a guess stretches.
-    assert let_fall(stiff_strip(), rule, 100.0, 30, 1.0 / 30.0)[1] <= 5.0 * solutions
+    # With the stresses that the straight way predicts BDF2 takes 8.1.
+    assert let_fall(stiff_strip(), rule, 100.0, 30, 1.0 / 30.0)[1] <= 4.2 * solutions
 
 
 @pytest.mark.parametrize("rule", ["implicit_euler", "bdf2", "sdirk2"])
-@pytest.mark.parametrize("limits", [(0.0, 0.0), (0.0, np.inf), (np.inf, 0.0)])
-def test_the_first_guess_leaves_the_answer_alone(monkeypatch, rule, limits):
+@pytest.mark.parametrize("material", [None, SHEET])
+def test_compiled_steps_of_a_stiff_sheet_take_few_iterations(rule, material):
+    shell = stiff_strip()
+    if material is not None:
+        shell = ms.Shell(shell.mesh, material, clamped=shell.mesh.vertices[:, 0] < 1e-9)
+    gravity = np.array([0.0, 0.0, -100.0 / ms.measure.gamma_per_gravity(shell)])
+    run = Motion(ms.CoarseDiscreteShell(shell, shell, integrator=rule), shell.loading(gravity), dt=1.0 / 30.0)
+    with counted() as work:
+        for _ in range(30):
+            run.advance()
+    assert run.unconverged == 0
+    # With the stresses that the straight way predicts 4 to 5 (implicit Euler) and 5.6 to 9.7 (BDF2).
+    assert work.factorisations / 30 <= 3.9 * (1.75 if rule == "sdirk2" else 1.0)
+
+
+@pytest.mark.parametrize("rule", ["implicit_euler", "bdf2", "sdirk2"])
+@pytest.mark.parametrize("limit", [0.0, np.inf])
+def test_the_first_guess_leaves_the_answer_alone(monkeypatch, rule, limit):
     shell = stiff_strip(1e3)
     usual = let_fall(shell, rule, 10.0, 8, 1.0 / 30.0)[0]
-    for name, limit in zip(("_AT_ONCE", "_STRETCHED"), limits, strict=True):
-        monkeypatch.setattr(implicit_rule, name, limit)
+    monkeypatch.setattr(implicit_rule, "STRAIGHT", limit)
     other = let_fall(shell, rule, 10.0, 8, 1.0 / 30.0)[0]
     np.testing.assert_allclose(usual, other, atol=2e-6)
     assert np.abs(usual - shell.rest_positions).max() > 0.1

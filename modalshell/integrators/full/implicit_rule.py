@@ -18,12 +18,9 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.shell.damping import Damping
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.mixed_newton import STRAIGHT
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential, solve
-
-_AT_ONCE, _STRETCHED = 0.1, 10.0
-"""Residual of a guess over that of the state that a step begins at: below the first a guess is all but the answer; from
-the second on it stretches a stiff sheet so much that Newton's method goes better from where the step begins."""
 
 
 @final
@@ -42,7 +39,7 @@ class EulerStart:
     expected_rates : ndarray
         Rates expected at its end, at which loads that are not solved for are taken.
     near : ndarray
-        A state without false strains, about which the first guess is linearised.
+        A state without false strains, whose stresses the first iterate takes.
     viscous_at : ndarray
         Where the viscous matrix is taken.
     viscous_time : float
@@ -188,17 +185,15 @@ class ShellSteps(LoadedSteps):
         if self._damping.stiffness_factor:
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
-        first = hold(shell, start.origin + start.dt * start.rates, held)
-        if self._minimum is None:
-            first = _first_guess(problem, start, first, held)
-        # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
-        near = start.near if shell is body.start_shell else first
-        stresses = shell.predicted_stresses(near, first - near)
+        near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
+        # Those that a straight way to a turned place would predict are a compression (theory 12).
+        stresses = body.start_shell.predicted_stresses(start.near, np.zeros_like(near))
         if self._minimum is not None:
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
             return start.after(point), solved
         kept = self._last[1] if self._last is not None and self._last[0] == start.dt else None
-        result = solve(problem, first, scale, body.step_tolerance, stresses, kept)
+        guess = first if self.turn(near, first - near) <= STRAIGHT else near
+        result = solve(problem, guess, scale, body.step_tolerance, stresses, kept, near)
         self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged
 
@@ -220,28 +215,6 @@ class ShellSteps(LoadedSteps):
         assert self._felt is not None
         load, live = self._felt
         return load if live is None else load + live.force(x)
-
-
-def _first_guess(problem: Potential, start: EulerStart, explicit: Array, held: Array | None) -> Array:
-    """Where Newton's method begins: at a guess, or where the step does.
-
-    In smooth motion the rates expected lead all but to the answer, else the ``explicit`` ones near it. A stiff sheet
-    that turns is stretched by both: then the state at the beginning is better, as warped steps turn it unstretched.
-    """
-
-    def out_of_balance(x: Array) -> float:
-        return problem.measure(problem.residual(x))
-
-    shell = problem.shell
-    near = hold(shell, start.near, held)
-    here = out_of_balance(near)
-    expected = hold(shell, start.guess_ahead, held)
-    ahead = out_of_balance(expected)
-    if ahead < _AT_ONCE * here:
-        return expected
-    # Where the rates expected are those of the state, both guesses are one.
-    led = ahead if start.expected_rates is start.rates else out_of_balance(explicit)
-    return explicit if led < _STRETCHED * here else near
 
 
 class Floating(Protocol):

@@ -22,6 +22,7 @@ from modalshell.statics.mixed_newton import (
     LARGEST_TURN,
     MOST,
     START,
+    STRAIGHT,
     Rules,
     operation_of,
     solve_step,
@@ -293,15 +294,19 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
             push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
     write(start.near, room.slots[START])
     write(body.rest, x)
+    room.step[:] = 0.0
     for k in range(body.free.size):
         v = body.free[k]
         for axis in range(3):
             x[v, axis] = origin[v, axis] + dt * rates[v, axis]
+            room.step[v, axis] = x[v, axis] - start.near[v, axis]
             forces += push[v, axis] ** 2
             displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            room.step[v, axis] = x[v, axis] - start.near[v, axis]
+    rotations.vertex_rotations(start.near, room.step, body.faces, room.turns)
+    if not rotations.largest_angle(room.turns) <= STRAIGHT:
+        write(start.near, x)
+    # Stresses are those of `near`: a straight way to a turned place would predict a compression (theory 12).
+    room.step[:] = 0.0
     elasticity.predict(body.elastic, room, start.near)
     return max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
 

@@ -270,9 +270,9 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
     ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
-    Newton's method begins at that state: the rates lead to one that is stretched, from which it takes more iterations
-    or fails. ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous
-    matrix is that of the strains' slopes, as for discrete shells.
+    Newton's method begins where the rates lead, with the stresses of that state. ``force`` (m,) is the load's; ``drag``
+    [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for
+    discrete shells.
 
     Returns
     -------
@@ -308,7 +308,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
     for i in range(count):
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
         push[i] = force[i] + rates[i] / dt
-        begin[i] = near[i]
+        begin[i] = z[i] + dt * rates[i]
         slots[START, i] = near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0

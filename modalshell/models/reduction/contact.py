@@ -197,7 +197,7 @@ class _PressedSteps(LoadedSteps):
         self._load = self._load_at(start)[0]
         problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
         guess = start.origin + start.dt * start.rates
-        stresses = self._model.energy.predicted_stresses(start.near, guess - start.near)
+        stresses = self._model.energy.predicted_stresses(start.near, np.zeros_like(guess))
         begin = replace(self.pressed, q=guess, positions=None)
         found = settle(problem, self._pressing, begin, scale, self._goal, stresses)
         self.pressed = found.pressed
