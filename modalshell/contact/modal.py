@@ -350,7 +350,7 @@ class ModalContacts:
         gap, normals = self._begun(points, begin.local, rows)
         along = moves[:, 0] if moves.shape[1] == 1 else (normals[:, None, :] @ moves)[:, 0]
         slots, symmetric = self.shapes.slots(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros_like(begin.pushes), self.turns(q)
+        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns(q)
         frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
         square = rows.size, rows.size
         problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))

@@ -62,12 +62,11 @@ def row_problem(along, frame, given, turns, blocks, slots, compliance, out):  # 
     else:
         softened[:] = along @ np.ascontiguousarray(compliance.T)
     residual_compliance(blocks, slots, own, beyond)
+    columns[:], across = beyond, np.ascontiguousarray(along.T)
     for j in range(count):
-        for i in range(count):
-            value = beyond[j, i]
-            for k in range(size):
-                value += softened[j, k] * along[i, k]
-            columns[j, i] = value
+        for k in range(size):
+            for i in range(count):
+                columns[j, i] += softened[j, k] * across[k, i]
         trace += columns[j, j]
     for i in range(count):
         columns[i, i] += LOADED * trace / count
