@@ -57,9 +57,12 @@ _NEARER = 0.1
 """Residual from which a way tries to end once more, over that of the try before."""
 
 
-def descend(solver: ActiveSet, start: Array, rules: method.Rules) -> Rest:
-    """Minimum that a way downhill from ``start`` (n, 3) leads to; saddles, in which symmetric ways end, are left."""
-    way = _Way(solver, start)
+def descend(solver: ActiveSet, start: Array, rules: method.Rules, *, limp: bool = False) -> Rest:
+    """Minimum that a way downhill from ``start`` (n, 3) leads to; saddles, in which symmetric ways end, are left.
+
+    It begins in the fluid, or, if the shell is ``limp``, by single steps.
+    """
+    way = _Way(solver, start, _PAUSE if limp else 0)
     tried, saddles = np.inf, 0
     while way.failures < FAILURES and way.iterations < _MOST:
         went = way.go()
@@ -92,7 +95,7 @@ def first_drag(solver: ActiveSet, x: Array) -> tuple[float, float]:
 
 @final
 class _Way:
-    """A way downhill from ``start`` (n, 3), and where it has come to.
+    """A way downhill from ``start`` (n, 3), and where it has come to; ``singles`` is how many single steps begin it.
 
     Attributes
     ----------
@@ -108,12 +111,12 @@ class _Way:
         Newton's, of all steps, and steps in vain since the last one that was not.
     """
 
-    def __init__(self, solver: ActiveSet, start: Array) -> None:
+    def __init__(self, solver: ActiveSet, start: Array, singles: int) -> None:
         self.solver, self.x, self.active = solver, start, solver.near(start)
         self.value, self.drag = first_drag(solver, start)
         self.least, self.shift, self.mix = _LEAST * self.drag, 0.0, _MIX
         self.residual, self.iterations, self.failures = np.inf, 0, 0
-        self._waits, self._pause = 0, _PAUSE
+        self._waits, self._pause = singles, _PAUSE
 
     def rest(self) -> Rest:
         """Where it has come to, as an end that is none."""

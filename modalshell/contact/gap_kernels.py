@@ -46,6 +46,16 @@ def packed(contacts: Sequence[Contact], time: float, origin: Array | None) -> Pa
     return kinds, numbers
 
 
+def common_normal(bodies: Packed) -> Array | None:
+    """Normal (3,) of packed contacts that are planes with the same one; None of others."""
+    kinds, numbers = bodies
+    if not np.isin(kinds, (PLANE, -1 - PLANE)).all():
+        return None
+    own = numbers[:, _POSE : _POSE + 3]
+    turned = np.where(kinds[:, None] < 0, np.einsum("cij,cj->ci", numbers[:, :9].reshape(-1, 3, 3), own), own)
+    return np.asarray(turned[0]) if kinds.size and (turned == turned[0]).all() else None
+
+
 _kernel = njit(error_model="numpy", fastmath=False)
 
 

@@ -9,7 +9,6 @@ a vertex makes it regular. It is the residual compliance ``K^-1 - Phi Lambda^-1 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -18,8 +17,9 @@ from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
-from modalshell.contact.gap_kernels import gaps_of
+from modalshell.contact.gap_kernels import common_normal, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
+from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
@@ -45,43 +45,10 @@ _RENEWED = 12
 
 Rows = Callable[[Array, Index], Array]
 """Derivatives (k, 3, m) of some vertices' positions by the coordinates (m,)."""
+Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
+"""Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
 Shape = tuple[Array, Array, Array, bool]
 """Positions at rest (n, 3), modes and modal rotations (3n, m), and whether these turn the modes."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Pressed:
-    """Where contacts leave a modal shell.
-
-    Attributes
-    ----------
-    q : ndarray, shape (m,)
-        Coordinates.
-    local : ndarray, shape (n, 3)
-        Displacements [m] beyond the modes.
-    pushes : ndarray, shape (r,)
-        Forces [N] along the normals, of all rows.
-    solved : bool
-        Whether the gaps of all rows met their tolerance.
-    positions : ndarray or None, shape (n, 3)
-        Positions [m] at q, without what is beyond the modes, where they are known.
-    energy : float
-        Elastic energy [J] of what is beyond the modes.
-    at : ndarray, shape (m,), or None
-        Where the positions' derivatives were taken, if they were asked for.
-    gaps : ndarray or None, shape (r,)
-        Gaps [m] of all rows, where they are known.
-    """
-
-    q: Array
-    local: Array
-    pushes: Array
-    solved: bool
-    positions: Array | None = None
-    energy: float = 0.0
-    at: Array | None = None
-    gaps: Array | None = None
 
 
 @final
@@ -98,6 +65,8 @@ class ModalContacts:
         Positions (n, 3) [m] at coordinates (m,).
     rows : callable
         Their derivatives at some vertices.
+    near : callable, optional
+        Both at some vertices, where that costs less.
     turns : bool or callable
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
@@ -122,18 +91,20 @@ class ModalContacts:
         positions: Callable[[Array], Array],
         rows: Rows,
         *,
+        near: Near | None = None,
         turns: bool | Callable[[Array], Array] = True,
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
+        self._near = near
         self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
-        self._bodies = self.touching.packed()
+        self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
-        self._taken: tuple[Array, Index, Array] | None = None
+        self._taken: tuple[tuple[Array, Index, Array], Array, Array] | None = None
         self._turned: tuple[Array, Array] | None = None
 
     @property
@@ -151,7 +122,13 @@ class ModalContacts:
         if self.moving or self._bodies is None:
             self.touching = self.touching.at(time)
         if self.moving:
-            self._bodies = self.touching.packed()
+            self._see()
+
+    def _see(self) -> None:
+        """Take the colliders as they are, and the directions (d, 3) that their normals are made of."""
+        self._bodies = self.touching.packed()
+        normal = None if self._bodies is None else common_normal(self._bodies)
+        self._directions = np.eye(3) if normal is None else normal[None]
 
     def friction(self, pushes: Array, x: Array, when: tuple[float, float]) -> Friction | None:
         """Friction of a step that ends at a time, and how long it is [s], by ``pushes`` (r,) [N]; None without any.
@@ -293,8 +270,8 @@ class ModalContacts:
         local, pushes, reach, at = before
         still = at is not None and kernels.reach_of(at, start, self._reach) <= _STILL * self.touching.size
         if at is None or not still:
-            at, q, base = start, start, self._positions(start)
-        pressed = Pressed(q, local, pushes, False, base, at=at)
+            at = q = start
+        pressed = Pressed(q, local, pushes, False, base if q is not at else None, at=at)
         for _ in range(_PASSES):
             rows = self.candidates(gaps, pressed.pushes, reach)
             pressed = self._newton(free, compliance, pressed, rows, _CORRECTIONS, at)
@@ -338,43 +315,64 @@ class ModalContacts:
         kernels.local_shape(self.shapes.store, slots, forces, turns, local)
         return local
 
-    def _moves(self, q: Array, vertices: Index) -> Array:
-        """Derivatives (k, 3, m) of some vertices' positions at q (m,); those of the last ones are kept."""
+    def _frame(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Positions (k, 3) [m] of some vertices at q (m,), and derivatives (k, d, m); those of the last are kept."""
+        asked = q, vertices, self._directions
         kept = self._taken
-        if kept is not None and (kept[0] is q or np.array_equal(kept[0], q)) and np.array_equal(kept[1], vertices):
-            return kept[2]
-        moves = np.ascontiguousarray(self._rows(q, vertices))
-        self._taken = q, vertices, moves
-        return moves
+        if kept is None or not all(a is b or np.array_equal(a, b) for a, b in zip(kept[0], asked, strict=True)):
+            if self._near is None:
+                points, moves = self._positions(q)[vertices], self._directions @ self._rows(q, vertices)
+            else:
+                points, moves = self._near(*asked)  # type: ignore[assignment]
+            kept = self._taken = asked, points, np.ascontiguousarray(moves)
+        return kept[1:]
+
+    def _begun(self, points: Array, local: Array, rows: Index) -> tuple[Array, Array]:
+        """Gaps (k,) [m] and normals (k, 3) of rows whose vertices are at ``points`` (k, 3), with local moves (n, 3)."""
+        touching, vertices = self.touching, self.touching.vertices[rows]
+        if self._bodies is None:
+            place = local.copy()
+            place[vertices] += points
+            return touching.gaps(place, rows)[:2]
+        gap, normals = np.empty(rows.size), np.empty((rows.size, 3))
+        rows_by.gaps_and_normals(self._bodies, vertices, touching.contact_of[rows], points, local, gap, normals)
+        return gap, normals
 
     def _newton(
         self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int, at: Array
     ) -> Pressed:
         """The problem of some rows linearised at ``begin``, by derivatives at ``at`` (m,), corrected by its gaps."""
-        touching, size, q, base = self.touching, self.touching.size, begin.q, begin.positions
-        assert base is not None
-        vertices = touching.vertices[rows]
-        if self._bodies is None:
-            gap, normals, _ = touching.gaps(base + begin.local, rows)
-        else:
-            contact_of, gap, normals = touching.contact_of[rows], np.empty(rows.size), np.empty((rows.size, 3))
-            rows_by.gaps_and_normals(self._bodies, vertices, contact_of, base, begin.local, gap, normals)
-        moves, slots, symmetric = self._moves(at, vertices), self.shapes.slots(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros_like(begin.pushes), self.turns(q)
+        touching, size, q = self.touching, self.touching.size, begin.q
+        vertices, contact_of = touching.vertices[rows], touching.contact_of[rows]
+        points, moves = self._frame(at, vertices)
+        if begin.positions is not None:
+            points = begin.positions[vertices]
+        gap, normals = self._begun(points, begin.local, rows)
+        along = moves[:, 0] if moves.shape[1] == 1 else (normals[:, None, :] @ moves)[:, 0]
+        slots, symmetric = self.shapes.slots(vertices), compliance.ndim == 1
+        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns(q)
         frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
         square = rows.size, rows.size
         problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))
-        rows_by.row_problem(moves, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
-        turned, expected = np.empty(normals.shape), np.empty(rows.size)
-        for _ in range(corrections):
+        rows_by.row_problem(along, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
+        turned, expected, reached = np.empty(normals.shape), np.empty(rows.size), np.empty(rows.size)
+        place, near = (vertices, contact_of, slots, self.shapes.blocks), self._near
+        for left in reversed(range(corrections)):
             after = np.empty(q.size)
-            out = after, turned, expected
-            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, out)
-            base, local, gaps, least = self._ended(after, slots, turned)
-            off, move = rows_by.row_gaps(gaps, rows, forces, moves, after - at)
+            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
+            few = left > 0 and self._bodies is not None
+            if few and near is not None:
+                ended, turns = near(after, vertices, None)[0], self.turns(after)
+                off = rows_by.row_reached(place, ended, turned, forces, turns, self._bodies, reached)
+            else:
+                base, local, gaps, least = self._ended(after, slots, turned)
+                reached, off = gaps[rows], rows_by.row_off(gaps[rows], forces)
             if not _SETTLED * size < off < np.inf:
                 break
-            problem[3][:] += gaps[rows] - expected
+            problem[3][:] += reached - expected
+        if few and near is not None:
+            base, local, gaps, least = self._ended(after, slots, turned)
+        move = float(np.abs(base[vertices] - points).max(initial=0.0))
         pushes[rows] = forces
         solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
         return Pressed(after, local, pushes, solved, base, energy, at, gaps)

@@ -90,17 +90,19 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
         own = flat[first : first + _PART]
         own[:] = 0.0
         for k in range(slots.size):
-            shapes = store[slots[k]].reshape(3, -1)[:, first : first + _PART]
-            if np.abs(pushes[k]).min() > least:
-                a, b, c = pushes[k]
+            # Parts of rows, not of the matrix: the compiler packs what it knows to be one number after the other.
+            one, two, three = store[slots[k], 0].ravel(), store[slots[k], 1].ravel(), store[slots[k], 2].ravel()
+            one, two = one[first : first + _PART], two[first : first + _PART]
+            three = three[first : first + _PART]
+            a, b, c = pushes[k]
+            if min(abs(a), abs(b), abs(c)) > least:
                 for j in range(own.size):
-                    own[j] += a * shapes[0, j] + b * shapes[1, j] + c * shapes[2, j]
+                    own[j] += a * one[j] + b * two[j] + c * three[j]
                 continue
-            for i in range(3):
-                push = pushes[k, i]
+            for push, shape in ((a, one), (b, two), (c, three)):
                 if abs(push) > least:
                     for j in range(own.size):
-                        own[j] += push * shapes[i, j]
+                        own[j] += push * shape[j]
     if turns.size:
         rotate(turns, out, 1.0, out)
 
@@ -130,7 +132,7 @@ def reach_of(before, after, size):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _local_at(blocks, slots, pushes, local):  # type: ignore[no-untyped-def]
+def local_at(blocks, slots, pushes, local):  # type: ignore[no-untyped-def]
     """Displacements ``local`` (k, 3) of candidates under ``pushes`` (k, 3) on them, in the axes at rest."""
     local[:] = 0.0
     for b in range(slots.size):
@@ -314,7 +316,7 @@ def press(shape, rows_of, bodies, step, before, limits):  # type: ignore[no-unty
                         expected[j] += matrix[i, j] * forces[i]
                     for j in range(3):
                         pushes[i, j] = forces[i] * own[i, j]
-            _local_at(blocks, slots, pushes, local)
+            local_at(blocks, slots, pushes, local)
             energy = 0.0
             for i in range(count):
                 for j in range(3):

@@ -4,7 +4,7 @@ import numpy as np
 
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_at
-from modalshell.contact.modal_kernels import LOADED, residual_compliance, turned
+from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, turned
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
@@ -12,21 +12,21 @@ _kernel = njit(error_model="numpy", fastmath=False)
 
 
 @_kernel
-def gaps_and_normals(bodies, vertices, contact_of, base, local, gap, normals):  # type: ignore[no-untyped-def]
-    """Gaps (k,) [m] and normals (k, 3) of some vertices at positions ``base + local``, both (n, 3) [m]."""
+def gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals):  # type: ignore[no-untyped-def]
+    """Gaps (k,) [m] and normals (k, 3) of vertices at ``points`` (k, 3) [m] and what is ``local`` (n, 3) [m] there."""
     for i in range(vertices.size):
         v, c = vertices[i], contact_of[i]
-        x, y, z = base[v, 0] + local[v, 0], base[v, 1] + local[v, 1], base[v, 2] + local[v, 2]
+        x, y, z = points[i, 0] + local[v, 0], points[i, 1] + local[v, 1], points[i, 2] + local[v, 2]
         gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
 
 
 @_kernel
-def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
-    """Small problem of candidates whose derivatives ``moves`` (k, 3, m) are known.
+def row_problem(along, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
+    """Small problem of candidates whose slopes ``along`` (k, m) of the gaps are known.
 
     Parameters
     ----------
-    moves : ndarray, shape (k, 3, m)
+    along : ndarray, shape (k, m)
         As above.
     frame : tuple
         Gaps (k,) [m], normals (k, 3), vertices (k,), and displacements (n, 3) [m] beyond the modes.
@@ -45,13 +45,12 @@ def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # 
     """
     gap, normals, vertices, local = frame
     ahead, forces = given
-    count, size = moves.shape[0], moves.shape[2]
-    (columns, beyond, softened, offset, own), along, trace = out, np.empty((count, size)), 0.0
+    count, size = along.shape
+    (columns, beyond, softened, offset, own), trace = out, 0.0
     offset[:], own[:] = gap, normals
     for i in range(count):
         n, v = normals[i], vertices[i]
         for k in range(size):
-            along[i, k] = n[0] * moves[i, 0, k] + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
             offset[i] += along[i, k] * ahead[k]
         offset[i] -= n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2]
         if turns.size:
@@ -63,12 +62,11 @@ def row_problem(moves, frame, given, turns, blocks, slots, compliance, out):  # 
     else:
         softened[:] = along @ np.ascontiguousarray(compliance.T)
     residual_compliance(blocks, slots, own, beyond)
+    columns[:], across = beyond, np.ascontiguousarray(along.T)
     for j in range(count):
-        for i in range(count):
-            value = beyond[j, i]
-            for k in range(size):
-                value += softened[j, k] * along[i, k]
-            columns[j, i] = value
+        for k in range(size):
+            for i in range(count):
+                columns[j, i] += softened[j, k] * across[k, i]
         trace += columns[j, j]
     for i in range(count):
         columns[i, i] += LOADED * trace / count
@@ -98,17 +96,32 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 
 
 @_kernel
-def row_gaps(gaps, rows, forces, moves, change):  # type: ignore[no-untyped-def]
-    """How far [m] candidates are off their gaps, of all gaps (r,), and their move [m] by a ``change`` (m,)."""
-    off, move = 0.0, 0.0
-    for i in range(rows.size):
-        gap = gaps[rows[i]]
-        off = max(off, abs(gap) if forces[i] > 0.0 else -gap)
-        if not gap > -np.inf:
+def row_reached(place, points, pushes, forces, turns, bodies, gaps):  # type: ignore[no-untyped-def]
+    """Gaps (k,) [m] of candidates at ``points`` (k, 3) under ``pushes`` (k, 3) on them; how far [m] they are off.
+
+    ``place`` are their vertices, contacts and slots, and the blocks of slots. ``pushes`` [N] are in the axes at rest,
+    in which ``turns`` (n, 3) [rad] turn what these press in.
+    """
+    vertices, contact_of, slots, blocks = place
+    local, n = np.empty(points.shape), np.empty(3)
+    local_at(blocks, slots, pushes, local)
+    for i in range(vertices.size):
+        a, b, c = local[i, 0], local[i, 1], local[i, 2]
+        if turns.size:
+            w = turns[vertices[i]]
+            c1, c2, _ = coefficients(w[0], w[1], w[2])
+            a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
+        x, y, z = points[i, 0] + a, points[i, 1] + b, points[i, 2] + c
+        gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
+    return row_off(gaps, forces)
+
+
+@_kernel
+def row_off(gaps, forces):  # type: ignore[no-untyped-def]
+    """How far [m] candidates are off their gaps (k,) [m], by forces (k,) [N] on them."""
+    off = 0.0
+    for i in range(gaps.size):
+        off = max(off, abs(gaps[i]) if forces[i] > 0.0 else -gaps[i])
+        if not gaps[i] > -np.inf:
             off = np.inf
-        for axis in range(3):
-            way = 0.0
-            for k in range(change.size):
-                way += moves[i, axis, k] * change[k]
-            move = max(move, abs(way))
-    return off, move
+    return off

@@ -193,13 +193,21 @@ class TouchingSteps:
             if not rest.converged:
                 begin, held = problem.origin.copy(), problem.shell.clamped
                 begin[held] = first[held]  # where supports have moved to
-                rest = descend(solver, begin, rules)
+                among = self.layers is not None
+                rest = descend(solver, self._lower(solver, begin, rest.point) if among else begin, rules, limp=among)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             new = (pushes > 0.0) & (lagged <= 0.0)
             if settled or not (self.rubs and rest.converged and new.any()):
                 return rest
             # What touches for the first time has no force of the step before: it takes that of this one.
             lagged, chosen, settled = np.where(new, pushes, lagged), rest.active, True
+
+    @staticmethod
+    def _lower(solver: ActiveSet, begin: Array, reached: Array) -> Array:
+        """Where steps among layers ended without a minimum, if it lies lower than ``begin``, both (n, 3), else this."""
+        if not np.isfinite(reached).all() or solver.is_inside(reached) or solver.touching.crossed(begin, reached):
+            return begin
+        return reached if solver.potential(reached)[0] < solver.potential(begin)[0] else begin
 
     def _layers_near(self, x: Array) -> bool:
         return self.layers is not None and self.layers.near(x)

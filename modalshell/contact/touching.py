@@ -223,6 +223,13 @@ class Touching:
                     return True
         return False
 
+    def inside(self, x: Array, vertices: Index) -> list[int]:
+        """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), those that supports hold too."""
+        points = x[vertices] if self._origin is None else x[vertices] + self._origin
+        chosen = (contact.vertices(self.shell.mesh)[vertices] for contact in self.contacts)
+        gaps = [contact.distance(points[own], self.time) for contact, own in zip(self.contacts, chosen, strict=True)]
+        return [index for index, gap in enumerate(gaps) if gap.min(initial=0.0) < -INSIDE * self.size]
+
     def movable(self, rows: Index, normals: Array) -> Array:
         """Whether supports leave the rows' vertices a motion along the normals."""
         return np.asarray(np.sum(self.along(rows, normals) ** 2, axis=1) > _FREE)

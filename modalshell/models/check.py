@@ -21,6 +21,7 @@ _CLOSE = 1e-6
 _TANGENT = 1e-4
 """The same of the modes at rest, which may be as coarse as the modal rotations are."""
 _PATCH = 3
+_SLANTED = np.array([[0.6, 0.0, 0.8]])
 """Vertices of the patches that are looked at."""
 
 
@@ -99,6 +100,9 @@ def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
     rows = _slope(model, lambda q: model.warped(q)[vertices], q)
     if model.frames is None:
         yield from _told("contact_rows", model.contact_rows(q, vertices), "d(warped)/dq", rows)
+        points, along = model.contact_frame(q, vertices, _SLANTED)
+        yield from _told("contact_frame", points - rest[vertices], "warped(q)", shape[vertices])
+        yield from _told("the derivatives of contact_frame", np.asarray(along), "d(warped)/dq", _SLANTED @ rows)
     mean, by_q = model.warped_patch(q, vertices)
     moved = shape[vertices].mean(axis=0)
     yield from _told("warped_patch", mean - rest[vertices].mean(axis=0), "mean of warped(q)", moved)

@@ -217,18 +217,33 @@ class ReducedRotationStrain(TurnedTriangles):
 
     def warped(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
-        count_read(self._modal.nbytes + self._map.nbytes + self._expansion.nbytes)
+        count_read(self._expansion.nbytes)
+        return np.asarray(self._expansion @ self._amounts(q)).reshape(-1, 3)
+
+    def _amounts(self, q: Array) -> Array:
+        """Amounts (m + rank,) of the columns of the expansion."""
+        count_read(self._modal.nbytes + self._map.nbytes)
         sampled = np.empty((1, 6 * TILE))
         kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
-        amounts = np.concatenate([q, self._map @ sampled[0]])
-        return np.asarray(self._expansion @ amounts).reshape(-1, 3)
+        return np.concatenate([q, self._map @ sampled[0]])
+
+    def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
+        """Positions (k, 3) [m] of some vertices, and their derivatives; see :meth:`ModalMotion.contact_frame`."""
+        expansion = self._patch_rows(self._expansion, vertices)
+        points = self.shell.rest_positions[vertices] + expansion @ self._amounts(q)
+        if directions is None:
+            return points, None
+        columns, regression = self._by_triangle
+        slopes, along = np.empty(columns.shape), directions @ expansion
+        kernel.deformation_rows(self._modal, _AXES, columns, q, slopes)
+        by_shapes = regression @ slopes.reshape(-1, q.size)
+        return points, along[:, :, : q.size] + along[:, :, q.size :] @ by_shapes
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates."""
-        columns, regression = self._by_triangle
-        slopes, expansion = np.empty(columns.shape), self._patch_rows(self._expansion, vertices)
-        kernel.deformation_rows(self._modal, _AXES, columns, q, slopes)
-        return expansion[:, :, : q.size] + expansion[:, :, q.size :] @ (regression @ slopes.reshape(-1, q.size))
+        rows = self.contact_frame(q, vertices, np.eye(3))[1]
+        assert rows is not None
+        return rows
 
     @cached_property
     def _by_triangle(self) -> tuple[Array, Array]:

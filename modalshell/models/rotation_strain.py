@@ -68,6 +68,8 @@ class RotationStrain(TurnedTriangles):
         centres = [np.tensordot(share, modes[part], 1) for part, share in fit.floating]
         self._green = np.empty((0, fit.rows - 1))
         self._places = np.full(len(basis.shell.rest_positions), -1, np.int64)
+        self._spread: tuple[Array, Array] | None = None
+        self._gathered: tuple[Index, Array] | None = None
         self._centres = np.array(centres).reshape(-1, 3, basis.count)
         height, foot, length = fit.sides.T
         shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
@@ -76,28 +78,60 @@ class RotationStrain(TurnedTriangles):
 
     def warped(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
+        return self._fit.displacement(self._right_side(q), self._centres @ q)
+
+    def _right_side(self, q: Array) -> Array:
+        """Right side (N + 1, 3) of the fit at q; the last one is kept."""
+        known = self._spread  # read once: another thread may spread another meanwhile
+        if known is not None and np.array_equal(known[0], q):
+            return known[1]
         count_read(self._modal.nbytes + self._shape.nbytes)
-        right_side = np.empty((self._fit.rows, 3))
-        kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right_side)
-        return self._fit.displacement(right_side, self._centres @ q)
+        right = np.empty((self._fit.rows, 3))
+        kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right)
+        self._spread = q.copy(), right
+        return right
+
+    def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
+        """Positions (k, 3) [m] of some vertices, and their derivatives; see :meth:`ModalMotion.contact_frame`.
+
+        Without a solve, by what a vertex has of each row of the fit.
+        """
+        fit, count = self._fit, vertices.size
+        if fit.coupled or fit.floating:
+            return super().contact_frame(q, vertices, directions)
+        green = self._green_of(vertices)
+        points = self.shell.rest_positions[vertices] + green @ self._right_side(q)[:-1]
+        if directions is None:
+            return points, None
+        columns, slots = self._by_triangle
+        right = np.empty((fit.rows, len(directions), q.size))
+        kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right)
+        return points, (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, len(directions), q.size)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; exact where supports hold vertices."""
-        fit = self._fit
-        if fit.coupled or fit.floating:
+        if self._fit.coupled or self._fit.floating:
             return super().contact_rows(q, vertices)
-        columns, slots = self._by_triangle
-        right = np.empty((fit.rows, 3, q.size))
-        kernel.spread_rows(self._modal, self._shape, columns, slots, q, right)
+        rows = self.contact_frame(q, vertices, np.eye(3))[1]
+        assert rows is not None
+        return rows
+
+    def _green_of(self, vertices: Index) -> Array:
+        """Displacements (k, N) of some vertices per unit of each row of a right side; those of the last are kept."""
+        last = self._gathered
+        if last is not None and np.array_equal(last[0], vertices):
+            return last[1]
         places = self._places[vertices]
         if places.size and places.min() < 0:
             missing = np.unique(vertices[places < 0])
             if missing.size + len(self._green) > max(_GREEN, missing.size):
                 self._green, self._places[:], missing = self._green[:0], -1, np.unique(vertices)
             self._places[missing] = len(self._green) + np.arange(missing.size)
-            self._green = np.concatenate([self._green, [fit.green(int(vertex)) for vertex in missing]])
+            self._green = np.concatenate([self._green, [self._fit.green(int(vertex)) for vertex in missing]])
             places = self._places[vertices]
-        return (self._green[places] @ right[:-1].reshape(fit.rows - 1, -1)).reshape(vertices.size, 3, q.size)
+        green = self._green[places]
+        self._gathered = vertices.copy(), green
+        return green
 
     @cached_property
     def _by_triangle(self) -> tuple[Array, Index]:

@@ -164,7 +164,7 @@ class Motion:
             converged = self._whole_step() if self._tolerance is None else self._divided_step()
         self.unconverged += not converged
         self.count += 1
-        if remark := self.model.remark(self.state):
+        if remark := self.stepper.remark(self.state, self.time):
             self._remarks.setdefault(remark, self.count)
 
     def _whole_step(self) -> bool:

@@ -6,6 +6,7 @@ import pytest
 import modalshell as ms
 from modalshell.contact.base import Collider
 from modalshell.contact.complementarity import complementary
+from modalshell.contact.gap_kernels import common_normal, packed
 from modalshell.motion.stepping import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -263,3 +264,18 @@ def test_many_more_vertices_than_modes_rest_on_a_table(name):
     assert run.unconverged_steps == 0
     assert run.deepest.max() <= 2e-9
     assert ms.measure.displacement_error(run.positions[-1], state.positions, limp) < 1e-3
+
+
+def test_derivatives_along_a_common_normal_are_those_along_three_axes(basis):
+    model = ms.RotationStrain(basis)
+    q, vertices = 0.05 * np.arange(1.0, 9.0), np.arange(12, 20)
+    turn, slant = ms.SupportPath([0.0, 1.0], np.zeros((2, 3)), [[0.0, 0.3, 0.0]] * 2), np.array([0.6, 0.0, 0.8])
+    rows = model.contact_rows(q, vertices)
+    points, along = model.contact_frame(q, vertices, slant[None])
+    assert np.allclose(along[:, 0], slant @ rows, rtol=0.0, atol=1e-13)
+    assert np.allclose(points, model.warped_positions(q)[vertices], rtol=0.0, atol=1e-13)
+    planes = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -height), motion=turn) for height in (0.2, 0.3)]
+    normal = common_normal(packed(planes, 0.5, None))
+    assert np.allclose(normal, planes[0].gap(np.zeros((1, 3)), 0.5)[1][0], rtol=0.0, atol=1e-15)
+    assert common_normal(packed([planes[0], ms.Contact(ms.Plane())], 0.5, None)) is None
+    assert common_normal(packed([ms.Contact(ms.Sphere((0.0, 0.0, 0.0), 1.0))], 0.0, None)) is None

@@ -160,7 +160,7 @@ class FreeContactMotion(ModalPressedMotion):
         gap, normals, _ = pressing.touching.gaps(at.base + flight.in_world(at), rows)
         moves, compliance = flight.moves(at, vertices), flight.compliance(at)
         normals, slots = flight.in_frames(at, vertices, normals), shapes.slots(vertices)
-        forces, count = pushes[rows], moves.shape[2]
+        along, forces, count = np.einsum("ki,kim->km", normals, moves), pushes[rows], moves.shape[2]
         square = rows.size, rows.size
         problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, normals.shape))
         slope, stiffness, held = np.zeros(count), None, at.push
@@ -170,12 +170,12 @@ class FreeContactMotion(ModalPressedMotion):
             compliance, held = np.asarray(0.5 * (softer + softer.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
         turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
-        rows_by.row_problem(moves, frame, given, turns, shapes.blocks, slots, compliance, problem)
+        rows_by.row_problem(along, frame, given, turns, shapes.blocks, slots, compliance, problem)
         turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
         for _ in range(_CORRECTIONS):
             out = unused, turned, expected
             energy = rows_by.row_end(problem, forces, np.zeros(count), 1e-12 * size, True, out)
-            push = np.einsum("k,ki,kim->m", forces, normals, moves, optimize=True)
+            push = forces @ along
             if stiffness is not None:
                 push = push - slope - stiffness @ (compliance @ (push - held))
             end, local = flight.end(push, at.local), np.empty_like(at.local)
@@ -183,7 +183,7 @@ class FreeContactMotion(ModalPressedMotion):
             kernels.local_shape(shapes.store, slots, turned, own, local)
             end = end._replace(local=local)
             gaps = pressing.gaps(end.base + flight.in_world(end))
-            off, _ = rows_by.row_gaps(gaps, rows, forces, moves, unused)
+            off = rows_by.row_off(gaps[rows], forces)
             if not _SETTLED * size < off < np.inf:
                 break
             problem[3][:] += gaps[rows] - expected

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import cached_property, partial
 from typing import Any, final
 
+import numpy as np
+
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
@@ -64,6 +66,15 @@ class FullStepper(Stepper):
         if self.contacts is None:
             return None
         return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
+
+    def remark(self, state: MotionState, time: float) -> str:
+        """Message about a state at ``time`` [s]: of the model, or that constraints lead through a collider."""
+        told = super().remark(state, time)
+        if told or self.contacts is None or not self._patches:
+            return told
+        led = np.concatenate([patch.vertices for patch in self._patches])
+        inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)
+        return f"constraints lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
 
     def further_energy(self, state: MotionState) -> float:
         """Energy [J] of the barrier of self-contact in a state."""

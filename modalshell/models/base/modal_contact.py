@@ -10,8 +10,9 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import creep_told
-from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import implicit_euler
+from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -48,9 +49,9 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
     def positions(q: Array) -> Array:
         return model.warped_positions(q)
 
-    return ModalContacts(
-        given, model.basis, positions, model.contact_rows, turns=not model.straight, shape=model.contact_shape
-    )
+    turns, shape = not model.straight, model.contact_shape
+    near = model.contact_frame
+    return ModalContacts(given, model.basis, positions, model.contact_rows, near=near, turns=turns, shape=shape)
 
 
 def equilibrium_on_modal_contacts(

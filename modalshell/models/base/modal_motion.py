@@ -271,6 +271,11 @@ class ModalMotion(ModalShape, FrameModel):
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
         return position_rows(self.warped, q, vertices, self.basis.rotations)
 
+    def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
+        """Positions (k, 3) [m] of some vertices at q, and their derivatives (k, d, m) along ``directions`` (d, 3)."""
+        points = self.warped_positions(q)[vertices]
+        return points, None if directions is None else directions @ self.contact_rows(q, vertices)
+
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse ratios that are not those of the modes."""
         damping.of_modes(self.basis.eigenvalues)

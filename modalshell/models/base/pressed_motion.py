@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from modalshell.contact.contact import Contact
-from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.modal import ModalContacts
+from modalshell.contact.pressed import Pressed
 from modalshell.contact.steps import refuse_fast
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.touched import TouchedFrame

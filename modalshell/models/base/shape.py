@@ -26,6 +26,7 @@ OF_SHAPE = (
     "warped_curvature",
     "warped_patch",
     "warped_rows",
+    "contact_frame",
     "contact_rows",
     "contact_shape",
     "load_quadrature",

@@ -131,6 +131,10 @@ class Stepper(ABC):
         """What touches, of forces in the frame of the states at ``time`` [s]."""
         return found if self._frame is None else found._replace(forces=found.forces @ self._frame.at(time).rotation.T)
 
+    def remark(self, state: MotionState, time: float) -> str:
+        """Message about a state at ``time`` [s]; "" if there is none."""
+        return str(self.model.remark(state))
+
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
         return self.model

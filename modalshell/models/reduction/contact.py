@@ -14,7 +14,8 @@ import numpy as np
 import scipy.linalg
 
 from modalshell.contact.contact import Contact
-from modalshell.contact.modal import ModalContacts, Pressed
+from modalshell.contact.modal import ModalContacts
+from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index

@@ -270,57 +270,45 @@ def add_curvature(modal, adjoint, q, work, blocks, hessian):  # type: ignore[no-
 
 
 @_kernel
-def _turned(j, frame, tile, x, y, z):  # type: ignore[no-untyped-def]
-    """A vector in the frame of triangle ``j`` in the world's axes."""
-    return (
-        frame[tile, j] * x + frame[tile, 3 * TILE + j] * y + frame[tile, 6 * TILE + j] * z,
-        frame[tile, TILE + j] * x + frame[tile, 4 * TILE + j] * y + frame[tile, 7 * TILE + j] * z,
-        frame[tile, 2 * TILE + j] * x + frame[tile, 5 * TILE + j] * y + frame[tile, 8 * TILE + j] * z,
-    )
+def _slopes(shape, tile, normal, work, slopes):  # type: ignore[no-untyped-def]
+    """Derivatives of what a tile's triangles spread along a ``normal`` (3,) by turn and strain, after :func:`_combine`.
 
-
-@_kernel
-def _slopes(modal, shape, tile, q, work, slopes):  # type: ignore[no-untyped-def]
-    """Derivatives of what a tile's triangles spread by their turn and strain: ``dF = [Rt(w) dw] F + e^[w] dS``.
-
-    Into ``slopes`` (36, 128): axis by axis of the first part by the six, then of the second one.
+    ``dF = [Rt(w) dw] F + e^[w] dS``; into ``slopes`` (12, 128): of the first part by the six, then of the second one.
+    ``work`` (20 * 128) is written to, too, for the loop to be packed.
     """
-    _combine(modal, tile, q, work)
+    n0, n1, n2 = normal[0], normal[1], normal[2]
     for j in range(TILE):
         x, y, z = work[j], work[TILE + j], work[2 * TILE + j]
+        first, second, mixed = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
         c2, c3 = work[6 * TILE + j], work[7 * TILE + j]
         c1 = 1.0 - (x * x + y * y + z * z) * c3
-        first, second, mixed = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
         height, foot, length = shape[tile, 9 * TILE + j], shape[tile, 10 * TILE + j], shape[tile, 11 * TILE + j]
+        na = shape[tile, j] * n0 + shape[tile, TILE + j] * n1 + shape[tile, 2 * TILE + j] * n2
+        nb = shape[tile, 3 * TILE + j] * n0 + shape[tile, 4 * TILE + j] * n1 + shape[tile, 5 * TILE + j] * n2
+        nn = shape[tile, 6 * TILE + j] * n0 + shape[tile, 7 * TILE + j] * n1 + shape[tile, 8 * TILE + j] * n2
         ax, ay, az = 1.0 - c2 * (y * y + z * z), c1 * z + c2 * x * y, c2 * x * z - c1 * y
         bx, by, bz = c2 * x * y - c1 * z, 1.0 - c2 * (x * x + z * z), c1 * x + c2 * y * z
         fx, fy, fz = ax + first * ax + mixed * bx, ay + first * ay + mixed * by, az + first * az + mixed * bz
         gx, gy, gz = bx + mixed * ax + second * bx, by + mixed * ay + second * by, bz + mixed * az + second * bz
-        for i in range(3):
-            # Column i of I + c2 [w] + c3 [w]^2.
-            if i == 0:
-                u, v, w = 1.0 - c3 * (y * y + z * z), c3 * x * y + c2 * z, c3 * x * z - c2 * y
-            elif i == 1:
-                u, v, w = c3 * x * y - c2 * z, 1.0 - c3 * (x * x + z * z), c3 * y * z + c2 * x
-            else:
-                u, v, w = c3 * x * z + c2 * y, c3 * y * z - c2 * x, 1.0 - c3 * (x * x + y * y)
-            dx, dy, dz = _turned(j, shape, tile, v * fz - w * fy, w * fx - u * fz, u * fy - v * fx)
-            ex, ey, ez = _turned(j, shape, tile, v * gz - w * gy, w * gx - u * gz, u * gy - v * gx)
-            slopes[i, j], slopes[18 + i, j] = height * dx - foot * ex, length * ex
-            slopes[6 + i, j], slopes[24 + i, j] = height * dy - foot * ey, length * ey
-            slopes[12 + i, j], slopes[30 + i, j] = height * dz - foot * ez, length * ez
-        dx, dy, dz = _turned(j, shape, tile, ax, ay, az)
-        ex, ey, ez = _turned(j, shape, tile, bx, by, bz)
-        slopes[3, j], slopes[9, j], slopes[15, j] = height * dx, height * dy, height * dz
-        slopes[4, j], slopes[10, j], slopes[16, j] = -foot * ex, -foot * ey, -foot * ez
-        slopes[5, j], slopes[11, j], slopes[17, j] = (
-            height * ex - foot * dx,
-            height * ey - foot * dy,
-            height * ez - foot * dz,
-        )
-        slopes[21, j] = slopes[27, j] = slopes[33, j] = 0.0
-        slopes[22, j], slopes[28, j], slopes[34, j] = length * ex, length * ey, length * ez
-        slopes[23, j], slopes[29, j], slopes[35, j] = length * dx, length * dy, length * dz
+        # n . ((Rt dw) x F) = dw . Rt^T (F x n), and Rt^T v = v - c2 w x v + c3 w x (w x v).
+        px, py, pz = fy * nn - fz * nb, fz * na - fx * nn, fx * nb - fy * na
+        rx, ry, rz = gy * nn - gz * nb, gz * na - gx * nn, gx * nb - gy * na
+        px, py, pz = height * px - foot * rx, height * py - foot * ry, height * pz - foot * rz
+        rx, ry, rz = length * rx, length * ry, length * rz
+        kx, ky, kz = y * pz - z * py, z * px - x * pz, x * py - y * px
+        work[8 * TILE + j] = px - c2 * kx + c3 * (y * kz - z * ky)
+        work[9 * TILE + j] = py - c2 * ky + c3 * (z * kx - x * kz)
+        work[10 * TILE + j] = pz - c2 * kz + c3 * (x * ky - y * kx)
+        kx, ky, kz = y * rz - z * ry, z * rx - x * rz, x * ry - y * rx
+        work[14 * TILE + j] = rx - c2 * kx + c3 * (y * kz - z * ky)
+        work[15 * TILE + j] = ry - c2 * ky + c3 * (z * kx - x * kz)
+        work[16 * TILE + j] = rz - c2 * kz + c3 * (x * ky - y * kx)
+        a, b = na * ax + nb * ay + nn * az, na * bx + nb * by + nn * bz
+        work[11 * TILE + j], work[12 * TILE + j], work[13 * TILE + j] = height * a, -foot * b, height * b - foot * a
+        work[17 * TILE + j], work[18 * TILE + j], work[19 * TILE + j] = 0.0, length * b, length * a
+    for row in range(12):
+        for j in range(TILE):
+            slopes[row, j] = work[(8 + row) * TILE + j]
 
 
 @njit(error_model="numpy", fastmath=False)
@@ -329,14 +317,16 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
     The ``shape`` of their tiles has the axes for their frames, and 1, 0 and 1 for sides.
     """
-    work, slopes = np.empty(WORK), np.empty((36, TILE))
+    work, slopes, axes = np.empty(20 * TILE), np.empty((3, 12, TILE)), np.eye(3)
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:
-            _slopes(modal, shape, t // TILE, q, work, slopes)
+            _combine(modal, t // TILE, q, work)
+            for axis in range(3):
+                _slopes(shape, t // TILE, axes[axis], work, slopes[axis])
         for row in range(6):
-            a0, a1, a2 = slopes[6 * row, j], slopes[6 * row + 1, j], slopes[6 * row + 2, j]
-            a3, a4, a5 = slopes[6 * row + 3, j], slopes[6 * row + 4, j], slopes[6 * row + 5, j]
+            own = slopes[row % 3, 6 * (row // 3) : 6 * (row // 3) + 6]
+            a0, a1, a2, a3, a4, a5 = own[0, j], own[1, j], own[2, j], own[3, j], own[4, j], own[5, j]
             for k in range(q.size):
                 p0, p1, p2 = columns[t, 0, k], columns[t, 1, k], columns[t, 2, k]
                 p3, p4, p5 = columns[t, 3, k], columns[t, 4, k], columns[t, 5, k]
@@ -344,31 +334,34 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
 
 @njit(error_model="numpy", fastmath=False)
-def spread_rows(modal, shape, columns, corners, q, out):  # type: ignore[no-untyped-def]
-    """Derivatives ``out`` (N + 1, 3, m) of the right side of :func:`spread` by the coordinates q (m,).
+def spread_rows(modal, shape, columns, corners, q, directions, out):  # type: ignore[no-untyped-def]
+    """Derivatives ``out`` (N + 1, d, m) of the right side of :func:`spread` along directions (d, 3) by q (m,).
 
     ``columns`` (T, 6, m) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``.
     """
     out[:] = 0.0
-    work, slopes = np.empty(WORK), np.empty((36, TILE))
+    work, slopes = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE))
     ones, twos = np.empty(q.size), np.empty(q.size)
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:
-            _slopes(modal, shape, t // TILE, q, work, slopes)
-        at0, at1, at2 = corners[t, 0], corners[t, 1], corners[t, 2]
-        for axis in range(3):
-            at = 6 * axis
-            a0, a1, a2 = slopes[at, j], slopes[at + 1, j], slopes[at + 2, j]
-            a3, a4, a5 = slopes[at + 3, j], slopes[at + 4, j], slopes[at + 5, j]
-            b0, b1, b2 = slopes[at + 18, j], slopes[at + 19, j], slopes[at + 20, j]
-            b4, b5 = slopes[at + 22, j], slopes[at + 23, j]
+            _combine(modal, t // TILE, q, work)
+            for d in range(directions.shape[0]):
+                _slopes(shape, t // TILE, directions[d], work, slopes[d])
+        own = columns[t]
+        at0, at1, at2 = out[np.uint64(corners[t, 0])], out[np.uint64(corners[t, 1])], out[np.uint64(corners[t, 2])]
+        for d in range(directions.shape[0]):
+            by = slopes[d]
+            a0, a1, a2, a3, a4, a5 = by[0, j], by[1, j], by[2, j], by[3, j], by[4, j], by[5, j]
+            b0, b1, b2, b4, b5 = by[6, j], by[7, j], by[8, j], by[10, j], by[11, j]
             for k in range(q.size):
-                p0, p1, p2 = columns[t, 0, k], columns[t, 1, k], columns[t, 2, k]
-                p3, p4, p5 = columns[t, 3, k], columns[t, 4, k], columns[t, 5, k]
+                p0, p1, p2, p3, p4, p5 = own[0, k], own[1, k], own[2, k], own[3, k], own[4, k], own[5, k]
                 ones[k] = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
                 twos[k] = b0 * p0 + b1 * p1 + b2 * p2 + b4 * p4 + b5 * p5
+            first, second, third = at0[d], at1[d], at2[d]
             for k in range(q.size):
-                out[at1, axis, k] += ones[k]
-                out[at2, axis, k] += twos[k]
-                out[at0, axis, k] -= ones[k] + twos[k]
+                second[k] += ones[k]
+            for k in range(q.size):
+                third[k] += twos[k]
+            for k in range(q.size):
+                first[k] -= ones[k] + twos[k]
