@@ -38,7 +38,7 @@ FIRST = 5e-3
 """The same where no iteration before tells how fast Newton's method converges; its first step gains less."""
 LARGEST_TURN = 1.0
 """Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""
-STRAIGHT = 0.4
+STRAIGHT_TURN = 0.4
 """Turn [rad] of a vertex along the straight way of an implicit step up to which Newton's method begins at its end, else
 where the step begins: a straight way stretches what turns, by half the square of the turn."""
 MOST: int = np.int64(40)  # type: ignore[assignment]  # compiled code takes a plain integer for a constant

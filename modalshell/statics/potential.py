@@ -382,8 +382,8 @@ def solve(
 ) -> NewtonResult:
     """One implicit step: mixed Newton, and descent where it fails or ends at no minimum.
 
-    A descent begins at ``begin``, by default at the ``start`` of Newton's method. ``near`` is the result of an earlier
-    step of the same length, whose factor may serve this one, too.
+    A descent begins at ``begin``, by default at the ``start``. The factor of ``near``, the result of an earlier step of
+    the same length, may serve this one, too.
     """
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
@@ -396,6 +396,4 @@ def solve(
         return result
     fallback = problem.descend(start if begin is None else begin, scale)
     fallback.iterations += result.iterations
-    if fallback.converged or not result.converged:
-        return fallback
-    return replace(result, iterations=fallback.iterations)
+    return fallback if fallback.converged or not result.converged else replace(result, iterations=fallback.iterations)

@@ -57,7 +57,7 @@ def test_compiled_steps_of_a_stiff_sheet_take_few_iterations(rule, material):
 def test_the_first_guess_leaves_the_answer_alone(monkeypatch, rule, limit):
     shell = stiff_strip(1e3)
     usual = let_fall(shell, rule, 10.0, 8, 1.0 / 30.0)[0]
-    monkeypatch.setattr(implicit_rule, "STRAIGHT", limit)
+    monkeypatch.setattr(implicit_rule, "STRAIGHT_TURN", limit)
     other = let_fall(shell, rule, 10.0, 8, 1.0 / 30.0)[0]
     np.testing.assert_allclose(usual, other, atol=2e-6)
     assert np.abs(usual - shell.rest_positions).max() > 0.1

@@ -18,7 +18,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.shell.damping import Damping
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.mixed_newton import STRAIGHT
+from modalshell.statics.mixed_newton import STRAIGHT_TURN
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential, solve
 
@@ -192,7 +192,7 @@ class ShellSteps(LoadedSteps):
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
             return start.after(point), solved
         kept = self._last[1] if self._last is not None and self._last[0] == start.dt else None
-        guess = first if self.turn(near, first - near) <= STRAIGHT else near
+        guess = first if self.turn(near, first - near) <= STRAIGHT_TURN else near
         result = solve(problem, guess, scale, body.step_tolerance, stresses, kept, near)
         self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged

@@ -22,7 +22,7 @@ from modalshell.statics.mixed_newton import (
     LARGEST_TURN,
     MOST,
     START,
-    STRAIGHT,
+    STRAIGHT_TURN,
     Rules,
     operation_of,
     solve_step,
@@ -303,7 +303,7 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
             forces += push[v, axis] ** 2
             displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
     rotations.vertex_rotations(start.near, room.step, body.faces, room.turns)
-    if not rotations.largest_angle(room.turns) <= STRAIGHT:
+    if not rotations.largest_angle(room.turns) <= STRAIGHT_TURN:
         write(start.near, x)
     # Stresses are those of `near`: a straight way to a turned place would predict a compression (theory 12).
     room.step[:] = 0.0
