@@ -430,3 +430,20 @@ def test_moments_on_all_edges_of_a_plate_are_met_to_first_order(family):
         errors.append(np.abs(np.abs(fitted[3:5]) * 1.3 - 1.0).max())
     assert errors[1] < 0.033
     assert errors[1] < 0.75 * errors[0]
+
+
+@pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
+@pytest.mark.parametrize("load", [ms.Wind((2.0, 0.7, 1.5)), ms.Pressure(3.0)])
+def test_the_numbers_of_vertices_and_triangles_do_not_matter(kind, load):
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(10, 10))  # whose axes follow the numbers
+    rng = np.random.default_rng(4)
+    new = rng.permutation(len(mesh.vertices))  # old number of each new vertex
+    faces = np.argsort(new)[mesh.faces][rng.permutation(len(mesh.faces))]
+    runs = []
+    for own in (mesh, ms.TriangleMesh(mesh.vertices[new], faces)):
+        shell = ms.Shell(own, ms.Isotropic(1e7, 0.3, 2e-3, 300.0), clamped=own.vertices[:, 0] < 1e-6)
+        model = kind(ms.solve_modes(shell, 6))
+        runs.append(ms.simulate(model, duration=0.3, dt=1 / 60, loads=[load], damping=(2.0, 0.0)).positions)
+    moved = np.abs(runs[0] - runs[0][0]).max()
+    assert moved > 0.02
+    np.testing.assert_allclose(runs[0][:, new], runs[1], atol=1e-9 * moved)

@@ -242,7 +242,7 @@ def test_what_a_mesh_is_measured_by_turns_with_it():
 def test_patches_of_loads_are_those_of_the_mesh_that_is_turned(shape, family):
     """Of squares and rectangles, on which many triangles lie as far out as others but for rounding."""
     options = {} if family is None else {"family": family}
-    mesh = getattr(ms, shape)(cells=(12, 12) if shape in ("sheet", "leaf") else (24, 6), **options)
+    mesh = getattr(ms, shape)(cells={"sheet": (12, 12), "leaf": (16, 16)}.get(shape, (24, 6)), **options)
     groups, nearest = halved(mesh, mesh.faces, 64)
     assert len(np.unique(groups)) == 64
     for turn, move in POSES:

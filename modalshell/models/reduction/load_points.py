@@ -20,6 +20,8 @@ _LEAST = 1e-12
 """Area of a collapsed triangle, as a share of the largest."""
 _EVEN, _ALIKE = 1e-9, 1e-6
 """Difference of places, in sizes of the mesh, and of extents and areas, as a share, that is laid to rounding."""
+_EACH = 256
+"""Triangles up to which each is a patch of its own: on a coarse mesh they differ too much to stand for each other."""
 _GROUPS = 32
 """Groups of elements of a load that rotates with its triangles."""
 
@@ -38,7 +40,8 @@ class _Part(NamedTuple):
 class LoadPoints:
     """Loads on a shell by the midpoint rule over patches of its surface.
 
-    The triangles are halved by their centroids along the longest side, by area, into patches, which turn with the mesh.
+    The triangles are halved by their centroids along the longest side, by area, into patches, which turn with the mesh;
+    on a mesh of at most 256 triangles each is a patch.
     The triangle nearest a patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean
     displacement, which the patch's mean rotation turns. The error falls as the square of the patches' size.
 
@@ -172,8 +175,10 @@ def halved(mesh: TriangleMesh, faces: Index, patches: int) -> tuple[Index, Index
     """Patch (E,) of each triangle, of about equal area, and the triangle nearest each patch's centre (k,).
 
     Along axes that turn with the mesh, triangles at places that differ by rounding alone in the order of their numbers:
-    a turned mesh has the same patches.
+    a turned mesh has the same patches. Of few triangles each is one.
     """
+    if len(faces) <= _EACH:
+        return np.arange(len(faces)), np.arange(len(faces))
     even, areas = _EVEN * mesh.size, triangle_areas(mesh, faces)
     centres = (mesh.vertices[faces].mean(axis=1) - mesh.vertices.mean(axis=0)) @ mesh.principal_axes.T
     parts = [np.arange(len(areas))]

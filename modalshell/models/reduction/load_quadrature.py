@@ -16,7 +16,7 @@ from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.modes import Basis
 
 _PATCHES = 64
-"""Patches of the surface: wind is then within 1 % of the sum over all triangles, pressure within 0.1 %."""
+"""Patches of the surface: wind is then within some 1 % of the sum over all triangles, pressure within 0.1 %."""
 
 
 @final
