@@ -344,7 +344,9 @@ class ModalContacts:
         """The problem of some rows linearised at ``begin``, by derivatives at ``at`` (m,), corrected by its gaps."""
         touching, size, q = self.touching, self.touching.size, begin.q
         vertices, contact_of = touching.vertices[rows], touching.contact_of[rows]
+        known = self._taken
         points, moves = self._frame(at, vertices)
+        begun_anew = self._taken is not known
         if begin.positions is not None:
             points = begin.positions[vertices]
         gap, normals = self._begun(points, begin.local, rows)
@@ -360,7 +362,8 @@ class ModalContacts:
         for left in reversed(range(corrections)):
             after = np.empty(q.size)
             energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
-            few = left > 0 and self._bodies is not None
+            # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
+            few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
             if few and near is not None:
                 ended, turns = near(after, vertices, None)[0], self.turns(after)
                 off = rows_by.row_reached(place, ended, turned, forces, turns, self._bodies, reached)
