@@ -224,7 +224,7 @@ class Touching:
         return False
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
-        """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), those that supports hold too."""
+        """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""
         points = x[vertices] if self._origin is None else x[vertices] + self._origin
         chosen = (contact.vertices(self.shell.mesh)[vertices] for contact in self.contacts)
         gaps = [contact.distance(points[own], self.time) for contact, own in zip(self.contacts, chosen, strict=True)]

@@ -21,8 +21,9 @@ _CLOSE = 1e-6
 _TANGENT = 1e-4
 """The same of the modes at rest, which may be as coarse as the modal rotations are."""
 _PATCH = 3
-_SLANTED = np.array([[0.6, 0.0, 0.8]])
 """Vertices of the patches that are looked at."""
+_SLANTED = np.array([[0.6, 0.0, 0.8]])
+"""Direction along which rows for contacts are looked at, along no axis."""
 
 
 def check_model(model: ModalModel, *, turn: float = 0.3, states: int = 3, seed: int = 0) -> None:

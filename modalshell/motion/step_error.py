@@ -194,8 +194,8 @@ class StepErrors:
         fitting = dt
         while self.obtained(state, fitting) - asked > _AIM * max(asked, _PLAIN[0]) and fitting > 1e-6 * dt:
             fitting *= 0.5
-        second = isinstance(getattr(self._stepper.model, "integrator", None), SecondOrderRule)
-        other = "" if second else " or an integrator of second order"
+        rule = getattr(self._stepper.model, "integrator", None)  # which auto has none of to choose
+        other = "" if rule is None or isinstance(rule, SecondOrderRule) else " or an integrator of second order"
         return (
             f"steps add a damping ratio of {added:.2g} to motion at {self.frequency / (2.0 * np.pi):.3g} Hz "
             f"(asked {asked:.2g}): take dt <= {fitting:.2g} s{other}"

@@ -99,7 +99,7 @@ def _jumps(vectors: Array) -> bool:
 
 
 _ROUNDING = 1e-12
-"""Share of a path's duration by which a time may lie outside and still count as its end, where supports yet brake."""
+"""Share of a path's times by which a time may lie outside and still count as its end, where supports yet brake."""
 
 
 @final
@@ -186,7 +186,7 @@ class SupportPath:
         """Pose of the supports at ``time`` [s]."""
         time = checked_number("time", time, unit="s")
         inside = float(np.clip(time, self.times[0], self.times[-1]))
-        moving = abs(time - inside) <= _ROUNDING * float(np.ptp(self.times))  # frames may miss an end by rounding
+        moving = abs(time - inside) <= _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by rounding
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
         if isinstance(self._rotation, RotationSpline):

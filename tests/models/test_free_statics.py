@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.modes.rigid import free_translations
 
 ISOTROPIC = ms.Isotropic(young=2e9, poisson=0.35, thickness=1e-3, density=900.0)
 HINGED = ms.Material(stretch=2e6, shear=2e4, flexure=0.2, density=0.9)
@@ -106,3 +107,32 @@ def test_a_free_shell_without_a_load_rests(free):
     for model in full_models(free):
         answer = model.equilibrium()
         assert (answer.converged, answer.stable) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("support", "pulled"),
+    [
+        (ms.Fix("x < 1", axes="y"), False),
+        (ms.Fix("x < 1", axes="xy"), False),
+        (ms.Fix("x < 1e-9", axes="xy"), False),
+        (ms.Fix("x < 1", axes="yz"), True),
+    ],
+)
+@pytest.mark.parametrize("factor", [1.0, 1.0001, 2.0])
+def test_parts_on_rails_and_planes_do_not_drift(support, pulled, factor):
+    force = np.outer(along(0.5) - along(0.0), [1.0, 0.0, 0.0]) if pulled else bending()
+    shell = ms.Shell(strip(), ISOTROPIC, supports=[support])
+    answer = ms.DiscreteShell(shell).equilibrium(force=factor * force)
+    assert (answer.converged, answer.stable, answer.message) == (True, True, "")
+    moved = answer.positions - strip().vertices
+    for vertices, directions, _ in free_translations(shell):
+        centre = shell.mass[vertices] @ moved[vertices] / shell.mass[vertices].sum()
+        assert np.abs(centre @ directions).max() <= 1e-9 * np.abs(moved).max()
+    assert np.abs(moved).max() < 0.01
+
+
+def test_derivatives_of_what_drifts_are_refused(free):
+    model = ms.DiscreteShell(free)
+    answer = model.equilibrium(force=bending())
+    with pytest.raises(ms.OptionError, match="sensitivity needs a shell that its supports hold"):
+        model.sensitivity(answer, wrt="thickness")

@@ -186,7 +186,7 @@ class ShellSteps(LoadedSteps):
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
         near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
-        # Those that a straight way to a turned place would predict are a compression (theory 12).
+        # Stresses predicted along the straight way to a turned place would be a compression (theory 12).
         stresses = body.start_shell.predicted_stresses(start.near, np.zeros_like(near))
         if self._minimum is not None:
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)

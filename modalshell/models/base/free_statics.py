@@ -8,9 +8,10 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.modes.rigid import free_translations
+from modalshell.modes.rigid import free_translations, left_free
 from modalshell.shell import Shell
 from modalshell.supports import Pin, Support, Symmetry
 
@@ -20,26 +21,31 @@ _PARALLEL = 1e-9
 
 @final
 @dataclass(frozen=True)
-class FreePart:
-    """A part of a shell that its supports let translate along every direction.
+class DriftingPart:
+    """A part of a shell that its supports let translate.
 
     Attributes
     ----------
     vertices : ndarray, shape (k,)
         Its vertices.
+    directions : ndarray, shape (3, d)
+        Orthonormal directions along which it translates.
     axis : ndarray, shape (3,), or None
         Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
         nothing.
     """
 
     vertices: Index
+    directions: Array
     axis: Array | None
 
     def supports(self, shell: Shell, *, turning: bool) -> list[Support]:
         """What holds it, ``turning`` about its axis or not: a load in balance makes no reaction there."""
         points = shell.rest_positions[self.vertices]
         middle = np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()
-        held: list[Support] = [Pin(self.vertices[[middle]])]
+        one = self.vertices[[middle]]
+        held: list[Support] = [Symmetry(one, along) for along in self.directions.T]
+        held = [Pin(one)] if len(held) == 3 else held
         if self.axis is not None and not turning:
             across = np.cross(self.axis, points - points[middle])
             farthest = np.linalg.norm(across, axis=1).argmax()
@@ -47,12 +53,14 @@ class FreePart:
         return held
 
     def put_back(self, shell: Shell, x: Array, start: Array) -> None:
-        """Move x (n, 3) [m] so that the centre of mass is where it was at ``start``, turned as little as can be."""
+        """Move x (n, 3) [m] to have the centre of mass where it was at ``start``, turned as little as can be."""
         mass = shell.mass[self.vertices]
         after, before = x[self.vertices], start[self.vertices]
         centre, first = mass @ after / mass.sum(), mass @ before / mass.sum()
         arms = after - centre
-        x[self.vertices] = first + (arms if self.axis is None else _turned(arms, before - first, self.axis, mass))
+        if self.axis is not None:
+            arms = _turned(arms, before - first, self.axis, mass)
+        x[self.vertices] = centre + self.directions @ (self.directions.T @ (first - centre)) + arms
 
 
 def _turned(arms: Array, were: Array, axis: Array, mass: Array) -> Array:
@@ -63,17 +71,17 @@ def _turned(arms: Array, were: Array, axis: Array, mass: Array) -> Array:
     return np.asarray(arms - flat + np.cos(angle) * flat + np.sin(angle) * across)
 
 
-def free_parts(shell: Shell, load: Array) -> list[FreePart]:
-    """The parts that can translate along every direction, under a load (n, 3) [N]."""
+def drifting_parts(shell: Shell, load: Array) -> list[DriftingPart]:
+    """The parts that can translate, under a load (n, 3) [N]."""
     found = []
     for vertices, directions, motions in free_translations(shell):
-        if directions.shape[1] == 3:
+        if directions.shape[1]:
             forces = load[vertices]
             strongest = forces[np.linalg.norm(forces, axis=1).argmax()]
             axis = strongest / np.linalg.norm(strongest) if motions == 6 and strongest.any() else None
             if axis is not None and np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces):
                 axis = None
-            found.append(FreePart(vertices, axis))
+            found.append(DriftingPart(vertices, directions, axis))
     return found
 
 
@@ -83,16 +91,23 @@ def balanced(shell: Shell, load: Array, start: Array | None, solve: Callable[[Sh
     ``solve`` finds it for the shell with further supports. Turns that change nothing are held, too, unless the way to
     the answer is too hard so.
     """
-    parts = free_parts(shell, load)
+    parts, iterations = drifting_parts(shell, load), 0
     for turning in (False, True):
         supports = [support for part in parts for support in part.supports(shell, turning=turning)]
         found = solve(shell.also_supported(supports) if supports else shell)
+        iterations += found.iterations
         if found.converged or all(part.axis is None for part in parts):
             break
     positions = found.positions.copy()
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
-    return replace(found, positions=positions)
+    return replace(found, positions=positions, iterations=iterations)
+
+
+def refuse_drifting(shell: Shell, what: str) -> None:
+    """OptionError for a shell that its supports let translate: its stiffness is singular."""
+    if any(directions.shape[1] for _, directions, _ in free_translations(shell)):
+        raise OptionError(f"{what} needs a shell that its supports hold, but {left_free(shell)}: hold more vertices")
 
 
 def pushed_share(shell: Shell, load: Array) -> float:

@@ -22,7 +22,7 @@ from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.free_statics import balanced, pushed_share
+from modalshell.models.base.free_statics import balanced, pushed_share, refuse_drifting
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import RIGID_LOAD, Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
@@ -65,7 +65,7 @@ class FullModel(Model):
     shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch. A saddle
     on the way is left along its unstable mode, to the lower of both sides, and ``message`` says so. Patches under
     constraints are led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
-    Parts that no support holds bear loads in balance, turned as little as they leave open; other loads push them away.
+    Parts that may drift bear dead loads in balance, put back where they were; other loads push them away.
 
     Parameters
     ----------
@@ -116,14 +116,14 @@ class FullModel(Model):
         if loading.live or not left_free(self.shell):
             return self._solve_constrained(loading, start, ())
         if (share := self.rigid_load(loading.dead)) > RIGID_LOAD:
-            x = self.shell.rest_positions if start is None else start
+            x = np.array(self.shell.rest_positions if start is None else start)
             return Equilibrium(x, Outcome.NO_EQUILIBRIUM, "", 0, share, None, creases=self.shell.crease_state)
 
         def solve(shell: Shell) -> Equilibrium:
             model = copy.copy(self)
             model.shell, model.factoriser = shell, Factoriser(self.factoriser.backend)
             found = model._solve_constrained(loading, start, ())
-            neutral = found.outcome is Outcome.UNSTABLE and not model._curves_down(found.positions)
+            neutral = found.outcome is Outcome.UNSTABLE and model._curves_down(found.positions) is False
             return replace(found, outcome=Outcome.CONVERGED, message="", stable=True) if neutral else found
 
         return balanced(self.shell, loading.dead, start, solve)
@@ -229,12 +229,12 @@ class FullModel(Model):
 
         With the out-of-balance force r(x, theta), ``dx/dtheta = -(dr/dx)^-1 dr/dtheta`` on the free unknowns: one
         factorisation of the tangent stiffness, and one solve for each of the k columns; or one solve alone with ``of``.
-
         As :meth:`Model.sensitivity`, by every constant of the material that is one number for the whole mesh ("young",
         "poisson", "thickness", "density" of an Isotropic; "stretch", "shear", "flexure", "density" of a Material), and
         by "supports": positions of the vertices that supports hold (k = 3 each, in the order of their numbers, along
         what they leave free zero), clamped edges keeping their slope.
         """
+        refuse_drifting(self.shell, "sensitivity")
         loading = checked_state(state).loading
         assert loading is not None
         self.shell.checked_positions(state.positions)
@@ -282,19 +282,19 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential has negative curvature; False for a shell without supports."""
-        return bool(self.shell.unknowns.supported.any()) and self.as_creased(state)._curves_down(state.coordinates)
+        return bool(self.shell.unknowns.supported.any() and self.as_creased(state)._curves_down(state.coordinates))
 
-    def _curves_down(self, x: Array) -> bool:
-        """Whether the potential has negative curvature, beyond rounding, at x (n, 3) [m]."""
+    def _curves_down(self, x: Array) -> bool | None:
+        """Whether the potential has negative curvature, beyond rounding, at x (n, 3) [m]; None where not known."""
         problem = self._statics(np.zeros_like(x))
         hessian = problem.linearise(x, EXACT)[1]
         if problem.definite_factor(hessian) is not None:
             return False
         rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
         try:
-            return TangentStiffness(self.shell, hessian, self.factoriser).lowest_mode()[0] < -rounding
+            return bool(TangentStiffness(self.shell, hessian, self.factoriser).lowest_mode()[0] < -rounding)
         except SolverError:
-            return False
+            return None
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse an explicit step above the stability estimate."""

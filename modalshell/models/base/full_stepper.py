@@ -68,13 +68,15 @@ class FullStepper(Stepper):
         return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
 
     def remark(self, state: MotionState, time: float) -> str:
-        """Message about a state at ``time`` [s]: of the model, or that constraints lead through a collider."""
+        """Message about a state at ``time`` [s]: of the model, or that vertices are led through a collider."""
         told = super().remark(state, time)
-        if told or self.contacts is None or not self._patches:
+        if told or self.contacts is None or not (self._patches or self._path):
             return told
-        led = np.concatenate([patch.vertices for patch in self._patches])
+        held = self.model.shell.clamped if self._path else np.empty(0, dtype=np.int64)
+        led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
         inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)
-        return f"constraints lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
+        who = "constraints" if self._patches else "supports"
+        return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
 
     def further_energy(self, state: MotionState) -> float:
         """Energy [J] of the barrier of self-contact in a state."""

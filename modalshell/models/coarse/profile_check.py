@@ -169,6 +169,7 @@ def check(body, room, lanczos, start, load, weights, probe):  # type: ignore[no-
             elasticity.assemble(elastic, body, room, x)
         else:
             elasticity.resist(elastic, body, room, x, weights, 1.0)
+        if stage == 0:
             elasticity.energy(elastic, room, x)
         negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)
         if negative < 0 or (stage == _STAGES - 1 and negative > 0):

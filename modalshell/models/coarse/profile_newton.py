@@ -305,7 +305,7 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
     rotations.vertex_rotations(start.near, room.step, body.faces, room.turns)
     if not rotations.largest_angle(room.turns) <= STRAIGHT_TURN:
         write(start.near, x)
-    # Stresses are those of `near`: a straight way to a turned place would predict a compression (theory 12).
+    # Stresses predicted along the straight way to a turned place would be a compression (theory 12).
     room.step[:] = 0.0
     elasticity.predict(body.elastic, room, start.near)
     return max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))

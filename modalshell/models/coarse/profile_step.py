@@ -99,7 +99,7 @@ class ProfileStep:
         margin, products = check(self._body, room, lanczos, _writeable(x), _writeable(load), self._weights, self._probe)
         count_elements(6 * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
         count_factorisation(self._unknowns, 3, self._products)
-        count_solves(self._unknowns, 2 + products)
+        count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
         return (room.x.copy(), float(margin)) if np.isfinite(margin) else None
 
     def _resistances(self, rate: float) -> tuple[Array, ...]:
