@@ -41,6 +41,7 @@ BETWEEN_PARTS = {
     "velocities",
     "velocity_at",
     "growth",
+    "mean_growth",
     "gap",
     "distance",
     "velocity",
