@@ -66,7 +66,7 @@ class ModalContacts:
     rows : callable
         Their derivatives at some vertices.
     near : callable, optional
-        Both at some vertices, where that costs less.
+        Both at some vertices; by default made of those two.
     turns : bool or callable
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional

@@ -39,14 +39,11 @@ def _described(positions: Array, vertices: Index, free: Array) -> str:
     """Description of rigid motions, given by their coefficients (6, r) of :func:`six_motions`."""
     if free.shape[1] == 6:
         return "all translations and turns"
-    _, values, right = np.linalg.svd(free[3:])
-    turning = int(np.count_nonzero(values > 1e-6))
-    translations = free[:3] @ right[turning:].T
+    translations, turns = _told_apart(free)
     words = [f"a translation along {_written(axis)}" for axis in _axes(translations)]
     points = positions[vertices]
     centre = points.mean(axis=0)
     size = np.linalg.norm(points - centre, axis=1).max()
-    turns = free @ right[:turning].T
     for axis in _axes(turns[3:]):
         motion = turns @ np.linalg.lstsq(turns[3:], axis, rcond=None)[0]
         speed = motion[:3]
@@ -55,6 +52,13 @@ def _described(positions: Array, vertices: Index, free: Array) -> str:
         through = centre + size * np.cross(axis, speed)
         words.append(f"a turn about {_written(axis)} through {_written(through)}")
     return " and ".join(words)
+
+
+def _told_apart(free: Array) -> tuple[Array, Array]:
+    """Directions (3, k) of the translations among rigid motions (6, r), and what turns of them (6, r - k)."""
+    _, values, right = np.linalg.svd(free[3:])
+    turning = int(np.count_nonzero(values > 1e-6))
+    return free[:3] @ right[turning:].T, free @ right[:turning].T
 
 
 def _axes(vectors: Array) -> list[Array]:
@@ -115,8 +119,7 @@ def free_translations(shell: Shell) -> list[tuple[Index, Array, int]]:
     """Vertices, directions (3, k) along which supports let it translate, and number of free motions, of every part."""
     found = []
     for vertices, free in _free_motions(shell):
-        _, values, right = np.linalg.svd(free[3:])
-        directions = free[:3] @ right[np.count_nonzero(values > 1e-6) :].T
+        directions = _told_apart(free)[0]
         found.append((vertices, np.linalg.qr(directions)[0] if directions.size else directions, free.shape[1]))
     return found
 

@@ -385,15 +385,16 @@ def solve(
     A descent begins at ``begin``, by default at the ``start``. The factor of ``near``, the result of an earlier step of
     the same length, may serve this one, too.
     """
+    begin = start if begin is None else begin
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
-        state.slots[method.START] = start if begin is None else begin
+        state.slots[method.START] = begin
         if near is not None and near.factor is not None and near.factored_at is not None:
             state.keep(near.factor, near.factored_at)
         return state.result(method.solve_step(state, rules_of(problem, goal)))
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if is_minimum(problem, result):
         return result
-    fallback = problem.descend(start if begin is None else begin, scale)
+    fallback = problem.descend(begin, scale)
     fallback.iterations += result.iterations
     return fallback if fallback.converged or not result.converged else replace(result, iterations=fallback.iterations)
