@@ -43,7 +43,7 @@ shell.kernels.split_folds.quadratic_forms d4 d4 d3
 shell.kernels.split_folds.fold_angles d2 l2 d1 d1 d2
 shell.kernels.split_folds.half_squares d2 rl2 d1 d1
 shell.kernels.patterns.find_blocks l2 l2 i1 i1 l l i3
-shell.kernels.split_folds.solve_factorised i1 i1 d1 d1 i1 d2 d2
+linalg.columns.solve_rows i1 i1 d1 d1 i1 d2 d2
 shell.kernels.split_folds.add_fold_forces l2 d2 d1 d2
 shell.kernels.split_folds.add_edge_forces d2 rl2 d1 d2
 shell.kernels.split_folds.add_bending d2 l2 l2 l3 d2 d3 i3 i3 l1 d1

@@ -98,7 +98,8 @@ class _Notice(event.Listener):
 
 def _is_own(event: Any) -> bool:
     """Whether a kernel of this package is compiled."""
-    return bool(event.data["dispatcher"].py_func.__module__.startswith(_OWN))
+    module = event.data["dispatcher"].py_func.__module__  # of what was made by exec() there is none
+    return module is not None and module.startswith(_OWN)
 
 
 def _most_seconds() -> float:

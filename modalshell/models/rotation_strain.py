@@ -68,7 +68,7 @@ class RotationStrain(TurnedTriangles):
         centres = [np.tensordot(share, modes[part], 1) for part, share in fit.floating]
         self._green = np.empty((0, fit.rows - 1))
         self._places = np.full(len(basis.shell.rest_positions), -1, np.int64)
-        self._spread: tuple[Array, Array] | None = None
+        self._spread: tuple[bytes, Array] | None = None
         self._gathered: tuple[Index, Array] | None = None
         self._centres = np.array(centres).reshape(-1, 3, basis.count)
         height, foot, length = fit.sides.T
@@ -83,12 +83,13 @@ class RotationStrain(TurnedTriangles):
     def _right_side(self, q: Array) -> Array:
         """Right side (N + 1, 3) of the fit at q; the last one is kept."""
         known = self._spread  # read once: another thread may spread another meanwhile
-        if known is not None and np.array_equal(known[0], q):
+        key = q.tobytes()
+        if known is not None and known[0] == key:
             return known[1]
         count_read(self._modal.nbytes + self._shape.nbytes)
         right = np.empty((self._fit.rows, 3))
         kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right)
-        self._spread = q.copy(), right
+        self._spread = key, right
         return right
 
     def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -12,28 +12,25 @@ import scipy.sparse.linalg as spla
 from modalshell.core.errors import SolverError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
-from modalshell.shell.kernels.split_folds import solve_factorised
+from modalshell.linalg.columns import ColumnFactor, column_factor, solve_rows
 from modalshell.shell.split_folds import SplitFolds
 
 _SLACK = 1e-12
 """Stiffness of a combination of fold shares, relative to the largest, below which it counts as zero."""
 
 
-def _factorised(stiffness: sps.csc_matrix) -> tuple[Any, ...]:
-    """Factors as :func:`solve_factorised` takes them: SuperLU's own solve is half as slow again."""
+def _factorised(stiffness: sps.csc_matrix) -> ColumnFactor:
     options = {"SymmetricMode": True}
     try:
-        factor = spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        if not np.array_equal(factor.perm_r, factor.perm_c):
+        factor = column_factor(spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options))
+        if factor is None:
             raise RuntimeError("a pivot vanishes")
     except RuntimeError as error:
         raise SolverError(
             "the bending stiffness of the fold shares is singular to rounding: thicknesses or moduli of neighbouring "
             f"triangles are too many decades apart, or overflow ({error})"
         ) from error
-    lower = sps.csc_array(sps.tril(factor.L, -1))
-    lower.sort_indices()
-    return lower.indptr, lower.indices, lower.data, factor.U.diagonal(), np.argsort(factor.perm_c).astype(np.int32)
+    return factor
 
 
 @final
@@ -69,8 +66,8 @@ class FoldShares:
             self._fields = fields @ (vectors[:, kept] / np.sqrt(values[kept]))
 
     @property
-    def factor(self) -> tuple[Any, ...] | None:
-        """Factor of :attr:`stiffness` as :func:`solve_factorised` takes it; None where there are no shares."""
+    def factor(self) -> ColumnFactor | None:
+        """Factor of :attr:`stiffness`; None where there are no shares."""
         return self._factor() if self.stiffness.shape[0] else None
 
     def solve(self, right_side: Array) -> Array:
@@ -81,7 +78,7 @@ class FoldShares:
             return right_side
         rows = np.ascontiguousarray(right_side.T).reshape(-1, len(right_side))
         solution = np.empty_like(rows)
-        solve_factorised(*self._factor(), rows, solution)
+        solve_rows(*self._factor(), rows, solution)
         return solution.reshape(right_side.T.shape).T
 
     def couples(self, folds: Array) -> Array:

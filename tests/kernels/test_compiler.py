@@ -209,3 +209,11 @@ def test_garbage_is_not_collected_while_a_kernel_is_compiled_and_after_it_as_bef
         assert gc.isenabled() == collects
     finally:
         (gc.enable if before else gc.disable)()
+
+
+def test_kernels_of_others_that_belong_to_no_module_are_compiled():
+    made = {}
+    exec("def twice(x):\n    return 2.0 * x", made)
+    assert made["twice"].__module__ is None or made["twice"].__module__ == "builtins"
+    made["twice"].__module__ = None  # what exec() leaves where the namespace has no name
+    assert numba.njit(made["twice"])(1.5) == 3.0

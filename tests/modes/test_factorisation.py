@@ -85,6 +85,21 @@ def test_factors_solve(backend):
                 np.testing.assert_allclose(factor.solve(matrix @ expected), expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("sides", [(), (1,), (3,), (5,)])
+@pytest.mark.parametrize("size", [2, 3000])
+def test_a_factor_for_three_axes_solves_for_any_number_of_sides(size, sides):
+    matrix = banded(size, min(4, size - 1))
+    matrix.setdiag(10.0 + np.arange(size) / size)
+    factor, right = Factoriser(use="axes").definite(matrix), np.random.default_rng(1).standard_normal((size, *sides))
+    found = factor.solve(right)
+    assert (found.shape, factor.backend, factor.is_definite()) == (right.shape, "superlu", True)
+    assert np.abs(matrix @ found - right).max() < 1e-13
+    matrix.setdiag(np.where(np.arange(size) == 1, -20.0, 10.0))
+    signed = Factoriser(use="axes").symmetric(matrix)
+    assert (signed.is_definite(), signed.negative_eigenvalues()) == (False, 1)
+    assert np.abs(matrix @ signed.solve(right) - right).max() < 1e-13
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_an_overtaken_factor_does_not_answer_for_another_matrix(backend):
     factoriser, matrix = Factoriser(backend), definite_matrix()

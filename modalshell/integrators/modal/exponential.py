@@ -73,8 +73,8 @@ class Exponential(ModalIntegrator, key="exponential"):
         if not last:  # the force is taken as straight
             last, memory = h, memory | {"gain": pushed - kept}
         foreseen = None if change is None else ahead.copy()
-        missed = correct(table, h / last, q, v, kept, pushed, memory["gain"], ends, cost)
-        if missed > (VIOLENT * size) ** 2 or (stiff is not None and _pushes(pushed, stiffness, VIOLENT * size * stiff)):
+        missed, whole = correct(table, h / last, q, v, kept, pushed, memory["gain"], ends, cost)
+        if missed > (VIOLENT * size) ** 2 or (stiff is not None and whole > (VIOLENT * size * stiff) ** 2):
             further = None if change is None or foreseen is None else change(foreseen, ahead, pushed)
             pushed = force(ahead, rates, 1.0) if further is None else pushed + further
         keeps = {"force": pushed, "gain": ends[2], "curvature": ends[3], "step": length, COST: cost}
@@ -116,7 +116,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         return np.vstack([ahead, rates + c.b2[:, None] * change, slope @ ahead if again else pushed])
 
     def _flow(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, float | None, Array]:
-        """The coefficients, and errors per curvature of a force and change of rates (10, m); kept.
+        """The coefficients, errors per curvature of a force and change of rates, and the stiffness (11, m); kept.
 
         And the least stiffness that is hardly followed, under forces that turn, if any is; and the step (1,) [s].
 
@@ -131,12 +131,6 @@ class Exponential(ModalIntegrator, key="exponential"):
             coefficients = np.array(self._coefficients(stiffness, damp, h))
             lost = np.where(outrun(stiffness, h) & self.turning, 0.5 * h, 0.0)
             stiff = hardly_followed(stiffness, h) if self.turning else None
-            table = np.vstack([coefficients, reach, lost])
+            table = np.vstack([coefficients, reach, lost, stiffness])
             kept = self._kept = stiffness, damp, h, table, stiff, read_only(np.array([h]))
         return kept[3:]
-
-
-def _pushes(force: Array, stiffness: Array, most: float) -> bool:
-    """Whether a modal force (m,) on modes that are not rigid is larger than ``most``."""
-    elastic = force[stiffness > 0.0]
-    return bool(elastic @ elastic > most**2)

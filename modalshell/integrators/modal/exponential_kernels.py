@@ -7,7 +7,7 @@ from modalshell.kernels.compiler import njit
 def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
     """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out`` (4, m).
 
-    ``c`` (10, m) are the coefficients of a :class:`Flow`, and two of a step's error.
+    ``c`` (11, m) are the coefficients of a :class:`Flow`, two of a step's error, and the stiffness.
     """
     for k in range(q.size):
         out[0, k] = c[0, k] * q[k] + c[1, k] * v[k] + c[4, k] * kept[k]
@@ -16,16 +16,17 @@ def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False)
 def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-untyped-def]
-    """Correct a prediction in ``out`` (4, m) for the force ``pushed`` (m,) there; the square of the correction.
+    """Correct a prediction in ``out`` (4, m) for the force ``pushed`` (m,) there.
 
-    Row 8 of ``c`` (10, m) turns the force's curvature into an error, row 9 the change of rates into that of implicit
-    Euler, in the modes that take its coefficients.
+    Returns the squares of the correction, and of that force on the modes that are not rigid: those whose stiffness, row
+    10 of ``c`` (11, m), is positive. Row 8 turns the force's curvature into an error, row 9 the change of rates into
+    that of implicit Euler, in the modes that take its coefficients.
 
     Gain and curvature of the force become the last rows of ``out``, ``last`` (m,) being the gain of the step before,
     and ``ratio`` the step over the one before; ``cost`` (3,) the squares of the step's error and of the changes of
     rates and coordinates.
     """
-    missed = error = gained = moved = 0.0
+    missed = whole = error = gained = moved = 0.0
     for k in range(q.size):
         change = pushed[k] - kept[k]
         off = c[5, k] * change
@@ -34,9 +35,11 @@ def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-u
         out[2, k] = change
         out[3, k] = 2.0 * ratio / (1.0 + ratio) * (change - ratio * last[k])
         missed += off * off
+        if c[10, k] > 0.0:
+            whole += pushed[k] * pushed[k]
         gain_of_rates = out[1, k] - v[k]
         error += (c[8, k] * out[3, k]) ** 2 + (c[9, k] * gain_of_rates) ** 2
         gained += gain_of_rates**2
         moved += (out[0, k] - q[k]) ** 2
     cost[0], cost[1], cost[2] = error, gained, moved
-    return missed
+    return missed, whole

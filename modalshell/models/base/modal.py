@@ -280,10 +280,11 @@ class ModalStepper(ContactStepper):
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
         model, damping, contacts = self.model, self.setup.damping, self._contacts
         last: list[tuple[Array, Array]] = []
+        dead = model.dead_force(load) if self._stays else None
 
         def force(q: Array, rates: Array, share: float) -> Array:
-            if self._stays:
-                return model.modal_force(q, load)
+            if dead is not None:
+                return dead(q)
             pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed

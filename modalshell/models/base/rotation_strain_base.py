@@ -21,7 +21,7 @@ from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import as_tile, change_of, samples_of
+from modalshell.models.reduction.sampled_change import LEAST, as_tile, change_of, samples_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16
@@ -92,12 +92,19 @@ class TurnedTriangles(UnstretchedModel):
         adjoint = self._adjoint(force)
         return lambda q: self._work_of(adjoint, q)[1]
 
+    def dead_force(self, load: Array) -> Callable[[Array], Array]:
+        """See :meth:`ModalShape.dead_force`."""
+        adjoint = self._face(load)
+        return lambda q: self._work_of(adjoint, q)[1]
+
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
 
     def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
         """Change (m,) of the modal force from q to coordinates ``near`` by, by a sample of the triangles."""
+        if len(self._modal) * TILE < LEAST:
+            return None
         adjoint = self._face(load)
         sample = self._sample_of(adjoint)
         if sample is None:

@@ -20,6 +20,7 @@ OF_SHAPE = (
     "warped_positions",
     "warped_gradient",
     "warped_force",
+    "dead_force",
     "warped_change",
     "warped_jacobian",
     "warped_work",
@@ -113,6 +114,10 @@ class ModalShape(Warp):
         A model with another force sets ``conservative = False``.
         """
         return self.warped_gradient(q, load)
+
+    def dead_force(self, load: Array) -> Callable[[Array], Array]:
+        """:meth:`warped_force` of one load (n, 3) [N], which is looked at once for all that are asked for."""
+        return lambda q: self.warped_force(q, load)
 
     def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
         """Change (m,) of :meth:`warped_force` from q, where it is ``known``, to coordinates ``near`` by, or None.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import njit
-from modalshell.shell.kernels.split_folds import solve_factorised
+from modalshell.linalg.columns import solve_rows
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
 
@@ -33,7 +33,7 @@ def couples_of(folds, bending, right, shares, couples):  # type: ignore[no-untyp
                 right[0, index[pair, k]] -= factors[pair, k] * moment
     if right.size:
         f = bending.factor
-        solve_factorised(f.starts, f.rows, f.values, f.pivots, f.order, right, shares)
+        solve_rows(f.starts, f.rows, f.values, f.pivots, f.order, right, shares)
     for pair in range(own.shape[0]):
         for k in range(5):
             gamma[k] = folds[own[pair, k]] if own[pair, k] >= 0 else 0.0

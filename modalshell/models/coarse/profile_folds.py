@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg.columns import ColumnFactor
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
 from modalshell.models.coarse.profile_fold_kernels import (
@@ -42,16 +42,6 @@ from modalshell.statics.mixed_newton import operation_of, write
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 
 
-class ShareFactor(NamedTuple):
-    """Factor of the shares' stiffness, as :func:`solve_factorised` takes it."""
-
-    starts: NDArray[np.int32]
-    rows: NDArray[np.int32]
-    values: Array
-    pivots: Array
-    order: NDArray[np.int32]
-
-
 class Bending(NamedTuple):
     """Pairs of triangles; see :class:`modalshell.shell.split_folds.SplitFolds`, and where their blocks go."""
 
@@ -64,7 +54,7 @@ class Bending(NamedTuple):
     slots: Index
     share_slots: Index
     share_steps: Index
-    factor: ShareFactor
+    factor: ColumnFactor
 
 
 class Blocks(NamedTuple):
@@ -230,13 +220,13 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
     return Folds(ghosts, hinges, angles, slots, bending, membrane, np.arange(count), shares)
 
 
-def _share_factor(factor: tuple[Any, ...] | None) -> ShareFactor:
+def _share_factor(factor: ColumnFactor | None) -> ColumnFactor:
     """The factor in arrays of its own, of the types that a shell's own has; empty without shares."""
     starts, rows, values, pivots, order = factor or ([0], [], [], [], [])
     integers = (np.array(part, dtype=np.int32) for part in (starts, rows, order))
     numbers = np.array(values, dtype=np.float64), np.array(pivots, dtype=np.float64)
     starts, rows, order = integers
-    return ShareFactor(starts, rows, *numbers, order)
+    return ColumnFactor(starts, rows, *numbers, order)
 
 
 def _share_places(numbering: Numbering, share_index: Index, of: Index) -> tuple[Index, Index]:

@@ -73,7 +73,7 @@ class PoissonFit:
         self.factor: Factor
         self.coupled = shell.unknowns.matrix is not None
         if shell.unknowns.matrix is None:
-            self.factor = Factoriser(backend, use="solve").definite(laplacian)
+            self.factor = Factoriser(backend, use="axes").definite(laplacian)
         else:
             rows_of_kept = (3 * self._kept[:, None] + np.arange(3)).ravel()
             self.factor = _SupportedFactor(laplacian, shell.unknowns.matrix[rows_of_kept], backend)

@@ -7,7 +7,7 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.frame import TILE
 
-_LEAST = 1024
+LEAST = 1024
 """Vertices or triangles from which a sample pays: two forces on it, and their overhead, against one on all."""
 _ALIKE = 0.4
 """Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
@@ -15,7 +15,7 @@ _ALIKE = 0.4
 
 def samples_of(count: int, draws: int = 1) -> Index:
     """Numbers (draws, 128) of samples of ``count``, as of :func:`spread_samples`; none (0, 128) of few."""
-    return spread_samples(count, TILE, draws if count >= _LEAST else 0)
+    return spread_samples(count, TILE, draws if count >= LEAST else 0)
 
 
 def spread_samples(count: int, size: int, draws: int = 1) -> Index:

@@ -96,26 +96,6 @@ def quadratic_forms(maps: Any, forms: Any, out: Any) -> None:
 
 
 @njit(**OPTIONS)
-def solve_factorised(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any) -> None:
-    """Solve ``P^T L D L^T P out = right`` for every row (k, m), L below its unit diagonal by columns."""
-    size = pivots.size
-    work = np.empty(size)
-    for column in range(right.shape[0]):
-        for j in range(size):
-            work[j] = right[column, order[j]]
-        for j in range(size):
-            y = work[j]
-            for entry in range(starts[j], starts[j + 1]):
-                work[rows[entry]] -= values[entry] * y
-        for j in range(size - 1, -1, -1):
-            y = work[j] / pivots[j]
-            for entry in range(starts[j], starts[j + 1]):
-                y -= values[entry] * work[rows[entry]]
-            work[j] = y
-            out[column, order[j]] = y
-
-
-@njit(**OPTIONS)
 def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
     """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
     for hinge in range(hinges.shape[0]):
