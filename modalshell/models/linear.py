@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import final
 
@@ -38,6 +39,11 @@ class LinearModal(ModalModel):
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)
         return self.basis.modes.T @ load.ravel()
+
+    def dead_force(self, load: Array) -> Callable[[Array], Array]:
+        """:meth:`warped_force`, the same at every q."""
+        force = self.warped_force(np.zeros(self.basis.count), load)
+        return lambda q: force.copy()  # noqa: ARG005 (as of other models)
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . Phi q`` [J] and its gradient (m,)."""

@@ -19,8 +19,8 @@ from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
 from modalshell.shell.damping import Damping
 
-_SEEN = 8
-"""Steps from one look at the motion's size to the next."""
+_SEEN, _EARLY, _LATER = 8, 64, 32
+"""Steps from one look at the motion's size to the next, of this many early ones, and of later ones."""
 _COHERENT = 0.5 * np.pi
 """Error of an oscillation over the sum of what its steps add: their errors have one sign along its orbit, of which the
 coordinates show the mean of a cosine."""
@@ -71,7 +71,7 @@ class StepErrors:
     halvings : int
         Halvings of the present step.
     peaks : ndarray, shape (m,)
-        Largest rate of each mode of a modal model, seen at every eighth step.
+        Largest rate of each mode of a modal model, seen at some of the steps.
     """
 
     def __init__(self, stepper: Stepper, start: MotionState) -> None:
@@ -121,8 +121,8 @@ class StepErrors:
 
     @property
     def looks(self) -> bool:
-        """Whether this is one of the steps, every eighth, at which the size of the motion is looked at."""
-        return self._steps % _SEEN == 0
+        """Whether this is one of the steps at which the size of the motion is looked at."""
+        return self._steps % (_SEEN if self._steps < _EARLY else _LATER) == 0
 
     def see(self, after: MotionState) -> None:
         """Look at the size of the motion."""
@@ -141,9 +141,12 @@ class StepErrors:
         self._gained += gained
         self._moved += moved
         self._steps += 1
-        error = self.error * math.exp(-self.decay * dt) + _COHERENT * self.length(error)
-        self.error = min(error, 2.0 * self._size) if self._size else error
-        self._largest = max(self._largest, self.error)
+        error = self.error * math.exp(-self.decay * dt) + _COHERENT * self._shape * math.sqrt(error)
+        if error > 2.0 * self._size > 0.0:
+            error = 2.0 * self._size
+        self.error = error
+        if error > self._largest:
+            self._largest = error
 
     @property
     def largest(self) -> float | None:
@@ -159,8 +162,7 @@ class StepErrors:
     @property
     def decay(self) -> float:
         """Rate [1/s] at which oscillations of the motion's frequency die away."""
-        omega = self.frequency
-        return 0.5 * self._damping_rate(omega) if omega else 0.0
+        return 0.5 * self._damping_rate(self.frequency) if self._gained and self._moved else 0.0
 
     @property
     def frequency(self) -> float:

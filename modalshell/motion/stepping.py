@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
+from modalshell.core.thread_safety import read_only
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
@@ -56,8 +57,6 @@ class Motion:
         Step, damping, loads, supports and constraints.
     stepper : Stepper
         Takes the model's steps.
-    load : ndarray, shape (n, 3)
-        The sum of the dead loads [N], which may be replaced between steps.
     count : int
         Steps done.
     state : MotionState
@@ -94,7 +93,7 @@ class Motion:
         wanted = checked_constraints(constraints, shell.unknowns)
         # Contacts are checked where they are known: what has none does not import them.
         self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or ())
-        self.load = loading.dead
+        self._load = loading.dead.copy()
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
         self.errors = StepErrors(self.stepper, self.state)
@@ -106,6 +105,16 @@ class Motion:
             self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
+
+    @property
+    def load(self) -> Array:
+        """The sum of the dead loads (n, 3) [N], read-only; it may be replaced as a whole between steps."""
+        return read_only(self._load.view())
+
+    @load.setter
+    def load(self, load: ArrayLike) -> None:
+        # A copy: steppers know a load that they have seen by its array.
+        self._load = checked_vectors("load", load, self._load.shape).copy()
 
     @property
     def time(self) -> float:
@@ -148,7 +157,7 @@ class Motion:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
         own = self.stepper.loaded_positions(self.state)
         model, state, loading = self.present_model, self.state, self.setup.loading
-        potential = -dead_work(self.load, own, self.model.shell.rest_positions)
+        potential = -dead_work(self._load, own, self.model.shell.rest_positions)
         if loading.live:
             potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
         elastic = model.elastic_energy(state) + self.stepper.further_energy(state)
@@ -170,7 +179,7 @@ class Motion:
     def _whole_step(self) -> bool:
         """Take a step as long as it is; whether it was solved."""
         dt, before = self.setup.dt, self.state
-        after, converged = self.stepper.advance(self.time, dt, before, self.load)
+        after, converged = self.stepper.advance(self.time, dt, before, self._load)
         cost = self.errors.of_step(before, after, dt)
         if self._go_on(after, cost):
             self.errors.see(after)
@@ -185,7 +194,7 @@ class Motion:
             part = _PARTS >> errors.halvings
             dt, before = self.setup.dt * part / _PARTS, self.state
             begin = self.time + self.setup.dt * place / _PARTS
-            after, converged = self.stepper.advance(begin, dt, before, self.load)
+            after, converged = self.stepper.advance(begin, dt, before, self._load)
             errors.see(after)
             cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt)
             error = errors.length(cost[0])

@@ -48,7 +48,7 @@ class LiveBar:
         middle = motion.count - 1
         if middle % BARS_EVERY == 0 and counts == [middle - 1, middle, middle + 1]:
             times = motion.setup.dt * np.array(counts, dtype=np.float64)
-            bar = self._check.bar_under(times, np.stack([frame for _, frame in self._frames]), motion.load)[0]
+            bar = self._check.bar_under(times, np.stack([frame for _, frame in self._frames]), motion.load.copy())[0]
             off = self._check.off(bar, self._check.own(times[1], self._frames[1][1]))
             valid = bar.valid and (self._held or self._follows)
             self._held = self._held and bar.valid

@@ -3,6 +3,7 @@ import pytest
 from scenes import cantilever
 
 import modalshell as ms
+from modalshell.motion import Motion
 
 
 @pytest.fixture(scope="module")
@@ -97,3 +98,24 @@ def test_loads_of_the_wrong_shape_are_refused(basis):
         ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.1, gravity=(0, -9.81))
     with pytest.raises(ms.LoadError, match="force"):
         ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.1, force=np.zeros((3, 3)))
+
+
+def test_loads_are_replaced_between_steps_as_a_whole(basis):
+    """Steppers know a load that they have seen by its array: what is written into one must not pass them by."""
+    for model in (ms.LinearModal(basis), ms.ModalWarping(basis), ms.RotationStrain(basis)):
+        loading = basis.shell.loading((0.0, 0.0, -1.0))
+        changed, begun = (Motion(model, loading, dt=0.01) for _ in range(2))
+        for _ in range(3):
+            changed.advance()
+        with pytest.raises(ValueError, match="read-only"):
+            changed.load *= 2.0
+        with pytest.raises(ms.LoadError, match=r"load must have shape .* \(got \(3,\)\)"):
+            changed.load = np.zeros(3)
+        given = 2.0 * loading.dead
+        changed.load = given
+        given[:] = 0.0
+        begun.load = 2.0 * loading.dead
+        begun.state = changed.state
+        changed.advance()
+        begun.advance()
+        np.testing.assert_array_equal(changed.positions(), begun.positions())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, cast, final
@@ -244,6 +244,9 @@ class ModalStepper(ContactStepper):
     model: ModalModel
     _steady: Array | None = None
     """Dead load (n, 3) [N] under which the last pressed step ended, if no other force changes in time."""
+    _seen: Array | None = None
+    _dead: Callable[[Array], Array] | None = None
+    """The modal force of the dead load that was seen last, if no other force acts."""
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
@@ -280,7 +283,9 @@ class ModalStepper(ContactStepper):
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
         model, damping, contacts = self.model, self.setup.damping, self._contacts
         last: list[tuple[Array, Array]] = []
-        dead = model.dead_force(load) if self._stays else None
+        if self._stays and load is not self._seen:
+            self._seen, self._dead = load, model.dead_force(load)
+        dead = self._dead
 
         def force(q: Array, rates: Array, share: float) -> Array:
             if dead is not None:

@@ -203,13 +203,18 @@ class ModalMotion(ModalShape, FrameModel):
         """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
         return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
 
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of coordinates (m,): modes are orthonormal in the norm of the mass."""
+        return float(vector @ vector)
+
     def largest_move(self, change: Array) -> float:
         """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
-        return super().largest_move(self._probes @ change)
+        return super().largest_move((self._probes @ change).reshape(-1, 3))
 
     @cached_property
     def _probes(self) -> Array:
-        return probes(self.basis.modes)
+        """Rows (3k, m) of the modes."""
+        return probes(self.basis.modes).reshape(-1, self.basis.count)
 
     def growth(self, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, by the integrator's theory."""
