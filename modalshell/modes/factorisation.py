@@ -285,8 +285,7 @@ def told_factorisations() -> str:
     return (
         f"profile (our own) up to {_SLENDER / 1e6:.0f} million multiplications, 7 to 10 times as fast as superlu; "
         "cholesky (multifrontal, our own) above, 4 to 7 times. Of single factors: cholesky from "
-        f"{_SMALL:,} unknowns on, superlu (SciPy) below, and for the fit of RSW. Superlu also takes matrices whose pivots "
-        "vanish"
+        f"{_SMALL:,} unknowns on, superlu (SciPy) below, and for RSW. Superlu also takes matrices whose pivots vanish"
     )
 
 
