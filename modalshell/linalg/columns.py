@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
@@ -38,10 +37,13 @@ def column_factor(factor: Any) -> ColumnFactor | None:
     """The columns of SciPy's SuperLU of a symmetric matrix; None where it took pivots off the diagonal."""
     if not np.array_equal(factor.perm_r, factor.perm_c):
         return None
-    lower = sps.csc_array(sps.tril(factor.L, -1))
+    lower = factor.L
     lower.sort_indices()
+    below = np.ones(lower.nnz, np.bool_)
+    below[lower.indptr[:-1]] = False  # the unit diagonal, which is first in its column
+    starts = (lower.indptr - np.arange(lower.indptr.size)).astype(np.int32)
     order = np.argsort(factor.perm_c).astype(np.int32)
-    return ColumnFactor(lower.indptr, lower.indices, lower.data, factor.U.diagonal(), order)
+    return ColumnFactor(starts, lower.indices[below], lower.data[below], factor.U.diagonal(), order)
 
 
 @njit(**_options)
