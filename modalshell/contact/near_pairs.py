@@ -164,6 +164,7 @@ class NearPairs:
         gradient = np.zeros_like(x)
         if not np.isfinite(x).all():
             return Barrier(np.nan, gradient, np.inf, np.empty(0, np.int64), *self._all)
+        x = x if x.flags.writeable else x.copy()  # of one kind, as above
         self.about(x)
         active = np.empty(len(self.pairs), np.int64)
         energy, found, least = pair_kernels.energy_gradient(x, *self._all, gap, gradient, active)

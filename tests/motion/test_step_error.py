@@ -57,7 +57,7 @@ def arch():
     return ms.Shell(mesh, ISOTROPIC, clamped=y < y.min() + 1e-9)
 
 
-RULES = ((0.0, "implicit"), (0.4, "bdf2"), (0.0, "bdf2"), (0.3, "sdirk2"), (0.2, "exponential"))
+RULES = ((0.0, "implicit"), (0.3, "bdf2"), (0.0, "bdf2"), (0.3, "sdirk2"), (0.2, "exponential"))
 
 
 @pytest.mark.slow
