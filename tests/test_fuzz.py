@@ -279,6 +279,7 @@ needs_interchange = pytest.mark.skipif(
 SEEDS = {two_lines: 1}
 """Random seeds with which what is found late by the derandomised search is found soon; it is found with any."""
 PARTS = {
+    not_a_number: arrays.measures,
     measured_from_the_origin: lambda _: properties.offsets(),
     shared_scratch: lambda _: properties.threads(),
     clamps_left_behind: lambda _: properties.carried(),
