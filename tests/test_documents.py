@@ -24,9 +24,11 @@ from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
 ADVISE = "modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60"
+TRADEOFF = "modalshell tradeoff studies/scenes/flat_beam.toml"
 VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
     ADVISE: f"{ADVISE} --modes 4",
+    TRADEOFF: f"{TRADEOFF} --modes 4",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell bench": "modalshell bench --only assembly",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
@@ -35,11 +37,14 @@ SHORTER = {
 }
 """In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
-    ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only flat_vs_v_beam",
+    ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only folded_map",
     ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",
-    ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[dev,docs]'",
+    ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[docs]'",
 }
-"""The same for what follows the making of an environment; .ci/run takes those commands as they stand."""
+"""The same for what follows the making of an environment, by a study of few kernels, which that copy compiles anew.
+
+.ci/run takes those commands as they stand, all extras but ``docs`` among them.
+"""
 ALL = list(dict.fromkeys(line for page in PAGES for line in commands(page)))
 OWN = [line for line in ALL if line.startswith("modalshell ")]
 SETTING_UP = [line for line in ALL if " -m venv " in line]

@@ -142,7 +142,8 @@ def search(  # type: ignore[no-untyped-def]
     vertex_face, edge_face = owners
     stack = np.empty((4 * begin.size + 64, 2), np.int64)
     stack[0] = 0
-    depth, faced, crossed = 1, 0, 0
+    # Typed counts: what takes them is compiled for plain numbers alone, and not for the first zeros too.
+    depth, faced, crossed = 1, np.int64(0), np.int64(0)
     closest = np.empty(4), np.empty((2, 4)), np.empty(3), np.empty((4, 3))
     room, ways = (*closest, np.empty(4, np.int64)), (x, moved, gap)
     while depth > 0:

@@ -134,19 +134,20 @@ class NearPairs:
         moved = x if moved is None else moved
         if self._covers(x) and (moved is x or self._covers(moved)):
             return
-        self._way = x.copy(), moved - x
+        begin = x.copy()  # of one kind, whether x is read-only or not: kernels are compiled for that
+        self._way = begin, moved - x
         # Pairs do not change as all vertices move on by the same.
-        other = x if moved is x else moved - (moved - x).mean(axis=0)
+        other = begin if moved is x else moved - (moved - x).mean(axis=0)
         around = tuple(np.empty((len(parts), 6)) for parts in self._parts)
         for parts, boxes in zip(self._parts, around, strict=True):
-            face_tree_kernels.surround(x, other, parts, 0.5 * self._reach, boxes)
+            face_tree_kernels.surround(begin, other, parts, 0.5 * self._reach, boxes)
         face_tree_kernels.refit(*self._tree, around[2], self._boxes)
         triangles = self._faces, self.edges, self._sides
         while True:
             facing, crossing = np.empty((self._room[0], 4), np.int64), np.empty((self._room[1], 2), np.int64)
             tree = *self._tree, self._boxes
             found = face_tree_kernels.search(
-                *triangles, self._owners, tree, around, x, other, self._reach, facing, crossing
+                *triangles, self._owners, tree, around, begin, other, self._reach, facing, crossing
             )
             if found[0] <= self._room[0] and found[1] <= self._room[1]:
                 break
@@ -163,6 +164,7 @@ class NearPairs:
         gradient = np.zeros_like(x)
         if not np.isfinite(x).all():
             return Barrier(np.nan, gradient, np.inf, np.empty(0, np.int64), *self._all)
+        x = x if x.flags.writeable else x.copy()  # of one kind, as above
         self.about(x)
         active = np.empty(len(self.pairs), np.int64)
         energy, found, least = pair_kernels.energy_gradient(x, *self._all, gap, gradient, active)

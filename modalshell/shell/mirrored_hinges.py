@@ -173,8 +173,11 @@ class MirroredFlexure:
         points = np.empty((len(stencils), 4, 3))
         points[:, :3] = x[stencils]
         points[:, 3] = points[:, 0] + (points[:, 2] - points[:, 0]) @ self.reflection
-        points.flags.writeable = False
-        return points.reshape(-1, 3), np.arange(4 * len(stencils)).reshape(-1, 4)
+        hinges = np.arange(4 * len(stencils)).reshape(-1, 4)
+        points.flags.writeable = hinges.flags.writeable = (
+            False  # as shells have them: kernels are compiled for one kind
+        )
+        return points.reshape(-1, 3), hinges
 
     def _add(self, own: Array, stencils: Index, gradient: Array) -> None:
         parts = own.reshape(-1, 4, 3)

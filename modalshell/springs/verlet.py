@@ -72,7 +72,7 @@ class GridVerlet(VerletSheet):
         super().__init__(grid, dtype, start, velocity, allow_unstable_step)
         self.threads = ThreadChoice(grid.count, _EACH, threads)
         rows, columns = np.nonzero(grid.pinned)
-        self._pins = np.searchsorted(rows, np.arange(grid.shape[0] + 1)), columns
+        self._pins = np.searchsorted(rows, np.arange(grid.shape[0] + 1)), np.ascontiguousarray(columns)
         self._work = np.zeros((self.threads.most, WORK), self.dtype)
 
     def _read(self, which: Which) -> NDArray[Any]:

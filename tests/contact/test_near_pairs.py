@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.contact import pair_kernels, pair_move_kernels
+from modalshell.contact import face_tree_kernels, pair_kernels, pair_move_kernels
 from modalshell.contact.near_pairs import NearPairs
 from modalshell.shell.pattern import build_pattern
 from modalshell.supports import VertexUnknowns
@@ -106,3 +106,15 @@ def test_kept_pairs_are_all_that_are_near():
         assert found.active.size == new.active.size
         assert found.energy == pytest.approx(new.energy, rel=1e-12)
     assert any(one is other for one, other in itertools.pairwise(seen))
+
+
+def test_places_that_may_not_be_written_to_are_met_by_the_same_kernels():
+    rest, faces, x = sheets(5e-4)
+    for place in (rest.copy(), x.copy()):
+        for writeable in (True, False):
+            place.flags.writeable = writeable
+            near = NearPairs(faces, rest, GAP, 0.0)
+            near.about(place, x)
+            near.barrier(place, GAP)
+    for kernel in (face_tree_kernels.surround, face_tree_kernels.search, pair_kernels.energy_gradient):
+        assert len(kernel.signatures) == 1

@@ -24,6 +24,12 @@ def make(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001 (one signatu
     return st.one_of([_inputs(target) for target in targets()])
 
 
+def measures(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001
+    """The part of them that measures shapes."""
+    _warm_up()
+    return st.one_of([_inputs(target) for target in targets() if target.name.startswith("measure.")])
+
+
 @cache
 def _warm_up() -> None:
     """Compile and load what the calls need, which may take longer than an input may; their own arguments are sound."""

@@ -177,8 +177,9 @@ def test_stiff_scenes_gain_no_energy(quick):
 def test_supports_that_move_are_followed_to_second_order(quick):
     rows = quick["led"]
     assert {row["scene"] for row in rows} == {"spin-up of a cantilever", "shaken cantilever"}
-    assert all(row["own"] < 0.05 for row in rows), rows
-    assert all(row["error"] < 0.02 for row in rows if row["rung"] == "DS"), rows
+    # A half step shows three quarters of an error of second order.
+    assert all(row["own"] < 0.75 * 0.05 for row in rows), rows
+    assert all(row["error"] < 0.75 * 0.02 for row in rows if row["rung"] == "DS"), rows
 
 
 def test_every_rung_of_a_strip_is_named_once():

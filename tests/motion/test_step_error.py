@@ -57,7 +57,7 @@ def arch():
     return ms.Shell(mesh, ISOTROPIC, clamped=y < y.min() + 1e-9)
 
 
-RULES = ((0.0, "implicit"), (0.4, "bdf2"), (0.0, "bdf2"), (0.3, "sdirk2"), (0.2, "exponential"))
+RULES = ((0.0, "implicit"), (0.3, "bdf2"), (0.0, "bdf2"), (0.3, "sdirk2"), (0.2, "exponential"))
 
 
 @pytest.mark.slow
@@ -111,8 +111,8 @@ def drawn(seed, count):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 29])
 def test_the_stated_error_is_right_within_two_on_drawn_motions(seed):
-    """Twenty motions of five shells that a seed draws, by each rule that knows its error."""
-    for shell, gravity, frequency, damping in drawn(seed, 5):
+    """Twelve motions of three shells that a seed draws, by each rule that knows its error."""
+    for shell, gravity, frequency, damping in drawn(seed, 3):
         modes = ms.solve_modes(shell, 6)
         options = {"damping": damping, "frequency": frequency}
         full = motion(ms.DiscreteShell(shell), 320, gravity, every=8, **options)
