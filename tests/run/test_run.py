@@ -146,7 +146,7 @@ dt = 0.02
 """
 BALL = """[[contacts]]
 kind = "sphere"
-center = [0.38, 0.0, -0.13]
+center = [0.38, 0.0, -0.112]
 radius = 0.1
 friction = 0.3"""
 GUST = """[[loads.wind]]
