@@ -346,9 +346,8 @@ class _Descent(Iterate[sps.csc_array]):
 
     def first_drag(self, size: float) -> float:
         """Drag to begin with."""
-        shell = self.problem.shell
-        move = method.FIRST_MOVE * shell.mesh.moment_length
-        return size * self.scale / (float(np.linalg.norm(shell.mass[shell.free])) * move)
+        mass = float(np.linalg.norm(self.problem.shell.mass[self.problem.shell.free]))
+        return size * self.scale / (mass * method.FIRST_MOVE * self.problem.shell.mesh.moment_length)
 
     def point_downhill(self) -> float:
         """Find the lowest mode of the exact Hessian."""
