@@ -226,9 +226,10 @@ class Recorder:
             found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
         elif self._cycles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
-        size = motion.shell.size
-        missed = float(np.max(self.residuals, initial=0.0))
-        if missed > CONSTRAINT_MET * max(size, 1.0):
+        units = {"position": motion.shell.size, "orientation": 1.0}  # [m], [rad]
+        most = [CONSTRAINT_MET * units[constraint.kind] for constraint in motion.setup.constraints]
+        if (np.array(self.residuals) > most).any():
+            missed = float(np.max(self.residuals))
             found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"

@@ -65,6 +65,8 @@ class Motion:
         What its steps have cost so far.
     unconverged : int
         Steps whose own solver did not converge.
+    remarked : dict
+        What the model has said of its states, and after which step first.
     finite : bool
         Whether the state still consists of finite numbers, none beyond 1e60.
     """
@@ -104,7 +106,7 @@ class Motion:
                 raise OptionError(f"{model.name} by this integrator {fault}")
             self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
-        self._remarks: dict[str, int] = {}
+        self.remarked: dict[str, int] = {}
 
     @property
     def load(self) -> Array:
@@ -174,7 +176,7 @@ class Motion:
         self.unconverged += not converged
         self.count += 1
         if remark := self.stepper.remark(self.state, self.time):
-            self._remarks.setdefault(remark, self.count)
+            self.remarked.setdefault(remark, self.count)
 
     def _whole_step(self) -> bool:
         """Take a step as long as it is; whether it was solved."""
@@ -225,7 +227,7 @@ class Motion:
         told = [self.stepper.note] if self.stepper.note else []
         return told + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
-            for remark, first in self._remarks.items()
+            for remark, first in self.remarked.items()
         ]
 
     def snapshot(self) -> dict[str, Array]:
@@ -233,6 +235,14 @@ class Motion:
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals, **self.errors.arrays()}
         return arrays | {f"{_STATE}{part}": array for part, array in self.state.arrays().items()}
+
+    def extents(self) -> dict[str, set[tuple[int, ...]]]:
+        """Shapes that each array of a :meth:`snapshot` may come to have: two where steps may go to a coarse shell."""
+        rest, found = self.model.start_motion(), {name: {array.shape} for name, array in self.snapshot().items()}
+        for state in (rest, self.model.as_coarse(rest)):
+            for part, array in state.arrays().items():
+                found.get(f"{_STATE}{part}", set()).add(array.shape)
+        return found
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Resume from a :meth:`snapshot` of the same motion."""

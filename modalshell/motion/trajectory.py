@@ -55,8 +55,8 @@ class Trajectory(Drawn):
         Error of the damping ratio that steps give to motion of its main frequency, over the one asked for; None where
         no damping was asked for, or the integrator does not know.
     energies : ndarray, shape (F, 3)
-        Kinetic and elastic energy and potential of the load [J] of each stored frame, in the model's own frame; the
-        load's potential is zero at rest.
+        Kinetic and elastic energy, with that stored by creases' hardening, and potential of the load [J] of each
+        stored frame, in the model's own frame; the load's potential is zero at rest.
     constraint_residuals : ndarray, shape (F, k)
         How far each constraint is from its target: [m] for positions, [rad] for orientations.
     faces : ndarray of int, shape (T, 3)
@@ -138,7 +138,7 @@ class Trajectory(Drawn):
             kept |= {"contact_forces": forces, "in_contact": touches, "deepest": np.array([answer.deepest])}
         if answer.self_contact is not None:
             kept["self_contact"] = np.array([answer.self_contact])
-        energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
+        energies = [0.0, shell.stored_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),
             positions=answer.positions[None].astype(dtype),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections import deque
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -35,7 +37,9 @@ from modalshell.statics.buckling import ADVICE, buckles
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
-_SNAPSHOT, _STATE = "snapshot_", "snapshot_state_"
+_REMARK_BYTES = 512
+"""Bytes of what the model has remarked, in a stored record."""
+_SNAPSHOT, _STATE, _EXTENT = "snapshot_", "snapshot_state_", "extent_"
 
 
 @final
@@ -175,18 +179,20 @@ def _move(
     precision, steps = built.scene.output.positions, table.steps()
     recorder = Recorder(motion, steps, store_every=table.store_every, precision=precision)
     fields = _record_fields(motion, precision)
+    record = np.dtype(fields)
     frames = recorder.total // table.store_every + 2
     # The stored frames, and the results that are made of them.
-    size = (1 + len(built.scene.output.formats)) * frames * np.dtype(fields).itemsize
+    size = (1 + len(built.scene.output.formats)) * frames * record.itemsize
     demand_disk(f"a run of {frames} frames", size, file.path.parent, "store fewer (store_every)")
     file.begin(identity, fields, restart, _constants(built))
     resumed = file.count
     if resumed:
         _resume(recorder, file.records(), file.path)
     for _ in recorder.frames(on_step):
-        values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
+        values = _stored(motion.snapshot(), record)
         values |= {"time": motion.time, "positions": motion.positions(), "energies": recorder.energies[-1]}
         values |= {"fault": str(recorder.fault or "").encode(), "fault_time": recorder.fault_time}
+        values |= {"remarks": _remarks(motion.remarked)}
         if recorder.touched:
             values |= dict(zip(TOUCHED, recorder.touched[-1], strict=True))
         file.append(values | {"seconds": recorder.seconds})
@@ -201,13 +207,30 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("energies", "<f8", (3,)),
         ("fault", f"S{_FAULT_BYTES}"),
         ("fault_time", "<f8"),
+        ("remarks", f"S{_REMARK_BYTES}"),
         ("positions", np.dtype(precision).newbyteorder("<").str, motion.shell.rest_positions.shape),
     ]
     if motion.setup.contacts:
         count = len(motion.shell.rest_positions)
         shapes = ("<f8", (count, 3)), ("?", (count,)), ("<f8",), ("<f8",)
         fields += [(name, *shape) for name, shape in zip(TOUCHED, shapes, strict=True)]
-    return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
+    for name, extents in motion.extents().items():
+        if len(extents) == 1:
+            fields.append((f"{_SNAPSHOT}{name}", "<f8", *extents))
+        else:
+            fields += [
+                (f"{_SNAPSHOT}{name}", "<f8", (max(map(math.prod, extents)),)),
+                (f"{_EXTENT}{name}", "<i8", (2,)),
+            ]
+    return fields
+
+
+def _remarks(remarked: dict[str, int]) -> bytes:
+    """What a model has remarked and in which step first, as far as it fits."""
+    kept = dict(remarked)
+    while len(text := json.dumps(kept).encode()) > _REMARK_BYTES:
+        kept.popitem()
+    return text
 
 
 def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
@@ -244,6 +267,7 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
             TouchedFrame(forces, touches, float(deep), float(near)) for forces, touches, deep, near in each
         ]
     fault = bytes(last["fault"]).decode()
+    motion.remarked = json.loads(bytes(last["remarks"]))
     recorder.resume(
         np.array(records["time"]),
         np.array(records["energies"]),
@@ -256,5 +280,25 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
 
 def _snapshot(record: Any) -> dict[str, Array]:
     """The arrays of :meth:`Motion.snapshot` in a record."""
-    names = [name for name in record.dtype.names if name.startswith(_SNAPSHOT)]
-    return {name.removeprefix(_SNAPSHOT): record[name] for name in names}
+    names = record.dtype.names
+    found = {name.removeprefix(_SNAPSHOT): record[name] for name in names if name.startswith(_SNAPSHOT)}
+    for name in found:
+        if f"{_EXTENT}{name}" in names:
+            shape = [length for length in record[f"{_EXTENT}{name}"] if length > 0]
+            found[name] = found[name][: math.prod(shape)].reshape(shape)
+    return found
+
+
+def _stored(snapshot: dict[str, Array], record: np.dtype[Any]) -> dict[str, Any]:
+    """The arrays of :meth:`Motion.snapshot` as values of a ``record``.
+
+    An array that may come to have several shapes has room for the largest, and its own, (a, 0) or (a, b), with it.
+    """
+    values: dict[str, Any] = {}
+    for name, array in snapshot.items():
+        values[f"{_SNAPSHOT}{name}"] = array
+        if f"{_EXTENT}{name}" in (record.names or ()):
+            room = np.zeros(record[f"{_SNAPSHOT}{name}"].shape)
+            room[: array.size] = array.ravel()
+            values |= {f"{_SNAPSHOT}{name}": room, f"{_EXTENT}{name}": np.array([*array.shape, 0])[:2]}
+    return values

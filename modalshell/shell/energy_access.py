@@ -52,6 +52,13 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         """Whether the mesh is under stress: the shape without it is another one."""
         return self.rest_shape is not None or self.rest_mesh is not self.mesh
 
+    def stored_energy(self, x: Array) -> float:
+        """Elastic energy [J] at x (n, 3) [m], unchecked, with what the hardening of creases has stored."""
+        energy = self.raw_energy(x)
+        if self.creases is None or self.crease_state is None:
+            return energy
+        return energy + self.creases.stored(self.crease_state.angles)
+
     def creased(self, state: CreaseState | ArrayLike) -> Self:
         """The same shell whose creases have kept the plastic folds of ``state``, or those of an array (C,) [rad].
 

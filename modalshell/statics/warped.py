@@ -39,6 +39,12 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     return x + shell.unknowns.project(displacement), step, fraction
 
 
+def sized_way(shell: Shell, direction: Array) -> Array:
+    """A direction (N,) at the length that moves no vertex by more than the shell's, which turns with it."""
+    moves = np.linalg.norm(shell.unknowns.prolong(direction).reshape(-1, 3), axis=1)
+    return direction * (shell.mesh.moment_length / max(float(moves.max()), 1e-300))
+
+
 def turned_axes(shell: Shell, since: Array, x: Array) -> Array | None:
     """Where the axes turn to with the free vertices (3, f, 3), from ``since`` (n, 3) to x.
 

@@ -6,6 +6,7 @@ import csv
 import importlib.util
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,25 @@ _UNITS = {
     "mesh.fold": "deg",
     "material.young": "Pa",
     "material.thickness": "m",
-    "loads.gravity": "m/s^2",
+    "material.stretch": "N/m",
+    **{f"material.{name}": "N m" for name in ("flexure", "bending")},
+    "rest.rest_curvature": "1/m",
+    **{f"loads.{name}": "m/s^2" for name in ("gravity", "weight.gravity", "frame.acceleration")},
+    "loads.frame.angular_velocity": "1/s",
+    "loads.frame.angular_acceleration": "1/s^2",
+    "loads.frame.origin": "m",
+    "loads.pressure.p": "Pa",
+    "loads.wind.velocity": "m/s",
+    "loads.wind.density": "kg/m^3",
+    **{f"loads.{name}": "N" for name in ("point.force", "follower.force", "forces.total", "moment.m")},
+    "loads.line.force": "N/m",
+    **{f"contacts.{name}": "m" for name in ("offset", "radius", "center", "half", "rounding", "a", "b", "gap")},
+    "contacts.push_out": "m/s",
+    **{f"creases.{name}": "N" for name in ("yield_moment", "hardening")},
     "motion.duration": "s",
     "motion.dt": "s",
 }
-"""Units of measures and of axes; the rest are plain numbers or texts."""
+"""Units of measures and of axes, indices of lists left out; the rest are plain numbers or texts."""
 
 MEASURES = Measures.__struct_fields__
 """Columns of every summary; "error" is added if there is a reference."""
@@ -74,7 +89,9 @@ def unit_rows(rows: Sequence[SummaryRow], scene: Mapping[str, Any]) -> list[Summ
     """The unit of each column of the summary of a ``scene``'s cases; "1" for plain numbers and texts."""
     units = UnitSystem(**scene.get("units", {}))
     sheet = "kg/m^2" if "stretch" in scene["material"] else "kg/m^3"
-    named = {key: (_UNITS | {"material.density": sheet}).get(key, "") for key in rows[0]}
+    shear = "N" if "flexure" in scene["material"] else "Pa"
+    known = _UNITS | {"material.density": sheet, "material.shear": shear}
+    named = {key: known.get(re.sub(r"\.\d+(?=\.|$)", "", key), "") for key in rows[0]}
     return [{"column": key, "unit": unit} for key, unit in units.labels(named).items()]
 
 

@@ -112,6 +112,24 @@ def test_a_turned_scene_is_the_same(surface, energy, rung):
     np.testing.assert_allclose(*answers, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("integrator", ["sdirk2", "bdf2"])
+def test_a_turned_fold_under_great_stress_moves_alike(integrator):
+    """Its first step has many ends: the way downhill is measured by a length that turns with the shell."""
+    mesh = ms.v_beam(length=0.6, width=0.15, fold=120.0, cells=(12, 4))
+    rest = mesh.vertices * (1.0 + 0.03 * np.sin(5.0 * mesh.vertices + [1.0, 2.0, 3.0]))
+    found = []
+    for turn, move in (STILL, *POSES):
+        warp = tuple(turn @ [0.2, 1.0, 0.4])
+        cloth = ms.Fabric(stretch=(5e6, 1e6, 5e5), bending=(0.3, 0.06, 0.04), density=2.5, direction=warp)
+        placed = ms.TriangleMesh(mesh.vertices @ turn.T + move, mesh.faces)
+        shell = ms.Shell(placed, cloth, clamped=mesh.vertices[:, 0] < 0.06, rest=rest @ turn.T + move)
+        run = ms.simulate(ms.DiscreteShell(shell, integrator=integrator), duration=0.02, dt=4e-3)
+        found.append((run.positions - move) @ turn)
+    assert np.abs(found[0][-1] - found[0][0]).max() > 0.1
+    for turned in found[1:]:
+        np.testing.assert_allclose(turned, found[0], rtol=0, atol=1e-9)
+
+
 def free_panel(energy, turn, move):
     """A panel without supports, one with fewer cells, and a load [N] that bends and turns it; turned and moved."""
     fine, under = (panel(cells)[0] for cells in SURFACES["panel"][1:])

@@ -124,6 +124,20 @@ def test_targets_out_of_reach_are_reported_and_shake_nothing(basis, tip):
     assert run.energies[:, 1].max() < energy(basis, reachable.coordinates)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_what_a_constraint_may_miss_is_a_share_of_the_shell(scale):
+    """1e-5 of it is missed, and 1e-7 is not, whatever the unit of length."""
+    mesh = ms.flat_beam(length=0.2 * scale, width=0.05 * scale, cells=(8, 2))
+    material = ms.Isotropic(young=1e8 / scale, poisson=0.3, thickness=1e-3 * scale, density=1000.0 / scale**3)
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6 * scale)
+    model, tip = ms.LinearModal(ms.solve_modes(shell, 2)), int(mesh.vertices[:, 0].argmax())
+    statuses = []
+    for share in (1e-5, 1e-7):  # bending modes do not reach along the beam
+        target = ms.PositionConstraint(tip, mesh.vertices[tip] + [share * shell.size, 0.0, 0.0])
+        statuses.append(ms.simulate(model, duration=0.02, dt=0.01, constraints=[target]).status)
+    assert statuses == ["constraints missed", "completed"]
+
+
 def test_a_moving_target_is_followed(basis, tip):
     rest = basis.shell.rest_positions[tip]
 

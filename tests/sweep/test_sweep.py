@@ -13,6 +13,7 @@ from modalshell.commands.cli import main
 from modalshell.files.lock import acquire_lock
 from modalshell.sweep.case import run_case
 from modalshell.sweep.store import CaseFolder
+from modalshell.sweep.summary import unit_rows
 
 FILES = ("beams_sweep.csv", "beams_sweep.png", "beams_sweep_runs.csv", "beams_sweep_units.csv")
 
@@ -288,3 +289,13 @@ def test_equilibria_say_their_error_bars(tmp_path, here):  # noqa: ARG001 (compu
     rows = rows_of(tmp_path / "out" / "beams_sweep.csv")
     assert len(rows) == 2
     assert all("from DS" in row["message"] for row in rows)
+
+
+def test_units_of_axes_within_lists():
+    """Of loads by their kinds, and of a component of a vector."""
+    columns = ["loads.pressure.0.p", "loads.point.1.force", "loads.gravity.2", "contacts.0.offset", "material.shear"]
+    rows = unit_rows([dict.fromkeys([*columns, "contacts.0.friction"])], {"material": {"young": [1e9, 1e8]}})
+    assert [row["unit"] for row in rows] == ["Pa", "N", "m/s^2", "m", "Pa", "1"]
+    springs = {"material": {"stretch": 1.0, "flexure": 1.0}, "units": {"length": "mm", "mass": "t", "time": "s"}}
+    rows = unit_rows([dict.fromkeys([*columns, "material.density", "material.flexure"])], springs)
+    assert [row["unit"] for row in rows] == ["MPa", "N", "mm/s^2", "mm", "N", "t/mm^2", "N mm"]

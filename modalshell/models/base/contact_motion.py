@@ -133,7 +133,7 @@ class ContactMotion:
         memory = after.memory
         if "force" in memory and x is not after.coordinates:  # that of where it was
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}
-        return MotionState(x, rates, memory)
+        return self._kept(MotionState(x, rates, memory))
 
     def _kept(self, state: MotionState) -> MotionState:
         """A state with the contact forces that the friction of the next step needs."""

@@ -341,8 +341,8 @@ class FullModel(Model):
         return model
 
     def elastic_energy(self, state: MotionState) -> float:
-        """Elastic energy [J]."""
-        return self.as_creased(state).shell.raw_energy(self.positions(state))
+        """Elastic energy [J], with what the hardening of creases has stored."""
+        return self.as_creased(state).shell.stored_energy(self.positions(state))
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""

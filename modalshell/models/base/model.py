@@ -324,6 +324,10 @@ class Model(ABC):
         """What a motion that has come to a state is to say of the model; "" if nothing."""
         return ""
 
+    def as_coarse(self, state: MotionState) -> MotionState:
+        """A state as a coarse shell under the model has it, where steps may go there; else the state itself."""
+        return state
+
     def crease_angles(self, angles: Array) -> Array:
         """Plastic folds (C,) [rad] of the shell's creases from those that a state keeps."""
         return angles

@@ -52,9 +52,9 @@ class CoarseContactMotion:
         self._fine.refuse_inside(positions)
         coarse = self._model.as_coarse(state)
         placed = put_out(self._motion.steps.now, coarse.coordinates, self._led)
-        if np.array_equal(placed, coarse.coordinates):
-            return self._motion.begin(state, placed)
-        return self._motion.begin(MotionState(placed, coarse.rates, coarse.memory))
+        if not np.array_equal(placed, coarse.coordinates):
+            state = MotionState(placed, coarse.rates, coarse.memory)
+        return self._told(self._motion.begin(state, placed), pressed=False)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
@@ -68,8 +68,11 @@ class CoarseContactMotion:
             return after, solved, model.as_coarse(after).coordinates
 
         after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
-        pressed = np.full((1, 1), float(self._motion.steps.pushes.any()))
-        return MotionState(after.coordinates, after.rates, after.memory | {PRESSED: pressed}), solved
+        return self._told(after, pressed=bool(self._motion.steps.pushes.any())), solved
+
+    @staticmethod
+    def _told(state: MotionState, *, pressed: bool) -> MotionState:
+        return MotionState(state.coordinates, state.rates, state.memory | {PRESSED: np.full((1, 1), float(pressed))})
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""

@@ -57,7 +57,7 @@ class ProfileStep:
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
             shell.rest_positions.copy(),
-            float(shell.size),
+            shell.mesh.moment_length,
             shell.mesh.faces,
             shell.mass.copy(),
             free,
