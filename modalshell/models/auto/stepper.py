@@ -83,7 +83,7 @@ class AutoStepper(Stepper):
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, setup)
         self._levels = levels
-        self._made = {number: levels[number].model.stepper(setup) for number in (0, len(levels) - 1)}
+        self._made = {number: levels[number].stepper(setup) for number in (0, len(levels) - 1)}
         self._check: Check = model.check(setup)
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
         self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
@@ -93,7 +93,7 @@ class AutoStepper(Stepper):
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those between the first and the last are made when they are wanted."""
         if level not in self._made:
-            self._made[level] = self._levels[level].model.stepper(self.setup)
+            self._made[level] = self._levels[level].stepper(self.setup)
         return self._made[level]
 
     @staticmethod
