@@ -69,6 +69,7 @@ class ContactEstimator(Estimator):
         return self._rest.point, stresses
 
     def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+        """The stability margin at x (n, 3) with predicted stresses, of motions along the colliders."""
         touching, rest = self._touching, self._rest
         assert rest is not None
         rows = np.flatnonzero(rest.active)

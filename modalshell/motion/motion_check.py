@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from modalshell.core.checks import checked_count
+from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.bars import check_bar
@@ -19,7 +20,6 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
-
 
 _FEWEST = 6.0
 """Frames in a period below which accelerations by their differences are a tenth too small, and less sure yet."""

@@ -11,10 +11,10 @@ from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
-from modalshell.models.auto.levels import FullLevel
 from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
+from modalshell.models.auto.levels import FullLevel
 from modalshell.models.auto.trusted import trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping

@@ -80,7 +80,7 @@ class FullLevel(Level):
     """
 
     def __init__(self, model: DiscreteShell) -> None:
-        self.model = model
+        self.model = self._own = model
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
@@ -90,7 +90,7 @@ class FullLevel(Level):
     @cached_property
     def _compiled(self) -> CoarseDiscreteShell | None:
         """The model with compiled steps, whose states are those of DS; None where none serve the shell."""
-        model = self.model
+        model = self._own
         if model.free_parts is not None or profile_step(model.shell) is None:
             return None
         return CoarseDiscreteShell(
