@@ -38,9 +38,9 @@ _OFF, _SHRINK = 0.4, 0.35
 _SMALLEST = 1e-4
 """Length of a step over the displacement at which the walk gives up."""
 _BENT, _LOOKS = 0.15, 3
-"""Share of a margin's fall that was not foretold from which a crossing of zero is looked at anew, and how often."""
+"""Share of a margin's fall that was not foretold from which a crossing of zero is looked at again, and how often."""
 _AT_END = 0.06
-"""Growth of the load to the expected end within which that is taken where the walk has given up."""
+"""Growth of the load to the expected end within which that is taken where the walk has ended without passing it."""
 _POINTS = 40
 
 

@@ -70,7 +70,7 @@ class AutoStepper(Stepper):
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
     that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the coordinates that
-    checks were sure of ("trusted"), how many in a row found that anew ("confirmed"), levels that are barred, the steps
+    checks were sure of ("trusted"), how many in a row found that again ("confirmed"), levels that are barred, the steps
     before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that was
     compared with what the modes answer ("pushed", "answer"), the linear answer at the last look ahead ("ahead"), steps
     by level, and what was switched when and why ("log").

@@ -25,7 +25,7 @@ _TINY = 1e-200
 
 
 def seldom(confirmed: float) -> float:
-    """Intervals of checks from one of trusted coordinates to the next, after so many that were sure."""
+    """Intervals of checks from one of trusted coordinates to the next, after this many that were sure."""
     return float(_SELDOM * 2.0 ** min(confirmed, _DOUBLED))
 
 
