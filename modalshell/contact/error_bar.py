@@ -68,7 +68,8 @@ class ContactEstimator(Estimator):
             raise SolverError(f"what touches has not settled in {_MOST} Newton steps{told}")
         return self._rest.point, stresses
 
-    def _margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+    def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+        """The stability margin at x (n, 3) with predicted stresses, of motions along the colliders."""
         touching, rest = self._touching, self._rest
         assert rest is not None
         rows = np.flatnonzero(rest.active)
@@ -76,7 +77,7 @@ class ContactEstimator(Estimator):
         self._frames = Frames(touching, rows, normals)
         kept = np.isin(rows, self._frames.rows)
         self._held = rest.pushes[self._frames.rows, None, None] * touching.across(self._frames.rows, curvatures[kept])
-        return super()._margin(problem, x, stresses)
+        return super().margin(problem, x, stresses)
 
     def _factor(self, problem: Potential, stiffness: sps.csc_array) -> Factor | None:
         assert self._rest is not None

@@ -102,6 +102,7 @@ class CoarseDiscreteShell(OnCoarse):
             )
         self._above, self._shares, _ = closest_points(mesh, under.vertices)
         self._step = profile_step(coarse)
+        self._exact = coarse is shell  # the same shell: of several minima of a step that of DS
         self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)
 
     @property
@@ -236,7 +237,7 @@ class CoarseDiscreteShell(OnCoarse):
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
         down = self.carried(load)
         if self._step is not None:
-            moved, solved = self._step(start, down, damping, self.step_tolerance)
+            moved, solved = self._step(start, down, damping, self.step_tolerance, straight=self._exact)
             if solved:
                 return moved, True
         after, solved = ShellSteps(self.coarse, lambda _: (self.coarse, down, None), damping).solve(start)

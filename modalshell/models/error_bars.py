@@ -59,7 +59,7 @@ def error_bar(
         of :func:`coarse_shell` to keep it.
     walk : bool
         Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
-        takes some four further bars, in place of an estimate from this one margin.
+        costs some five to ten further bars, in place of an estimate from this one margin.
     gravity, force, loads, contacts : optional
         The load and colliders, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows them. What touches
         stays on its collider while the steps are taken; these are more than two, at most eight, where they change what

@@ -136,7 +136,7 @@ class MotionCheck:
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
-        return self._norm(positions - self._shell.rest_positions)
+        return self.norm(positions - self._shell.rest_positions)
 
     def off(self, bar: ErrorBar, positions: Array) -> float:
         """Distance of positions in the frame of the supports from those that a bar corrects them to."""
@@ -145,7 +145,8 @@ class MotionCheck:
         own = positions if self._coarse is None else self._coarse.sampled(positions)
         return self._estimator.length(bar.corrected - own)
 
-    def _norm(self, displacement: Array) -> float:
+    def norm(self, displacement: Array) -> float:
+        """Of displacements (n, 3) [m], in the norm of the mass [kg^(1/2) m]."""
         return float(np.sqrt(np.sum(self._shell.mass[:, None] * displacement**2)))
 
 

@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from modalshell.core.checks import checked_count
+from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.bars import check_bar
@@ -19,6 +20,11 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
+
+_FEWEST = 6.0
+"""Frames in a period below which accelerations by their differences are a tenth too small, and less sure yet."""
+_SLIGHT = 0.05
+"""Vibration, over the largest displacement, whose inertia matters little to bars."""
 
 
 class WantedBars(TypedDict):
@@ -49,7 +55,8 @@ def with_bars(
 ) -> Trajectory:
     """The motion with the error bars of some frames.
 
-    Positions alone enter, so that a motion that was stopped and resumed has the same bars.
+    Positions alone enter, so that a motion that was stopped and resumed has the same bars. The message says where
+    frames are too far apart for accelerations.
 
     Parameters
     ----------
@@ -76,15 +83,35 @@ def with_bars(
     check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, largest, seen, held = [], 0.0, 0, True
-    for k in chosen:
+    swings = np.zeros((2, len(chosen)))
+    for place, k in enumerate(chosen):
         for frame in range(seen, k + 1):
             largest = max(largest, check.moved(check.own(float(run.times[frame]), run.positions[frame])))
         seen = k + 1
-        bar = check.bar(run.times[k - 1 : k + 2], np.asarray(run.positions[k - 1 : k + 2], dtype=np.float64))
-        off = check.off(bar, check.own(float(run.times[k]), run.positions[k]))
+        frames = np.asarray(run.positions[k - 1 : k + 2], dtype=np.float64)
+        bar = check.bar(run.times[k - 1 : k + 2], frames)
+        own = [check.own(float(time), frame) for time, frame in zip(run.times[k - 1 : k + 2], frames, strict=True)]
+        swings[:, place] = check.norm(own[2] - 2.0 * own[1] + own[0]), 0.5 * check.norm(own[2] - own[0])
+        off = check.off(bar, own[1])
         holds = bar.valid and (held or model.follows_snaps)
         held = held and bar.valid
         rows.append((off / largest if largest > 0.0 else float(off > 0.0), bar.margin, holds))
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
-    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"))
+    told = "; ".join(part for part in (run.message, _too_far_apart(swings, largest)) if part)
+    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=told)
+
+
+def _too_far_apart(swings: Array, largest: float) -> str:
+    """What a message says of frames too far apart for bars, from second differences and half of the first (2, B).
+
+    Of a vibration of the angle ``a`` a frame the ratio of their root mean squares is ``2 tan(a / 2)``.
+    """
+    bent, moved = np.sqrt(np.mean(swings**2, axis=1)) if swings.size else np.zeros(2)
+    angle = 2.0 * np.arctan2(0.5 * bent, moved)
+    if 2.0 * np.pi >= _FEWEST * angle or bent <= _SLIGHT * largest * 2.0 * (1.0 - np.cos(angle)):
+        return ""
+    return (
+        f"its bars mean little: there are about {2.0 * np.pi / angle:.2g} frames in a period, or fewer, and they take "
+        f"accelerations from frames, which needs more than {_FEWEST:g}: store frames more often"
+    )

@@ -1,10 +1,10 @@
 """Where the branch of a static answer ends under a growing load: a walk along it by error bars.
 
-From the corrected answer the load grows in long steps. At each load two mixed Newton steps, and a third by the factor
-at hand, lead back to the branch, and the margin ``mu`` is found again (:mod:`modalshell.statics.error_bar`). Near the
-end it falls as ``(c - f)^(1/p)``: with p = 2 before a limit point, where the tangent grows without bound, and p = 1
-before a bifurcation, which the branch passes at a finite tangent. The exponent for which the last three margins
-``mu^p`` lie on a line, between these two, extrapolates to the end ``c`` (theory 14, eq. 6).
+From the corrected answer the walk follows the branch itself, so that the load factor is an unknown (theory 8, eq. 5 and
+6): each step leads to a plane across it by mixed Newton steps, which bars take two of (theory 14, eq. 2), and has its
+stability margin (eq. 4). Along the branch the margin falls to zero about in proportion, at limit points and at
+bifurcations alike, so that the last two tell where the walk will pass the end; between the points on either side of it
+the end lies. A margin that only comes near to zero, as where a bifurcation is blurred by an imperfection, is passed by.
 """
 
 from __future__ import annotations
@@ -15,34 +15,49 @@ from typing import NamedTuple, final
 
 import numpy as np
 
+from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
+from modalshell.shell import GAUSS_NEWTON, MIXED
+from modalshell.statics.bordered import Bordered, Plane
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.statics.live_loads import LiveLoads
 
 _FARTHEST = 4.0
 """Factor on the load up to which an end is looked for."""
-_BEGINNING = 0.25
-"""Factor of the first load where the walk begins at rest."""
-_LONGEST, _REACH = 1.3, 0.6
-"""A load over the last one at most, and the share of the way to the expected end that is walked at once."""
-_AT_END = 1.06
-"""Expected end over the last load at which the walk is over."""
-_HOME = 0.05
-"""Third Newton step, over the displacement, above which two steps have not led back to the branch."""
-_JUMP, _STIFFEST = 2.0, 0.2
-"""Growth of the displacement over that of the load divided by the margin, or by this if it is more, that is a jump."""
-_BARS, _POINTS = 2, 24
-"""Bars at one load at most, and loads."""
-_LIMIT_POINT, _BIFURCATION = 2.0, 1.0
-"""Exponents of the margin that fall in proportion to the load."""
+_BEGINNING, _GROWN = 0.25, 0.3
+"""Growth of the load in the first step from rest, and in others as a share of it, where the tangent foretells that."""
+_MOVED, _LONGER = 0.5, 3.0
+"""Length of a step over the displacement, and over the one before, at most."""
+_PAST, _SHORT = 1.15, 0.6
+"""Length of a step that is to pass the end, over the expected way there; and of one whose reach is short of that."""
+_HOME, _ITERATIONS, _SLOW = 0.02, 7, 0.7
+"""Last Newton step over the length of the walk's at which a point is found, Newton steps at most, and the ratio of two
+that do not converge."""
+_OFF, _SHRINK = 0.4, 0.35
+"""Distance from the prediction, over the length of a step, from which it is refused, and the factor on the next one."""
+_SMALLEST = 1e-4
+"""Length of a step over the displacement at which the walk gives up."""
+_BENT, _LOOKS = 0.15, 3
+"""Share of a margin's fall that was not foretold from which a crossing of zero is looked at again, and how often."""
+_AT_END = 0.06
+"""Growth of the load to the expected end within which that is taken where the walk has ended without passing it."""
+_POINTS = 40
 
 
 class _Point(NamedTuple):
-    """A state (n, 3) [m] on the branch, its share of the load, and its margin."""
+    """A state on the branch.
 
+    Positions (n, 3) [m] about the origin, the factor on the load, the margin, the direction of the branch (N,) of
+    length 1 in the weights of the unknowns, the factor's derivative along it, and how far along the branch the state
+    is.
+    """
+
+    x: Array
     factor: float
     margin: float
-    positions: Array
+    way: Array
+    speed: float
+    along: float
 
 
 def with_branch_end(estimator: ErrorEstimator, bar: ErrorBar, load: Array, live: LiveLoads | None = None) -> ErrorBar:
@@ -59,32 +74,14 @@ def with_branch_end(estimator: ErrorEstimator, bar: ErrorBar, load: Array, live:
     load, live
         The load at a factor of 1, as in :meth:`ErrorEstimator.bar`.
     """
-    walk = _Walk(estimator, load, live)
-    start = walk.at(1.0, bar.corrected) if bar.valid else None
-    if start is not None:
-        walk.points.append(start)
-    end, past, lost = np.inf, np.inf, np.inf
-    for _ in range(_POINTS):
-        last = walk.points[-1].factor
-        end = min(extrapolated([(one.factor, one.margin) for one in walk.points]), past)
-        if end <= _AT_END * last or last >= _FARTHEST:
-            break
-        if lost <= _AT_END * last:
-            end = lost
-            break
-        grown = _LONGEST * last if last > 0.0 else _BEGINNING
-        factor = min(grown, last + _REACH * (min(end, lost) - last), _FARTHEST)
-        point = walk.on(factor)
-        if point is None:
-            lost = factor
-        elif point.margin <= 0.0:
-            past = factor
-        else:
-            lost = np.inf
-            walk.points.append(point)
-    else:
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            end = _Walk(estimator, load, live).end(bar)
+    except SolverError:
+        end = None
+    if end is None:
         return bar
-    return replace(bar, critical_load=float(end) if end <= _FARTHEST else np.inf, walked=True)
+    return replace(bar, critical_load=end if end <= _FARTHEST else np.inf, walked=True)
 
 
 @final
@@ -92,62 +89,139 @@ class _Walk:
     """Points of one branch under a load that grows, from rest."""
 
     def __init__(self, estimator: ErrorEstimator, load: Array, live: LiveLoads | None) -> None:
-        self._estimator, self._load, self._live = estimator, load, live
-        self._rest = estimator.shell.rest_positions + estimator.origin
-        self.points = [_Point(0.0, 1.0, self._rest)]
+        self._estimator, self._problem = estimator, estimator.problem(load, live)
+        self._weights = self._problem.weights
+        self._points: list[_Point] = []
 
-    def at(self, factor: float, start: Array) -> _Point | None:
-        """The point at a factor near a start (n, 3) [m]; None where bars from it do not come to a state."""
-        live = None if self._live is None else self._live.scaled(factor)
-        x = start
-        for _ in range(_BARS):
-            bar = self._estimator.bar(x, factor * self._load, live)
-            if bar.message:
+    def end(self, bar: ErrorBar) -> float | None:
+        """The factor at which the branch ends, infinite beyond the farthest; None where the walk comes to no end."""
+        rest = self._rest()
+        if rest is None:
+            return np.inf
+        points = self._points = [rest]
+        if bar.valid and (start := self._under_load(bar.corrected - self._estimator.origin)) is not None:
+            points.append(start)
+        longest, most, looks = np.inf, np.inf, 0
+        while len(points) <= _POINTS:
+            last = points[-1]
+            if last.factor >= _FARTHEST:
+                return np.inf
+            if len(points) > 1 and (last.margin <= 0.0 or last.speed <= 0.0):
+                return end_between(points[-2:])
+            length = min(self._length_of_step(longest), most)
+            found, length = self._stepped(length)
+            most = np.inf
+            if found is None:
+                if length < _SMALLEST * self._moved(last.x):
+                    break
+                most = longest = _SHRINK * length
+            elif looks < _LOOKS and not foretold([*points[-2:], found]):
+                looks += 1
+                most = longest = (found.along - last.along) * last.margin / (last.margin - found.margin)
+            else:
+                longest, looks = _LONGER * (found.along - last.along), 0
+                points.append(found)
+        gain = points[-1].speed * way_to_end(points[-2:])
+        return points[-1].factor + 0.5 * gain if gain <= _AT_END * points[-1].factor else None
+
+    def _rest(self) -> _Point | None:
+        """The state at rest; None if nothing moves it."""
+        problem = self._problem
+        stiffness = problem.linearise(problem.origin, GAUSS_NEWTON)[1]
+        tangent = problem.factor(stiffness).solve(problem.push)
+        length = self._length(tangent)
+        return _Point(problem.origin, 0.0, 1.0, tangent / length, 1.0 / length, 0.0) if length > 0.0 else None
+
+    def _under_load(self, x: Array) -> _Point | None:
+        """The state under the load, from x (n, 3) nearby; None where Newton's steps do not come to one."""
+        plane = Plane(np.zeros(self._weights.size), 1.0, x, 1.0, self._moved(x))
+        found = self._found(x, 1.0, plane, None)
+        return None if found is None else found._replace(along=self._moved(found.x))
+
+    def _length_of_step(self, longest: float) -> float:
+        """Length of the next step: past the end where that is within reach."""
+        last = self._points[-1]
+        if last.factor > 0.0:
+            reach = min(_GROWN * last.factor / abs(last.speed), _MOVED * self._moved(last.x), longest)
+        else:
+            reach = min(_BEGINNING / abs(last.speed), longest)
+        way = way_to_end(self._points[-2:])
+        return _PAST * way if reach > way else min(reach, _SHORT * way) if 2.0 * reach > way else reach
+
+    def _stepped(self, length: float) -> tuple[_Point | None, float]:
+        """The point after a step of a length, which the turn of the shell bounds; None where none is found near."""
+        problem, last = self._problem, self._points[-1]
+        guess, stresses, share = problem.moved(last.x, length * last.way)
+        length *= share
+        plane = Plane(self._weights * last.way, 0.0, guess, 0.0, length)
+        try:
+            found = self._found(guess, last.factor + length * last.speed, plane, stresses)
+        except SolverError:
+            found = None
+        if found is not None:
+            found = found._replace(along=last.along + self._length(problem.difference(found.x, last.x)))
+        return found, length
+
+    def _found(self, x: Array, factor: float, plane: Plane, stresses: list[Array] | None) -> _Point | None:
+        """The state in a plane near x (n, 3) and a factor, by mixed Newton steps."""
+        problem = self._problem
+        scale = (problem.measure(problem.push_at(x)) or 1.0) * (abs(factor) or 1.0)
+        bordered = Bordered(problem, plane, scale)
+        point, before = bordered.joined(x, factor), np.inf
+        for count in range(_ITERATIONS):
+            gradient, hessian = bordered.linearise(point, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+            factored = bordered.factor(hessian)
+            step = factored.solve(-gradient)
+            point, stresses, _ = bordered.moved(point, step)
+            size = self._length(step[:-1])
+            if not np.isfinite(point).all() or (count > 1 and size > _SLOW * before):
                 return None
-            x = bar.corrected
-            moved = self._estimator.length(x - self._rest)
-            if self._estimator.length(self._estimator.refined() - x) <= _HOME * moved:
-                return _Point(factor, bar.margin, x)
-        return None
+            if count > 0 and size <= _HOME * plane.length:
+                break
+            before = size
+        else:
+            return None
+        x, factor = bordered.parts(point)
+        if plane.slope == 0.0 and self._length(problem.difference(x, plane.x)) > _OFF * plane.length:
+            return None
+        ahead = factored.solve(np.append(np.zeros(self._weights.size), scale))  # as far as the plane is moved
+        length = self._length(ahead[:-1])
+        margin = self._estimator.margin(problem.loaded(factor), x, stresses).value
+        return _Point(x, factor, margin, ahead[:-1] / length, float(ahead[-1]) / length, 0.0)
 
-    def on(self, factor: float) -> _Point | None:
-        """The point at a further factor; None where it is not found near the last one."""
-        last, start = self.points[-1], self.points[-1].positions
-        if len(self.points) > 1:
-            before = self.points[-2]
-            start = start + (start - before.positions) * (factor - last.factor) / (last.factor - before.factor)
-        found = self.at(factor, start)
-        if found is not None and last.factor > 0.0:
-            expected = (factor / last.factor - 1.0) / max(last.margin, _STIFFEST)
-            grown = self._estimator.length(found.positions - last.positions)
-            if grown > (_JUMP * expected + 0.1) * self._estimator.length(last.positions - self._rest):
-                return None
-        return found
+    def _length(self, step: Array) -> float:
+        return float(np.sqrt(self._weights @ step**2))
+
+    def _moved(self, x: Array) -> float:
+        return self._length(self._problem.difference(x, self._problem.origin))
 
 
-def extrapolated(points: Sequence[tuple[float, float]]) -> float:
-    """The load at which margins fall to zero, from loads and margins in order; infinity where they do not fall."""
-    if len(points) < 2 or not points[-1][1] < points[-2][1]:
+def way_to_end(points: Sequence[_Point]) -> float:
+    """Length of the branch from the last of two points to where the margin is zero in a line; infinite if it grows."""
+    if len(points) < 2 or not points[1].margin < points[0].margin:
         return np.inf
-    (before, high), (last, low) = points[-2:]
-    power = _exponent(points[-3:]) if len(points) > 2 else _BIFURCATION
-    return last + (last - before) * low**power / (high**power - low**power)
+    before, last = points
+    return last.margin * (last.along - before.along) / (before.margin - last.margin)
 
 
-def _exponent(points: Sequence[tuple[float, float]]) -> float:
-    """The power of three margins that falls in proportion to their loads, between those of the two kinds of ends."""
-    (a, first), (b, second), (c, third) = points
+def foretold(points: Sequence[_Point]) -> bool:
+    """Whether a margin that has fallen below zero lies in a line with the two before, or a limit point was passed.
 
-    def bend(power: float) -> float:
-        """Positive where the margins to this power still fall faster and faster."""
-        return (second**power - third**power) * (b - a) - (first**power - second**power) * (c - b)
+    Else the last step may have crossed to a branch that comes near.
+    """
+    last = points[-1]
+    if len(points) < 3 or last.margin > 0.0 or last.speed <= 0.0:
+        return True
+    first, before, _ = points
+    slope = (before.margin - first.margin) / (before.along - first.along)
+    expected = before.margin + slope * (last.along - before.along)
+    return abs(last.margin - expected) <= _BENT * (before.margin - last.margin)
 
-    low, high = _BIFURCATION, _LIMIT_POINT
-    if bend(low) <= 0.0:
-        return low
-    if bend(high) >= 0.0:
-        return high
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if bend(middle) > 0.0 else (low, middle)
-    return 0.5 * (low + high)
+
+def end_between(points: Sequence[_Point]) -> float:
+    """The factor where the margin is zero between two points, by the cubic through their factors and slopes."""
+    before, last = points
+    share = 1.0 if last.margin > 0.0 else before.margin / (before.margin - last.margin)
+    length, rest = last.along - before.along, 1.0 - share
+    ends = rest**2 * (1.0 + 2.0 * share) * before.factor + share**2 * (3.0 - 2.0 * share) * last.factor
+    return ends + length * share * rest * (rest * before.speed - share * last.speed)

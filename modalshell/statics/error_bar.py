@@ -152,8 +152,6 @@ class Estimator(ABC):
     def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""
         watch, shell = Stopwatch(), self.shell
-        if live is not None:
-            live = replace(live, origin=self.origin)
         x = _allowed(shell, positions - self.origin)
         self.last = None
         try:
@@ -172,15 +170,20 @@ class Estimator(ABC):
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """Positions (n, 3) [m] after Newton's steps from x (n, 3), and the stability margin there."""
-        problem = Potential(load, self.shell.rest_positions, self.shell, self._factoriser, self.costs, live)
+        problem = self.problem(load, live)
         corrected, stresses = self._steps(problem, x)
-        return corrected, self._margin(problem, corrected, stresses).value
+        return corrected, self.margin(problem, corrected, stresses).value
+
+    def problem(self, load: Array, live: LiveLoads | None = None) -> Potential:
+        """The shell's potential, about the origin, under a dead load (n, 3) [N] and live ones."""
+        live = None if live is None else replace(live, origin=self.origin)
+        return Potential(load, self.shell.rest_positions, self.shell, self._factoriser, self.costs, live)
 
     @abstractmethod
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
         """Positions (n, 3) [m] and predicted stresses after Newton's steps; SolverError where they lead nowhere."""
 
-    def _margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
+    def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses."""
         shell = self.shell
         unknowns, pattern = shell.unknowns, shell.pattern

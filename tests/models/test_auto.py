@@ -14,6 +14,7 @@ from modalshell.loads import Loading
 from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
+from modalshell.models.auto.levels import FullLevel
 from modalshell.models.auto.trusted import trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping
@@ -142,8 +143,8 @@ def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
     assert worst(strip, *runs) < 0.05
     count = np.bincount((np.array(checked) / period).astype(int), minlength=10)
     assert count[:2].sum() >= 4
-    assert count[2:8].sum() <= 8  # of 36 intervals
-    assert count[8:].sum() > 3
+    assert count[2:8].sum() <= 2  # of 36 intervals
+    assert count[8:].sum() > count[4:8].sum()
 
 
 @settings(max_examples=30, deadline=None)
@@ -153,7 +154,7 @@ def test_what_is_trusted_grows_by_what_was_checked(seed, size, count, exponent):
     trusted, points = np.zeros((size, size)), 10.0**exponent * rng.standard_normal((count, size))
     for point in points:
         before = trusted.copy()
-        trust(trusted, point)
+        trust(trusted, point, 0.0)
         if point @ point > 1e-190:
             scale = np.abs(trusted).max()
             assert np.linalg.eigvalsh((trusted - before) / scale).min() >= -1e-12  # what was inside stays so
@@ -358,6 +359,31 @@ def test_the_damping_of_its_steps_is_the_mean_of_its_levels(beam):
     runs = [ms.simulate(model, **swing) for model in (auto, auto.levels[0].model)]
     assert set(runs[0].levels) == {"MWTS"}
     assert runs[0].damping_error == pytest.approx(runs[1].damping_error, rel=1e-6)
+
+
+@pytest.mark.parametrize("sheet", [False, True])
+def test_compiled_steps_of_its_last_level_are_those_of_ds(sheet):
+    """Through a snap; under loads that follow the shell it is DS itself."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 4))
+    material = ms.Isotropic(1e8, 0.3, 1e-3, 200.0) if sheet else ms.Material(2000.0, 2000.0, 0.05, 0.2)
+    shell = ms.Shell(mesh, material, "x < 0.08")
+    exact, most = ms.DiscreteShell(shell), 12.0 if sheet else 90.0
+    growing = [ms.Scaled(ms.SelfWeight((0.0, 0.26, -0.97)), ([0.0, 0.5], [0.0, most]))]
+    setup = MotionSetup(DT, Damping(2.0, 0.001), shell.loading(None, None, growing))
+    steppers = [FullLevel(exact).stepper(setup), exact.stepper(setup)]
+    assert steppers[0].model.name == "coarse DS"
+    states = [stepper.start(None) for stepper in steppers]
+    for step in range(40):
+        states = [
+            stepper.advance(step * DT, DT, state, setup.loading.dead)[0]
+            for stepper, state in zip(steppers, states, strict=True)
+        ]
+    x, y = (stepper.positions(state, 40 * DT) for stepper, state in zip(steppers, states, strict=True))
+    moved = np.abs(y - shell.rest_positions).max()
+    assert moved > 0.3
+    assert np.abs(x - y).max() < 1e-5 * moved
+    following = MotionSetup(DT, Damping(), shell.loading(None, None, [ms.Pressure(1.0)]))
+    assert FullLevel(exact).stepper(following).model.name == "DS"
 
 
 def test_a_switch_tells_what_energy_it_changes(beam):

@@ -138,3 +138,16 @@ def test_what_has_none_is_refused(beam, rung):
     free = ms.Shell(beam.mesh, beam.material)
     with pytest.raises(ms.OptionError, match="an error bar needs a shell that its supports hold"):
         move(ms.RigidShell(free), 5.0, bars=5)
+
+
+@pytest.mark.parametrize(("period", "told"), [(5.0, True), (8.0, False)])
+def test_frames_too_far_apart_for_accelerations_are_told(period, told):
+    """Of a free vibration, by frames in a period; of a rest under the same weight nothing is told."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 0.01, 200.0), "x < 0.001")
+    basis = ms.solve_modes(shell, 1)
+    dt, model = 1.0 / basis.frequencies[0] / period, ms.LinearModal(basis)
+    bent = model.equilibrium(gravity=(0.0, 0.0, -5.0)).positions
+    setting = {"duration": 20 * dt, "dt": dt, "start": bent, "bars": 2}
+    assert ("its bars mean little: there are about " in ms.simulate(model, **setting).message) == told
+    assert "bars mean" not in ms.simulate(model, gravity=(0.0, 0.0, -5.0), **setting).message

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar, final
 
 import numpy as np
@@ -15,7 +16,9 @@ from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
+from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD, Stepper
+from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 
@@ -42,6 +45,10 @@ class Level(ABC):
         """The model of shapes at rest, those of free parts in their frames."""
         return self.model
 
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion."""
+        return self.model.stepper(setup)
+
     @abstractmethod
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State at positions x (n, 3) [m] with velocities v (n, 3) [m/s] in the world, as near as the model comes."""
@@ -66,10 +73,29 @@ class Level(ABC):
 
 @final
 class FullLevel(Level):
-    """DS: positions and velocities are its own."""
+    """DS: positions and velocities are its own.
+
+    Steps of a small shell are compiled: those of coarse DS on the shell's own mesh, by the rule of DS and to its
+    tolerance. They take loads as they are expected at the end of a step, which those are that depend on time alone.
+    """
 
     def __init__(self, model: DiscreteShell) -> None:
-        self.model = model
+        self.model = self._own = model
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion."""
+        by_time = all(load.constant is not None for load in setup.loading.live)
+        return (self._compiled or self.model if by_time else self.model).stepper(setup)
+
+    @cached_property
+    def _compiled(self) -> CoarseDiscreteShell | None:
+        """The model with compiled steps, whose states are those of DS; None where none serve the shell."""
+        model = self._own
+        if model.free_parts is not None or profile_step(model.shell) is None:
+            return None
+        return CoarseDiscreteShell(
+            model.shell, model.shell, step_tolerance=model.step_tolerance, integrator=model.integrator
+        )
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with these velocities, as if its first step were to come."""

@@ -29,6 +29,8 @@ from modalshell.statics.error_bar import ErrorEstimator, probe
 
 _PRODUCTS = 3e8
 """Multiplications of a factorisation above which sparse ones are quicker."""
+_STRAIGHT = 12
+"""Iterations up to which a step is a straight one."""
 
 
 @final
@@ -72,10 +74,13 @@ class ProfileStep:
         self._probe = np.zeros(3 * analysis.first.size)
         self._probe[(3 * place[shell.free][:, None] + np.arange(3)).ravel()] = probe(3 * shell.free.size)
 
-    def __call__(self, start: EulerStart, load: Array, damping: Damping, tolerance: float) -> tuple[Array, bool]:
+    def __call__(
+        self, start: EulerStart, load: Array, damping: Damping, tolerance: float, *, straight: bool = False
+    ) -> tuple[Array, bool]:
         """Positions (n, 3) [m] after a step under ``load`` (n, 3) [N], and whether the step's equations are solved.
 
-        The held vertices rest. ``tolerance`` is the residual over the push of load and inertia.
+        The held vertices rest. ``tolerance`` is the residual over the push of load and inertia. A ``straight`` step is
+        one of few iterations, which has gone down no way of its own to one of several minima; others are not solved.
         """
         # Writeable, as above: a shell's positions at rest are not.
         begin = Start(*map(_writeable, (start.origin, start.rates, start.near, start.viscous_at)))
@@ -87,7 +92,7 @@ class ProfileStep:
         count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
-        return room.x.copy(), bool(solved)
+        return room.x.copy(), bool(solved) and (iterations <= _STRAIGHT or not straight)
 
     def check(self, x: Array, load: Array) -> tuple[Array, float] | None:
         """Positions (n, 3) [m] after the two steps of an error bar, and the margin; None where a pivot vanishes.
