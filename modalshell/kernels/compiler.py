@@ -176,6 +176,18 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:
-        return numba.njit(cache=folder is not None, **options)(function)
+        made = numba.njit(cache=folder is not None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+    kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    if kept is not None:
+        kept._load_index = functools.partial(_known_index, kept._load_index)
+    return made
+
+
+def _known_index(load: Callable[[], dict[Any, Any]]) -> dict[Any, Any]:
+    """Numba's index of a kernel's compiled forms; none where it names classes that another version had."""
+    try:
+        return load()
+    except (AttributeError, ImportError):
+        return {}

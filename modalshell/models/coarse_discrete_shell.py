@@ -26,7 +26,7 @@ from modalshell.models.base.implicit import LoadAt, implicit_rule
 from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse.profile_step import profile_step
-from modalshell.models.coarse.prolongation import Prolongation
+from modalshell.models.coarse.prolongation import Prolongation, own_triangles
 from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.shell import Shell
@@ -100,7 +100,7 @@ class CoarseDiscreteShell(OnCoarse):
                 f"the coarse mesh is another surface: vertex {worst} is {distance[worst]:.3g} m from it, the shell is "
                 f"{mesh.size:.3g} m long; make both from one shape"
             )
-        self._above, self._shares, _ = closest_points(mesh, under.vertices)
+        self._above, self._shares = own_triangles(mesh) if under is mesh else closest_points(mesh, under.vertices)[:2]
         self._step = profile_step(coarse)
         self._exact = coarse is shell  # the same shell: of several minima of a step that of DS
         self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)

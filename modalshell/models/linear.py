@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import final
 
 import numpy as np
@@ -42,8 +42,7 @@ class LinearModal(ModalModel):
 
     def dead_force(self, load: Array) -> Callable[[Array], Array]:
         """:meth:`warped_force`, the same at every q."""
-        force = self.warped_force(np.zeros(self.basis.count), load)
-        return lambda q: force.copy()  # noqa: ARG005 (as of other models)
+        return partial(_same, self.warped_force(np.zeros(self.basis.count), load))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . Phi q`` [J] and its gradient (m,)."""
@@ -93,3 +92,7 @@ class LinearModal(ModalModel):
         q = np.zeros(self.basis.count)
         q[rigid:] = self.modal_force(q, load)[rigid:] / self.basis.eigenvalues[rigid:]
         return Statics(q, 0.0, 1, stable=True)
+
+
+def _same(force: Array, q: Array) -> Array:  # noqa: ARG001 (as other models' forces)
+    return force.copy()

@@ -8,6 +8,7 @@ worth a dependency.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -193,7 +194,8 @@ class _Axes(Factor):
         self._columns = columns
 
     def _solve(self, right_side: Array) -> Array:
-        sides = np.ascontiguousarray(right_side).reshape(len(right_side), -1)
+        sides = np.array(right_side, dtype=np.float64, order="C")
+        sides = sides.reshape(len(sides), math.prod(sides.shape[1:]))
         solution = np.empty_like(sides)
         if sides.shape[1] == 3:
             solve_axes(*self._columns, sides, solution)
@@ -203,11 +205,9 @@ class _Axes(Factor):
         return solution.reshape(right_side.shape)
 
     def is_definite(self) -> bool:
-        """Whether all pivots are positive."""
         return bool((self._columns.pivots > 0.0).all())
 
     def negative_eigenvalues(self) -> int:
-        """Number of negative pivots."""
         return int((self._columns.pivots < 0.0).sum())
 
 

@@ -98,7 +98,9 @@ def with_bars(
         rows.append((off / largest if largest > 0.0 else float(off > 0.0), bar.margin, holds))
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
-    told = "; ".join(part for part in (run.message, _too_far_apart(swings, largest)) if part)
+    told, far = run.message, _too_far_apart(swings, largest)
+    if far and far not in told:
+        told = "; ".join(filter(None, [told, far]))
     return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=told)
 
 

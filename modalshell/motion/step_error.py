@@ -19,8 +19,9 @@ from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
 from modalshell.shell.damping import Damping
 
-_SEEN, _EARLY, _LATER = 8, 64, 32
-"""Steps from one look at the motion's size to the next, of this many early ones, and of later ones."""
+_SEEN, _EARLY, _LATER = 8, 64, 19
+"""Steps from one look at the motion's size to the next, of this many early ones, and of later ones, of which no period
+is likely to be a multiple."""
 _COHERENT = 0.5 * np.pi
 """Error of an oscillation over the sum of what its steps add: their errors have one sign along its orbit, of which the
 coordinates show the mean of a cosine."""

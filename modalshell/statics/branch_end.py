@@ -41,6 +41,8 @@ _BENT, _LOOKS = 0.15, 3
 """Share of a margin's fall that was not foretold from which a crossing of zero is looked at again, and how often."""
 _AT_END = 0.06
 """Growth of the load to the expected end within which that is taken where the walk has ended without passing it."""
+_SETTLED = 1e-2
+"""Size of Newton's steps over the shell's at which a stressed shell counts as in balance without load."""
 _POINTS = 40
 
 
@@ -101,7 +103,7 @@ class _Walk:
         points = self._points = [rest]
         if bar.valid and (start := self._under_load(bar.corrected - self._estimator.origin)) is not None:
             points.append(start)
-        longest, most, looks = np.inf, np.inf, 0
+        longest, most, looks, first = np.inf, np.inf, 0, 0.0
         while len(points) <= _POINTS:
             last = points[-1]
             if last.factor >= _FARTHEST:
@@ -110,9 +112,9 @@ class _Walk:
                 return end_between(points[-2:])
             length = min(self._length_of_step(longest), most)
             found, length = self._stepped(length)
-            most = np.inf
-            if found is None:
-                if length < _SMALLEST * self._moved(last.x):
+            most, first = np.inf, first or length
+            if found is None or self._strays(found):
+                if length < _SMALLEST * max(self._moved(last.x), first):
                     break
                 most = longest = _SHRINK * length
             elif looks < _LOOKS and not foretold([*points[-2:], found]):
@@ -124,9 +126,26 @@ class _Walk:
         gain = points[-1].speed * way_to_end(points[-2:])
         return points[-1].factor + 0.5 * gain if gain <= _AT_END * points[-1].factor else None
 
+    def _strays(self, found: _Point) -> bool:
+        """Whether a point is on another branch: the load falls where the branch rises, or its end is seen from rest.
+
+        From rest there is no margin to foretell an end by; a shorter step finds the branch before it.
+        """
+        points = self._points
+        falls = found.speed > 0.0 and found.factor <= points[-1].factor
+        return falls or (len(points) == 1 and (found.margin <= 0.0 or found.speed <= 0.0))
+
     def _rest(self) -> _Point | None:
-        """The state at rest; None if nothing moves it."""
+        """The state without load; None if nothing moves it, SolverError where none is found of a stressed shell."""
         problem = self._problem
+        if problem.shell.stressed:
+            size = _SETTLED * problem.shell.mesh.moment_length * float(np.sqrt(self._weights.sum()))
+            found = self._found(
+                problem.origin, 0.0, Plane(np.zeros(self._weights.size), 1.0, problem.origin, 0.0, size), None
+            )
+            if found is None or found.margin <= 0.0:
+                raise SolverError("a shell under stress has no stable state near rest")
+            return found
         stiffness = problem.linearise(problem.origin, GAUSS_NEWTON)[1]
         tangent = problem.factor(stiffness).solve(problem.push)
         length = self._length(tangent)
@@ -219,9 +238,14 @@ def foretold(points: Sequence[_Point]) -> bool:
 
 
 def end_between(points: Sequence[_Point]) -> float:
-    """The factor where the margin is zero between two points, by the cubic through their factors and slopes."""
+    """The factor where the margin is zero between two points, by the cubic through their factors and slopes.
+
+    It is no lower than that of the first, and no higher than the branch would come that rises as there.
+    """
     before, last = points
     share = 1.0 if last.margin > 0.0 else before.margin / (before.margin - last.margin)
     length, rest = last.along - before.along, 1.0 - share
     ends = rest**2 * (1.0 + 2.0 * share) * before.factor + share**2 * (3.0 - 2.0 * share) * last.factor
-    return ends + length * share * rest * (rest * before.speed - share * last.speed)
+    cubic = ends + length * share * rest * (rest * before.speed - share * last.speed)
+    most = before.factor + share * length * max(before.speed, last.speed)
+    return min(max(cubic, before.factor), most)

@@ -3,6 +3,7 @@
 import gc
 import io
 import os
+import pickle
 import re
 import stat
 import subprocess
@@ -217,3 +218,20 @@ def test_kernels_of_others_that_belong_to_no_module_are_compiled():
     assert made["twice"].__module__ is None or made["twice"].__module__ == "builtins"
     made["twice"].__module__ = None  # what exec() leaves where the namespace has no name
     assert numba.njit(made["twice"])(1.5) == 3.0
+
+
+def test_an_index_of_kernels_that_names_a_class_of_another_version_is_made_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiler, "cache_folder", lambda: tmp_path)
+    made = njit(_doubled)
+    index = Path(made._cache._cache_file._index_path)
+    index.parent.mkdir(parents=True, exist_ok=True)
+    gone = b"cmodalshell.kernels.compiler\nNoLongerThere\n."
+    index.write_bytes(pickle.dumps(numba.__version__, protocol=pickle.HIGHEST_PROTOCOL) + gone)
+    assert made(1.5) == 3.0
+    again = njit(_doubled)
+    assert again(2.5) == 5.0
+    assert sum(again._cache_hits.values()) == 1
+
+
+def _doubled(x):
+    return 2.0 * x

@@ -94,6 +94,8 @@ def test_a_factor_for_three_axes_solves_for_any_number_of_sides(size, sides):
     found = factor.solve(right)
     assert (found.shape, factor.backend, factor.is_definite()) == (right.shape, "superlu", True)
     assert np.abs(matrix @ found - right).max() < 1e-13
+    whole = np.round(3.0 * right).astype(np.int64)
+    np.testing.assert_array_equal(factor.solve(whole), factor.solve(whole.astype(np.float64)))
     matrix.setdiag(np.where(np.arange(size) == 1, -20.0, 10.0))
     signed = Factoriser(use="axes").symmetric(matrix)
     assert (signed.is_definite(), signed.negative_eigenvalues()) == (False, 1)

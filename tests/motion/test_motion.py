@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 from scenes import cantilever
@@ -119,3 +121,13 @@ def test_loads_are_replaced_between_steps_as_a_whole(basis):
         changed.advance()
         begun.advance()
         np.testing.assert_array_equal(changed.positions(), begun.positions())
+
+
+def test_a_motion_goes_on_alike_where_it_is_pickled(basis):
+    for model in (ms.LinearModal(basis), ms.ModalWarping(basis), ms.RotationStrain(basis)):
+        motion = Motion(model, basis.shell.loading((0.0, 0.0, -1.0)), dt=0.01)
+        motion.advance()
+        copied = pickle.loads(pickle.dumps(motion))
+        for each in (motion, copied):
+            each.advance()
+        np.testing.assert_allclose(copied.positions(), motion.positions(), rtol=0, atol=1e-14)

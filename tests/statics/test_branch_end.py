@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import modalshell as ms
 from modalshell.statics.branch_end import _Point, end_between, foretold, way_to_end
 
 NOWHERE = np.zeros((1, 3))
@@ -44,3 +45,35 @@ def test_a_margin_that_jumps_below_zero_was_not_foretold():
     assert not foretold(points(*near, (0.66, -0.02, 1.0, 0.66)))
     assert foretold(points(*near, (0.66, -0.02, -1.0, 0.66)))  # a limit point: the load falls
     assert foretold(points(*near, (0.66, 0.02, 1.0, 0.66)))
+
+
+def test_an_end_is_no_lower_than_the_branch_before_it_and_no_higher_than_its_tangents():
+    crossed = points((0.0, 1.0, 0.1, 0.0), (0.2, -6.4, 3.2, 1.0))
+    assert 0.0 <= end_between(crossed) <= 3.2
+
+
+@pytest.mark.parametrize("strain", [{}, {"prestrain": -1e-3}, {"rest_curvature": 1.0}])
+def test_walks_of_arches_end_where_paths_do_under_stress_too(strain):
+    mesh = ms.cylinder_panel(length=1.0, radius=0.5, angle=50.0, cells=(8, 16))
+    side = np.abs(mesh.vertices[:, 1])
+    material = ms.Isotropic(1e8, 0.3, 0.01, 200.0)
+    shell = ms.Shell(mesh, material, supports=[ms.Clamp(side > side.max() - 1e-9)], **strain)
+    weight = shell.gravity_force((0.0, 0.0, -1.0))
+    force = weight * 2e3 / np.abs(weight).sum()
+    events = ms.equilibrium_path(shell, force=2.0 * force, steps=60, points=100).events
+    limit = 2.0 * next(float(event.factor) for event in events if event.kind == "limit")
+    for bar in (
+        ms.error_bar(shell, ms.DiscreteShell(shell).equilibrium(force=0.6 * force), walk=True),
+        ms.error_bar(shell, shell.rest_positions, force=3.0 * force, walk=True),
+    ):
+        share = 0.6 if bar.valid else 3.0
+        assert bar.walked
+        assert share * bar.critical_load == pytest.approx(limit, rel=0.01)
+
+
+def test_a_step_from_rest_that_crosses_to_another_state_is_no_end():
+    """A thin strip that bends far has no end; its first step, of a quarter of the load, leads astray."""
+    mesh = ms.flat_beam(length=1.0, width=0.3, cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 1e-3, 200.0), mesh.vertices[:, 0] < 1e-6)
+    answer = ms.LinearModal(ms.solve_modes(shell, 6)).equilibrium(gravity=(7.0, 0.0, -7.0))
+    assert ms.error_bar(shell, answer, walk=True).critical_load == np.inf

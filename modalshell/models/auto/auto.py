@@ -51,15 +51,14 @@ class Auto(Model):
     error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
     where it exceeds half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its
     own statics under that load comes within as much of where the bar's steps lead); where the stability margin has
-    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Where a bar is at most a quarter
-    of ``error``, and the margin above 0.39, modal coordinates that come no further than those (than 1.2 times those, if
-    it is at most a tenth), in an ellipsoid about rest, are checked every eighth time alone, and ever more seldom, to
-    every 128th, while checks find the same. Coarse DS is left for DS where its margin fails, and for good where its own
-    bar exceeds half of ``error``. Full levels try to hand back to the first from time to time, more seldom where that
-    has not lasted: twice in a row the nearest modal shape must be within 0.4 ``error``, modal statics under
-    d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch
-    of DS, which bars alone cannot tell after a snap. Bars are of one instant: of a free vibration they do not see how a
-    slightly wrong frequency adds up.
+    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Where a bar is at most a tenth of
+    ``error``, and the margin above 0.39, modal coordinates that come no further than 1.2 times those, in an ellipsoid
+    about rest, are checked every eighth time alone, until a check finds otherwise. Coarse DS is left for DS where its
+    margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first
+    from time to time, more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4
+    ``error``, modal statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So
+    the motion stays on the branch of DS, which bars alone cannot tell after a snap. Bars are of one instant: of a free
+    vibration they do not see how a slightly wrong frequency adds up.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.

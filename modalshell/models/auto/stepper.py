@@ -13,7 +13,7 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
-from modalshell.models.auto.trusted import SURE, seldom, trust, trusts
+from modalshell.models.auto.trusted import SELDOM, SURE, trust, trusts
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN
@@ -70,10 +70,10 @@ class AutoStepper(Stepper):
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
     that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the coordinates that
-    checks were sure of ("trusted"), how many in a row found that again ("confirmed"), levels that are barred, the steps
-    before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that was
-    compared with what the modes answer ("pushed", "answer"), the linear answer at the last look ahead ("ahead"), steps
-    by level, and what was switched when and why ("log").
+    checks were sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how
+    often in a row it could have ("ready"), the last load that was compared with what the modes answer ("pushed",
+    "answer"), the linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why
+    ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -111,7 +111,6 @@ class AutoStepper(Stepper):
             "checked": np.zeros(1),
             "looked": np.zeros(1),
             "trusted": np.zeros((modes, modes)),
-            "confirmed": np.zeros(1),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
@@ -262,18 +261,16 @@ class AutoStepper(Stepper):
     def _checked(self, seen: _Seen, q: Array, memory: dict[str, Array]) -> None:
         """Trust coordinates (m,) that a check was sure of, of held shells, and none from one that was not."""
         if not (seen.bar <= SURE * self.model.error and seen.margin > _BACK_MARGIN):
-            memory["trusted"][:] = memory["confirmed"][:] = 0.0
+            memory["trusted"][:] = 0.0
         elif not self._check.least:
-            known = trusts(memory["trusted"], q, float(memory["largest"][0]))
-            memory["confirmed"][0] = memory["confirmed"][0] + 1.0 if known else 0.0
-            trust(memory["trusted"], q, seen.bar / self.model.error)
+            trust(memory["trusted"], q)
 
     def _due(self, q: Array, memory: dict[str, Array]) -> bool:
         """Whether a modal rung at coordinates (m,) is to be checked: each time its turn comes, trusted ones seldom."""
         since = memory["since"][0]
         if since % self._check_every:
             return False
-        late = since - memory["looked"][0] >= seldom(float(memory["confirmed"][0])) * self._check_every
+        late = since - memory["looked"][0] >= SELDOM * self._check_every
         return bool(late or not trusts(memory["trusted"], q, memory["largest"][0]))
 
     def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
@@ -294,7 +291,7 @@ class AutoStepper(Stepper):
         memory["switches"] += 1.0
         memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
         memory["ahead"][0] = memory["looked"][0] = 0.0
-        memory["trusted"][:] = memory["confirmed"][:] = 0.0
+        memory["trusted"][:] = 0.0
 
     def _foreseen(
         self, level: int, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, float, Array]

@@ -1,8 +1,7 @@
 """Modal coordinates at which checks have found a small error: an ellipsoid about rest, which grows by them.
 
-The error of a modal rung is a function of its coordinates, about as large at -q as at q, and grows with them: by its
-equations of motion they tell the modal part of d'Alembert's load, too. What the modes lack of the load is looked at
-apart.
+The error of a modal rung is a function of its coordinates, about as large at -q as at q, and grows with them. What the
+modes lack of the load is looked at apart.
 """
 
 from __future__ import annotations
@@ -11,22 +10,16 @@ import numpy as np
 
 from modalshell.core.typing import Array
 
-SURE, _SAFE = 0.25, 0.1
-"""Bar over the error allowed up to which coordinates are trusted as checked, and up to which larger ones are, too."""
-_SELDOM, _DOUBLED = 8, 4
-"""Intervals of checks after which trusted coordinates are checked all the same, and how often that doubles, each time
-after such a check that was sure."""
+SURE = 0.1
+"""Bar over the error allowed up to which coordinates are trusted as checked."""
+SELDOM = 8
+"""Intervals of checks after which trusted coordinates are checked all the same."""
 _WIDER = 1.2
-"""Factor by which they may grow there."""
+"""Factor by which trusted coordinates may grow."""
 _NOISE = 0.1
 """Share of the largest displacement that any coordinates may have."""
 _TINY = 1e-200
 """Square of coordinates [kg m^2] from which they are trusted: inverses of less overflow."""
-
-
-def seldom(confirmed: float) -> float:
-    """Intervals of checks from one of trusted coordinates to the next, after this many that were sure."""
-    return float(_SELDOM * 2.0 ** min(confirmed, _DOUBLED))
 
 
 def trusts(trusted: Array, q: Array, largest: float) -> bool:
@@ -40,12 +33,9 @@ def trusts(trusted: Array, q: Array, largest: float) -> bool:
     return bool(q @ np.linalg.solve(wide, q) <= 1.0)
 
 
-def trust(trusted: Array, q: Array, bar: float) -> None:
-    """Grow the ellipsoid of a matrix (m, m), in place, until the coordinates (m,) are on it or inside.
-
-    Where their ``bar``, over the error allowed, is small, 1.2 times these.
-    """
-    point = (_WIDER if bar <= _SAFE else 1.0) * q
+def trust(trusted: Array, q: Array) -> None:
+    """Grow the ellipsoid of a matrix (m, m), in place, until 1.2 times the coordinates (m,) are on it or inside."""
+    point = _WIDER * q
     if not point @ point > _TINY:
         return
     values, axes = np.linalg.eigh(trusted)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -89,13 +90,11 @@ class TurnedTriangles(UnstretchedModel):
 
     def _kept_force(self, force: Array) -> Callable[[Array], Array]:
         """Modal forces (m,) at q (m,) of a force (n, 3) [N] whose adjoint is kept."""
-        adjoint = self._adjoint(force)
-        return lambda q: self._work_of(adjoint, q)[1]
+        return partial(self._force_of, self._adjoint(force))
 
     def dead_force(self, load: Array) -> Callable[[Array], Array]:
         """See :meth:`ModalShape.dead_force`."""
-        adjoint = self._face(load)
-        return lambda q: self._work_of(adjoint, q)[1]
+        return partial(self._force_of, self._face(load))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
@@ -182,6 +181,9 @@ class TurnedTriangles(UnstretchedModel):
         force = adjoint.constant.copy()
         work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
         return float(work + adjoint.constant @ q), force
+
+    def _force_of(self, adjoint: LoadAdjoint, q: Array) -> Array:
+        return self._work_of(adjoint, q)[1]
 
     def _face(self, load: Array) -> LoadAdjoint:
         adjoint = self._faced  # read once: another thread may face another load meanwhile

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -117,7 +118,7 @@ class ModalShape(Warp):
 
     def dead_force(self, load: Array) -> Callable[[Array], Array]:
         """:meth:`warped_force` of one load (n, 3) [N], which is looked at once for all that are asked for."""
-        return lambda q: self.warped_force(q, load)
+        return partial(self.warped_force, load=load)  # which can be pickled
 
     def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
         """Change (m,) of :meth:`warped_force` from q, where it is ``known``, to coordinates ``near`` by, or None.

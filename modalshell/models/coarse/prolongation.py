@@ -33,6 +33,14 @@ _AT = 1e-4
 """Distance, as a share of the farthest neighbour's, within which a coarse vertex alone decides."""
 
 
+def own_triangles(mesh: TriangleMesh) -> tuple[Index, Array]:
+    """One of the triangles of each vertex (n,), and its barycentric shares there (n, 3)."""
+    above, corner = np.zeros((2, len(mesh.vertices)), np.int64)
+    for place in range(3):
+        above[mesh.faces[:, place]], corner[mesh.faces[:, place]] = np.arange(len(mesh.faces)), place
+    return above, np.eye(3)[corner]
+
+
 @final
 class Prolongation(ReadOnlyArrays):
     """Weights that prolong positions of a coarse mesh to a fine one, and restrict loads.
@@ -51,6 +59,11 @@ class Prolongation(ReadOnlyArrays):
     """
 
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None = None) -> None:
+        self._shape = len(fine.vertices), len(coarse.vertices)
+        if fine is coarse:  # vertices at one place are still several
+            self.distance, self._heights = np.zeros(len(fine.vertices)), np.empty(0)
+            self._keep(sps.csr_array(sps.eye_array(len(fine.vertices))), own_triangles(fine)[0], fine)
+            return
         points = np.asarray(fine.vertices)
         under, _, self.distance, on = all_closest(coarse, points)
         patches = _smooth_patches(coarse, fine, folds)
@@ -66,21 +79,22 @@ class Prolongation(ReadOnlyArrays):
             columns.append(neighbours.ravel())
             weights.append((weight * part[chosen, None]).ravel())
         entries = np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))
-        shape = len(points), len(coarse.vertices)
-        matrix = sps.csr_array(entries, shape=shape)
+        matrix = sps.csr_array(entries, shape=self._shape)
         along, self._heights = _stand_off(coarse, under, points - matrix @ coarse.vertices)
         matrix = sps.csr_array(matrix + along)
         matrix.sum_duplicates()
         matrix.data[np.abs(matrix.data) < 1e-14] = 0.0
         matrix.eliminate_zeros()
+        if np.abs(self._heights).max(initial=0.0) < 1e-12 * coarse.size:
+            self._heights = np.empty(0)
+        self._keep(matrix, under, coarse)
+
+    def _keep(self, matrix: sps.csr_array, under: Index, coarse: TriangleMesh) -> None:
         self._starts, self._columns, self._weights = (
             read_only(np.array(part))
             for part in (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data)
         )
-        if np.abs(self._heights).max(initial=0.0) < 1e-12 * coarse.size:
-            self._heights = np.empty(0)
         self._under, self._faces = under, np.array(coarse.faces, dtype=np.int64)
-        self._shape = shape
         self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
 
     @property

@@ -79,7 +79,7 @@ class PoissonFit:
             self.factor = _SupportedFactor(laplacian, shell.unknowns.matrix[rows_of_kept], backend)
         self._made_from = shell, backend
 
-    def __reduce__(self) -> tuple[Any, ...]:  # a factor cannot be copied: a copy factorises again
+    def __reduce__(self) -> tuple[Any, ...]:  # SuperLU cannot be copied: a copy factorises again
         return PoissonFit, self._made_from
 
     def _laplacian(self) -> sps.csc_array:
