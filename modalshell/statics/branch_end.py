@@ -28,14 +28,14 @@ _BEGINNING, _GROWN = 0.25, 0.3
 """Growth of the load in the first step from rest, and in others as a share of it, where the tangent foretells that."""
 _MOVED, _LONGER = 0.5, 3.0
 """Length of a step over the displacement, and over the one before, at most."""
-_PAST, _SHORT = 1.15, 0.6
+_PAST, _WITHIN = 1.15, 0.6
 """Length of a step that is to pass the end, over the expected way there; and of one whose reach is short of that."""
-_HOME, _ITERATIONS, _SLOW = 0.02, 7, 0.7
+_HOME, _CORRECTIONS, _SLOW = 0.02, 7, 0.7
 """Last Newton step over the length of the walk's at which a point is found, Newton steps at most, and the ratio of two
 that do not converge."""
-_OFF, _SHRINK = 0.4, 0.35
+_OFF, _SHORTER = 0.4, 0.35
 """Distance from the prediction, over the length of a step, from which it is refused, and the factor on the next one."""
-_SMALLEST = 1e-4
+_LEAST_LENGTH = 1e-4
 """Length of a step over the displacement at which the walk gives up."""
 _BENT, _LOOKS = 0.15, 3
 """Share of a margin's fall that was not foretold from which a crossing of zero is looked at again, and how often."""
@@ -114,9 +114,9 @@ class _Walk:
             found, length = self._stepped(length)
             most, first = np.inf, first or length
             if found is None or self._strays(found):
-                if length < _SMALLEST * max(self._moved(last.x), first):
+                if length < _LEAST_LENGTH * max(self._moved(last.x), first):
                     break
-                most = longest = _SHRINK * length
+                most = longest = _SHORTER * length
             elif looks < _LOOKS and not foretold([*points[-2:], found]):
                 looks += 1
                 most = longest = (found.along - last.along) * last.margin / (last.margin - found.margin)
@@ -165,7 +165,7 @@ class _Walk:
         else:
             reach = min(_BEGINNING / abs(last.speed), longest)
         way = way_to_end(self._points[-2:])
-        return _PAST * way if reach > way else min(reach, _SHORT * way) if 2.0 * reach > way else reach
+        return _PAST * way if reach > way else min(reach, _WITHIN * way) if 2.0 * reach > way else reach
 
     def _stepped(self, length: float) -> tuple[_Point | None, float]:
         """The point after a step of a length, which the turn of the shell bounds; None where none is found near."""
@@ -187,7 +187,7 @@ class _Walk:
         scale = (problem.measure(problem.push_at(x)) or 1.0) * (abs(factor) or 1.0)
         bordered = Bordered(problem, plane, scale)
         point, before = bordered.joined(x, factor), np.inf
-        for count in range(_ITERATIONS):
+        for count in range(_CORRECTIONS):
             gradient, hessian = bordered.linearise(point, GAUSS_NEWTON if stresses is None else MIXED, stresses)
             factored = bordered.factor(hessian)
             step = factored.solve(-gradient)

@@ -108,8 +108,8 @@ def through(shell, integrator, damping):
     sparse = ms.DiscreteShell(shell, step_tolerance=1e-10, integrator=integrator)
     step, solved_by = compiled._step, []
 
-    def counted(*arguments):
-        solved_by.append(step(*arguments))
+    def counted(*arguments, **options):
+        solved_by.append(step(*arguments, **options))
         return solved_by[-1]
 
     compiled._step = counted
