@@ -22,7 +22,7 @@ from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
 from modalshell.statics.live_loads import LiveLoads, oscillates, symmetric_half
 from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
-from modalshell.statics.warped import sized_way, turned_axes, warped_step
+from modalshell.statics.warped import descent_length, sized_way, turned_axes, warped_step
 
 _SETTLING = 20
 """Descents under dead loads at most in place of one under loads without a potential."""
@@ -346,8 +346,8 @@ class _Descent(Iterate[sps.csc_array]):
 
     def first_drag(self, size: float) -> float:
         """Drag to begin with."""
-        mass = float(np.linalg.norm(self.problem.shell.mass[self.problem.shell.free]))
-        return size * self.scale / (mass * method.FIRST_MOVE * self.problem.shell.mesh.moment_length)
+        shell, length = self.problem.shell, descent_length(self.problem.shell, turns=self._free.is_step)
+        return size * self.scale / (float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * length)
 
     def point_downhill(self) -> float:
         """Find the lowest mode of the exact Hessian."""
@@ -357,7 +357,7 @@ class _Descent(Iterate[sps.csc_array]):
             lowest, direction = tangent.lowest_mode()
         except SolverError:
             lowest, direction = 0.0, np.zeros(self.problem.push.size)
-        self._way = sized_way(shell, direction)
+        self._way = sized_way(shell, direction, turns=self._free.is_step)
         return lowest
 
     def step_aside(self, fraction: float) -> None:

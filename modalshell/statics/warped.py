@@ -39,10 +39,17 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     return x + shell.unknowns.project(displacement), step, fraction
 
 
-def sized_way(shell: Shell, direction: Array) -> Array:
-    """A direction (N,) at the length that moves no vertex by more than the shell's, which turns with it."""
-    moves = np.linalg.norm(shell.unknowns.prolong(direction).reshape(-1, 3), axis=1)
-    return direction * (shell.mesh.moment_length / max(float(moves.max()), 1e-300))
+def descent_length(shell: Shell, *, turns: bool) -> float:
+    """Length [m] by which descents are measured: one that turns with the shell, or of its box."""
+    return shell.mesh.moment_length if turns else shell.size
+
+
+def sized_way(shell: Shell, direction: Array, *, turns: bool = True) -> Array:
+    """A direction (N,) at a length that moves no vertex, or no unknown, by more than :func:`descent_length`."""
+    moves = np.abs(direction)
+    if turns:
+        moves = np.linalg.norm(shell.unknowns.prolong(direction).reshape(-1, 3), axis=1)
+    return direction * (descent_length(shell, turns=turns) / max(float(moves.max()), 1e-300))
 
 
 def turned_axes(shell: Shell, since: Array, x: Array) -> Array | None:
