@@ -22,7 +22,7 @@ from modalshell.core.typing import Array
 from modalshell.modes import TangentStiffness
 from modalshell.shell import EXACT, PROJECTED
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.warped import sized_way, warped_step
+from modalshell.statics.warped import descent_length, sized_way, warped_step
 
 _SUB_STEP = 15
 """Iterations at most of a step in the thick fluid."""
@@ -85,7 +85,7 @@ def first_drag(solver: ActiveSet, x: Array) -> tuple[float, float]:
     shell = solver.problem.shell
     value, gradient = solver.potential(x)
     drag = float(np.linalg.norm(gradient))
-    drag /= float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.mesh.moment_length
+    drag /= float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * descent_length(shell, turns=True)
     if solver.is_inside(x):
         value = np.inf
         diagonal = solver.linearise(x, EXACT)[1].diagonal()

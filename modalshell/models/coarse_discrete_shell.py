@@ -106,6 +106,11 @@ class CoarseDiscreteShell(OnCoarse):
         self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)
 
     @property
+    def is_compiled(self) -> bool:
+        """Whether its steps are compiled, as those of small shells are."""
+        return self._step is not None
+
+    @property
     def weights(self) -> sps.csr_array:
         """Weights (n, k) of :meth:`prolong`, and of :meth:`restrict`."""
         return self._prolongation.matrix

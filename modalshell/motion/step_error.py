@@ -142,7 +142,7 @@ class StepErrors:
         self._gained += gained
         self._moved += moved
         self._steps += 1
-        error = self.error * math.exp(-self.decay * dt) + _COHERENT * self._shape * math.sqrt(error)
+        error = self.error * math.exp(-self.decay * dt) + _COHERENT * self.length(error)
         if error > 2.0 * self._size > 0.0:
             error = 2.0 * self._size
         self.error = error

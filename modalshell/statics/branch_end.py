@@ -101,7 +101,7 @@ class _Walk:
         if rest is None:
             return np.inf
         points = self._points = [rest]
-        if bar.valid and (start := self._under_load(bar.corrected - self._estimator.origin)) is not None:
+        if bar.valid and (start := self._start(bar.corrected - self._estimator.origin)) is not None:
             points.append(start)
         longest, most, looks, first = np.inf, np.inf, 0, 0.0
         while len(points) <= _POINTS:
@@ -140,9 +140,7 @@ class _Walk:
         problem = self._problem
         if problem.shell.stressed:
             size = _SETTLED * problem.shell.mesh.moment_length * float(np.sqrt(self._weights.sum()))
-            found = self._found(
-                problem.origin, 0.0, Plane(np.zeros(self._weights.size), 1.0, problem.origin, 0.0, size), None
-            )
+            found = self._under_load(problem.origin, 0.0, size)
             if found is None or found.margin <= 0.0:
                 raise SolverError("a shell under stress has no stable state near rest")
             return found
@@ -151,11 +149,14 @@ class _Walk:
         length = self._length(tangent)
         return _Point(problem.origin, 0.0, 1.0, tangent / length, 1.0 / length, 0.0) if length > 0.0 else None
 
-    def _under_load(self, x: Array) -> _Point | None:
+    def _start(self, x: Array) -> _Point | None:
         """The state under the load, from x (n, 3) nearby; None where Newton's steps do not come to one."""
-        plane = Plane(np.zeros(self._weights.size), 1.0, x, 1.0, self._moved(x))
-        found = self._found(x, 1.0, plane, None)
+        found = self._under_load(x, 1.0, self._moved(x))
         return None if found is None else found._replace(along=self._moved(found.x))
+
+    def _under_load(self, x: Array, factor: float, length: float) -> _Point | None:
+        """The state under a factor on the load, from x (n, 3) nearby, by Newton's steps of up to a length."""
+        return self._found(x, factor, Plane(np.zeros(self._weights.size), 1.0, x, factor, length), None)
 
     def _length_of_step(self, longest: float) -> float:
         """Length of the next step: past the end where that is within reach."""

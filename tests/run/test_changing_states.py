@@ -2,21 +2,9 @@
 
 import numpy as np
 import pytest
+from stopping import Stopped, stop_after
 
 import modalshell as ms
-
-
-class Stopped(Exception):
-    pass
-
-
-def stop_after(steps):
-    def on_step(done, _total):
-        if done == steps:
-            raise Stopped
-
-    return on_step
-
 
 FOLD = """
 [mesh]

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 from scenes import beam_text
+from stopping import Stopped, stop_after
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -69,18 +70,6 @@ def assert_same(found, expected):
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other, err_msg=name)
     assert (found.message, found.unconverged_steps) == (expected.message, expected.unconverged_steps)
-
-
-class Stopped(Exception):
-    pass
-
-
-def stop_after(steps):
-    def on_step(done, _total):
-        if done == steps:
-            raise Stopped
-
-    return on_step
 
 
 def started(scene, folder, *options):

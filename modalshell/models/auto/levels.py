@@ -18,7 +18,6 @@ from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD, Stepper
-from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 
@@ -79,8 +78,10 @@ class FullLevel(Level):
     tolerance. They take loads as they are expected at the end of a step, which those are that depend on time alone.
     """
 
+    model: DiscreteShell
+
     def __init__(self, model: DiscreteShell) -> None:
-        self.model = self._own = model
+        self.model = model
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
@@ -90,12 +91,13 @@ class FullLevel(Level):
     @cached_property
     def _compiled(self) -> CoarseDiscreteShell | None:
         """The model with compiled steps, whose states are those of DS; None where none serve the shell."""
-        model = self._own
-        if model.free_parts is not None or profile_step(model.shell) is None:
+        model = self.model
+        if model.free_parts is not None:
             return None
-        return CoarseDiscreteShell(
+        compiled = CoarseDiscreteShell(
             model.shell, model.shell, step_tolerance=model.step_tolerance, integrator=model.integrator
         )
+        return compiled if compiled.is_compiled else None
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with these velocities, as if its first step were to come."""
