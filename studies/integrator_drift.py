@@ -22,7 +22,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.modal.base import ForceChange, ForceInTime
+from modalshell.integrators.modal.base import DeadForce, ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
@@ -101,10 +101,10 @@ class SummedWarp(ModalModel):
         dt: float,
         force: ForceInTime,
         damping: ms.Damping,
-        change: ForceChange | None = None,
+        dead: DeadForce | None = None,
     ) -> tuple[MotionState, bool]:
         """One step of the integrator, and of the sum."""
-        after, solved = super().march(state, dt, force, damping, change)
+        after, solved = super().march(state, dt, force, damping, dead)
         return self.summed(state, after), solved
 
     def summed(self, state: MotionState, after: MotionState) -> MotionState:

@@ -33,7 +33,8 @@ WORK = 8 * TILE
 # with N coefficients and 60 digits; tests/reduction/test_warp_frame.py fits them anew. Largest error of half and third,
 # rounding included: 5e-16 and 2e-16 in float64, 1.2e-7 and 3e-8 in float32.
 MIDDLE = 2.0 * math.pi**2
-_LIMIT = 2.0 * MIDDLE
+LIMIT = 2.0 * MIDDLE
+"""|w|^2 at a whole turn."""
 # fmt: off
 HALF_DOUBLE = (
     -1.970995826023855e-23, 2.6630043678714672e-20, -2.8512859150151146e-17, 2.3480015822503398e-14,
@@ -54,8 +55,9 @@ THIRD_SINGLE = tuple(np.float32(c) for c in (
 ))
 # fmt: on
 
-# Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
-FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
+# Not "nnan" nor "ninf": coordinates that are not finite must come out as such. Nor "reassoc": a kernel that others call
+# exists in several copies, each optimised again, and would round by which of them was loaded first.
+FASTMATH = {"contract", "nsz", "arcp"}
 _kernel = njit(error_model="numpy", fastmath=FASTMATH)
 
 
@@ -92,7 +94,7 @@ def rotation_coefficients(work):  # type: ignore[no-untyped-def]
     for j in range(TILE):
         wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
         squared = wx * wx + wy * wy + wz * wz
-        beyond += squared > _LIMIT
+        beyond += squared > LIMIT
         work[6 * TILE + j], work[7 * TILE + j] = polynomials(squared)
     if beyond:
         for j in range(TILE):
@@ -135,42 +137,6 @@ def warp_tiles(first, last, modal, rest, q, work, out):  # type: ignore[no-untyp
 def warp_frame(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """:func:`warp_tiles` over all tiles on the calling thread; ``work`` is (1, WORK)."""
     warp_tiles(0, modal.shape[0], modal, rest, q, work[0], out)
-
-
-@_kernel
-def push_frame(modal, load, q, work, force):  # type: ignore[no-untyped-def]
-    """Write the modal force ``Phi^T R(Psi q)^T f`` of ``load`` (n, 3) into ``force`` (m,).
-
-    [choi2007, eq. 20; theory 2, eq. 8]. ``work`` is (WORK,); all of them are of one precision.
-    """
-    force[:] = 0.0
-    for tile in range(modal.shape[0]):
-        for i in range(3 * TILE):
-            work[3 * TILE + i] = q[0] * modal[tile, 0, 3 * TILE + i]
-        for mode in range(1, q.size):
-            amount = q[mode]
-            for i in range(3 * TILE):
-                work[3 * TILE + i] += amount * modal[tile, mode, 3 * TILE + i]
-        rotation_coefficients(work)
-        start = tile * TILE
-        size = min(TILE, load.shape[0] - start)
-        work[: 3 * TILE] = 0.0
-        for j in range(size):
-            work[j], work[TILE + j], work[2 * TILE + j] = load[start + j, 0], load[start + j, 1], load[start + j, 2]
-        for j in range(TILE):
-            fx, fy, fz = work[j], work[TILE + j], work[2 * TILE + j]
-            wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-            quadratic = work[6 * TILE + j]
-            linear = (wx * wx + wy * wy + wz * wz) * work[7 * TILE + j] - 1.0  # minus c1
-            cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
-            work[j] = fx + linear * cx + quadratic * (wy * cz - wz * cy)
-            work[TILE + j] = fy + linear * cy + quadratic * (wz * cx - wx * cz)
-            work[2 * TILE + j] = fz + linear * cz + quadratic * (wx * cy - wy * cx)
-        for mode in range(q.size):
-            amount = 0.0
-            for i in range(3 * TILE):
-                amount += modal[tile, mode, i] * work[i]
-            force[mode] += amount
 
 
 @njit(error_model="numpy", fastmath=False, parallel=True)

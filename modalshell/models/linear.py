@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property, partial
 from typing import final
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import FrameModel
@@ -40,9 +40,9 @@ class LinearModal(ModalModel):
         count_read(self.basis.modes.nbytes)
         return self.basis.modes.T @ load.ravel()
 
-    def dead_force(self, load: Array) -> Callable[[Array], Array]:
+    def dead_force(self, load: Array) -> DeadForce:
         """:meth:`warped_force`, the same at every q."""
-        return partial(_same, self.warped_force(np.zeros(self.basis.count), load))
+        return DeadForce(partial(_same, self.warped_force(np.zeros(self.basis.count), load)))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . Phi q`` [J] and its gradient (m,)."""

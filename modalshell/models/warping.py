@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import final
+from functools import cached_property, partial
+from typing import Any, final
 
 import numpy as np
 
 from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels import rotations
-from modalshell.kernels.frame import WORK, push_frame
+from modalshell.kernels.frame import TILE
+from modalshell.kernels.packed_polynomials import powers
+from modalshell.kernels.push import ROWS, load_rows, push_change, push_frame
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import as_tile, change_of, samples_of
-from modalshell.models.reduction.warp_frame import WarpFrame
+from modalshell.models.reduction.sampled_change import as_tile, samples_of
+from modalshell.models.reduction.warp_frame import WarpFrame, aligned_zeros
+from modalshell.models.reduction.warp_step import warp_step
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.statics.modal_balance import balance
 
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
+_POWERS = powers(np.float64)
+"""Of the polynomials of a warp."""
+_NONE = np.empty(0), np.empty(0)
+"""A sample of no vertices, and its load."""
 
 
 @final
@@ -112,27 +120,25 @@ class ModalWarping(UnstretchedModel):
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
-        if self.consistent_force:
-            return self.warped_work(q, load)[1]
-        count_read(self._frame.bytes_read)
-        force = np.empty_like(q)
-        push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
-        return force
+        return self.warped_work(q, load)[1] if self.consistent_force else _force_of(self._pushed, _rows(load), q)
 
-    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
-        """Change (m,) of the paper's modal force from q to coordinates ``near`` by, by a sample of the vertices."""
-        if self._sample is None or self.consistent_force:
-            return None
-        vertices, modal = self._sample
-        count_read(2 * modal.nbytes)
-        own, work, forces = load.take(vertices, axis=0), np.empty(WORK), np.empty((2, q.size))
-        push_frame(modal, own, q, work, forces[0])
-        push_frame(modal, own, near, work, forces[1])
-        return change_of(known, *forces)
+    def dead_force(self, load: Array) -> DeadForce:
+        """See :meth:`ModalShape.dead_force`; the paper's tells its change by a sample of vertices, of many."""
+        if self.consistent_force:
+            return super().dead_force(load)
+        felt = self._pushed, _rows(load)
+        of_sample = _NONE if self._sample is None else (self._sample[1], _rows(load[self._sample[0]]))
+        change = None if self._sample is None else partial(_change_of, *of_sample)
+        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, *of_sample))
+
+    @cached_property
+    def _pushed(self) -> Array:
+        """Modal data of all vertices in one row."""
+        return self._frame.modal_data.reshape(-1)
 
     @cached_property
     def _sample(self) -> tuple[Index, Array] | None:
-        """Numbers (k,) of some vertices, and their modal data as of a frame; None of few.
+        """Numbers (k,) of some vertices, and their modal data as of a frame, in one row; None of few.
 
         Their displacements are times as many vertices as each stands for.
         """
@@ -143,7 +149,7 @@ class ModalWarping(UnstretchedModel):
         vertices = samples[0]
         modes, turns = (self._patch_rows(part, vertices) for part in (self.basis.modes, self.basis.rotations))
         rows = np.concatenate([modes * (count / len(vertices)), turns], axis=1)
-        return vertices, as_tile(rows.transpose(0, 2, 1))
+        return vertices, as_tile(rows.transpose(0, 2, 1)).reshape(-1)
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
@@ -209,6 +215,34 @@ class ModalWarping(UnstretchedModel):
             return self.warped_jacobian(q, share * load)
 
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
+
+
+def _rows(load: Array) -> Array:
+    """A load (n, 3) in the order of the modal data."""
+    rows = aligned_zeros((-(-len(load) // TILE) * ROWS,), np.dtype(np.float64))
+    load_rows(load, rows)
+    return rows
+
+
+def _force_of(modal: Array, rows: Array, q: Array) -> Array:
+    """Modal force (m,) of a load in rows, at q."""
+    count_read(modal.nbytes)
+    force = np.empty(q.size)
+    push_frame(modal, rows, _POWERS, q, np.empty(ROWS), force)
+    return force
+
+
+def _change_of(modal: Array, rows: Array, q: Array, near: Array, known: Array) -> Array | None:
+    """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of vertices, or None."""
+    count_read(2 * modal.nbytes)
+    change = np.empty(q.size)
+    return change if push_change(modal, rows, _POWERS, q, near, known, np.empty(ROWS), change) else None
+
+
+def _step(modal: Array, rows: Array, sample: Array, sampled: Array, *of_step: Any) -> None:
+    """Take a step of the exponential rule, into its last two arguments."""
+    again, by_sample = warp_step(modal, rows, sample, sampled, _POWERS, *of_step)
+    count_read((1 + again) * modal.nbytes + 2 * by_sample * sample.nbytes)
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "exponential") -> ModalWarping:

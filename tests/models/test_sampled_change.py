@@ -38,16 +38,17 @@ def test_a_sample_tells_most_of_the_change_and_what_it_misses_vanishes_with_it(e
     model, random = kind(basis_of(energy)), np.random.default_rng(2)
     load = model.shell.gravity_force(gravity(model.basis, 10.0))
     for turn in (0.5, 1.5, 3.0):
+        change_of = model.dead_force(load).change
         q, way = bent(model, random, turn), 0.1 * bent(model, random, turn)
         whole, off = model.modal_force(q, load), []
         for share in (1.0, 0.5, 0.25):
             near = q + share * way
-            change = model.warped_change(q, near, load, whole)
+            change = change_of(q, near, whole)
             exact = model.modal_force(near, load) - whole
             off.append(np.linalg.norm(change - exact))
             assert off[-1] < 0.4 * np.linalg.norm(exact)
         assert np.log2(off[0] / off[2]) / 2.0 == pytest.approx(1.0, abs=0.3)
-        assert not model.warped_change(q, q, load, whole).any()
+        assert not change_of(q, q, whole).any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -56,11 +57,12 @@ def test_a_load_that_few_feel_and_a_small_shell_have_no_sample(kind):
     load = np.zeros_like(model.shell.rest_positions)
     load[np.argmax(model.shell.rest_positions.sum(axis=1)), 2] = 1.0  # a corner of the tip
     q = bent(model, np.random.default_rng(3), 0.5)
-    assert kind is ms.RotationStrain or model.warped_change(q, 1.1 * q, load, model.modal_force(q, load)) is None
+    force = model.dead_force(load)
+    assert kind is ms.RotationStrain or force.change(q, 1.1 * q, force.at(q)) is None
     small = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 2)), MATERIALS["plate"], clamped=[0, 1, 2])
     few = kind(ms.solve_modes(small, 6))
     load = small.gravity_force((0.0, 0.0, -1.0))
-    assert few.warped_change(q, 1.1 * q, load, few.modal_force(q, load)) is None
+    assert few.dead_force(load).change is None
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,13 +72,17 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
     found, asked = [], []
     for sampled in (True, False):
         model = kind(basis_of(energy))
-        change = model.warped_change
+        whole = model.dead_force
 
-        def told(*at, change=change, sampled=sampled):
-            asked.append(sampled)
-            return change(*at) if sampled else None
+        def told(load, whole=whole, sampled=sampled):
+            def change(*at):
+                asked.append(sampled)
+                return force.change(*at) if sampled else None
 
-        model.warped_change = told
+            force = whole(load)
+            return force._replace(change=change)
+
+        model.dead_force = told
         dt = 1.0 / (3.3 * model.basis.frequencies[1])
         run, energies = Motion(model, model.shell.loading(gravity(model.basis, 20.0)), dt=dt), []
         for _ in range(150):
@@ -88,3 +94,23 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
     assert np.abs(found[0][1] - found[1][1])[:30].max() < 0.05 * scale
     for _, energies in found:
         assert energies[75:].max() < energies[:75].max() + 0.1 * scale
+
+
+@pytest.mark.parametrize("cells", [(20, 4), CELLS])
+def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)
+    basis = ms.solve_modes(ms.Shell(mesh, MATERIALS["plate"], clamped=mesh.vertices[:, 0] < 1e-9), 6)
+    found = []
+    for whole in (True, False):
+        model = ms.ModalWarping(basis)
+        if not whole:
+            parts = model.dead_force
+            model.dead_force = lambda load, parts=parts: parts(load)._replace(step=None)
+        dt = 1.0 / (3.3 * basis.frequencies[1])
+        run = Motion(model, model.shell.loading(gravity(basis, 20.0)), dt=dt, damping=(0.5, 0.0))
+        for _ in range(40):
+            run.advance()
+        found.append(run.snapshot())
+    assert found[0].keys() == found[1].keys()
+    for name, array in found[0].items():
+        assert np.array_equal(array, found[1][name]), name

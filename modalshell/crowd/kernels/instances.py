@@ -15,9 +15,8 @@ with them, the others.
 import numpy as np
 from numba import prange
 
-from modalshell.crowd.kernels.polynomials import packed_coefficients
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.frame import MIDDLE
+from modalshell.kernels.frame import LIMIT
 from modalshell.kernels.packed import (
     any_above,
     lane_count,
@@ -31,6 +30,7 @@ from modalshell.kernels.packed import (
     store_triples,
     total,
 )
+from modalshell.kernels.packed_polynomials import packed_coefficients
 from modalshell.kernels.rotations import coefficients
 
 RIGID, LINEAR, WARPED = 0, 1, 2
@@ -42,8 +42,6 @@ BLOCK = 64
 """Vertices whose modal data these find in the first cache."""
 WORK = 6 * BLOCK
 """Length of the buffer that one thread needs: the forces on a block for each of a pair."""
-
-_LIMIT = 2.0 * MIDDLE
 
 _kernel = njit(error_model="numpy", fastmath=False)
 _inline = njit(error_model="numpy", fastmath=False, forceinline=True)
@@ -188,7 +186,7 @@ def crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, out
     """
     vertices, modes = out.shape[1], q.shape[1]
     lanes = lane_count(out)
-    limit = modal.dtype.type(_LIMIT)
+    limit = modal.dtype.type(LIMIT)
     moved = poses.shape[0] > 0
     flat_modal, flat_rest, flat_q, flat_poses = modal.reshape(-1), rest.reshape(-1), q.reshape(-1), poses.reshape(-1)
     flat = out.reshape(-1)
@@ -265,7 +263,7 @@ def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  #
     """
     modes = q.shape[1]
     lanes = lane_count(modal)
-    limit = modal.dtype.type(_LIMIT)
+    limit = modal.dtype.type(LIMIT)
     flat_modal, flat_mass, flat_q, flat_felt = modal.reshape(-1), mass.reshape(-1), q.reshape(-1), felt.reshape(-1)
     one = spread(modal.dtype.type(1.0))
     for chunk in range(begin, end):

@@ -23,6 +23,25 @@ ForceChange = Callable[[Array, Array, Array], Array | None]
 Step = float | Array
 
 
+class DeadForce(NamedTuple):
+    """Modal force of one load that stays.
+
+    Attributes
+    ----------
+    at : callable
+        The force at coordinates.
+    change : callable, optional
+        What tells cheaply how it changes over a short way, if anything does.
+    step : callable, optional
+        A whole step of the exponential rule under it in one call, if there is one:
+        :func:`~modalshell.models.reduction.warp_step.warp_step` but for its first five arguments.
+    """
+
+    at: Force
+    change: ForceChange | None = None
+    step: Callable[..., None] | None = None
+
+
 class ModalStep(NamedTuple):
     """What a rule knows of a step.
 
@@ -34,15 +53,15 @@ class ModalStep(NamedTuple):
         Length [s].
     size : float
         Size of the shell in the norm of the mass [m sqrt(kg)].
-    change : callable, optional
-        What may tell cheaply how the force changes over a short way.
+    dead : DeadForce, optional
+        The force, where it is that of a load that stays.
     """
 
     stiffness: Array
     damp: Array
     h: float
     size: float
-    change: ForceChange | None = None
+    dead: DeadForce | None = None
 
 
 class ModalIntegrator(Integrator):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import final
 
 import numpy as np
@@ -60,23 +61,29 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     def advance(self, state: MotionState, force: ForceInTime, step: ModalStep) -> MotionState:
         """State after a step."""
-        stiffness, damp, h, size, change = step
+        stiffness, damp, h, size, dead = step
         # A state that was not made by the rule is taken for a start.
         q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
         table, stiff, length = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
-        kept = memory["force"] if last else force(q, v, 0.0)
-        ends, cost = np.empty((4, q.size)), np.empty(3)
-        predict(table, q, v, kept, ends)
+        most, largest = (VIOLENT * size) ** 2, math.inf if stiff is None else (VIOLENT * size * stiff) ** 2
+        ends, cost = np.empty((5, q.size)), np.empty(3)
         ahead, rates = ends[0], ends[1]
-        pushed = force(ahead, rates, 1.0)
-        if not last:  # the force is taken as straight
-            last, memory = h, memory | {"gain": pushed - kept}
-        foreseen = None if change is None else ahead.copy()
-        missed, whole = correct(table, h / last, q, v, kept, pushed, memory["gain"], ends, cost)
-        if missed > (VIOLENT * size) ** 2 or (stiff is not None and whole > (VIOLENT * size * stiff) ** 2):
-            further = None if change is None or foreseen is None else change(foreseen, ahead, pushed)
-            pushed = force(ahead, rates, 1.0) if further is None else pushed + further
+        if last and dead is not None and dead.step is not None:
+            dead.step(table, h / last, most, largest, q, v, memory["force"], memory["gain"], ends, cost)
+            pushed = ends[4]
+        else:
+            kept = memory["force"] if last else force(q, v, 0.0)
+            predict(table, q, v, kept, ends)
+            pushed = force(ahead, rates, 1.0)
+            if not last:  # the force is taken as straight
+                last, memory = h, memory | {"gain": pushed - kept}
+            change = None if dead is None else dead.change
+            foreseen = None if change is None else ahead.copy()
+            missed, whole = correct(table, h / last, q, v, kept, pushed, memory["gain"], ends, cost)
+            if missed > most or whole > largest:
+                further = None if change is None or foreseen is None else change(foreseen, ahead, pushed)
+                pushed = force(ahead, rates, 1.0) if further is None else pushed + further
         keeps = {"force": pushed, "gain": ends[2], "curvature": ends[3], "step": length, COST: cost}
         return MotionState(ahead, rates, keeps)
 

@@ -5,7 +5,7 @@ from modalshell.kernels.compiler import njit
 
 @njit(error_model="numpy", fastmath=False)
 def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
-    """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out`` (4, m).
+    """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out`` (5, m).
 
     ``c`` (11, m) are the coefficients of a :class:`Flow`, two of a step's error, and the stiffness.
     """
@@ -16,13 +16,13 @@ def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False)
 def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-untyped-def]
-    """Correct a prediction in ``out`` (4, m) for the force ``pushed`` (m,) there.
+    """Correct a prediction in ``out`` (5, m) for the force ``pushed`` (m,) there.
 
     Returns the squares of the correction, and of that force on the modes that are not rigid: those whose stiffness, row
     10 of ``c`` (11, m), is positive. Row 8 turns the force's curvature into an error, row 9 the change of rates into
     that of implicit Euler, in the modes that take its coefficients.
 
-    Gain and curvature of the force become the last rows of ``out``, ``last`` (m,) being the gain of the step before,
+    Gain and curvature of the force become rows 2 and 3 of ``out``, ``last`` (m,) being the gain of the step before,
     and ``ratio`` the step over the one before; ``cost`` (3,) the squares of the step's error and of the changes of
     rates and coordinates.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, cast, final
@@ -15,7 +15,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
-from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.modal.base import DeadForce, ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
@@ -245,7 +245,7 @@ class ModalStepper(ContactStepper):
     _steady: Array | None = None
     """Dead load (n, 3) [N] under which the last pressed step ended, if no other force changes in time."""
     _seen: Array | None = None
-    _dead: Callable[[Array], Array] | None = None
+    _dead: DeadForce | None = None
     """The modal force of the dead load that was seen last, if no other force acts."""
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
@@ -289,18 +289,15 @@ class ModalStepper(ContactStepper):
 
         def force(q: Array, rates: Array, share: float) -> Array:
             if dead is not None:
-                return dead(q)
+                return dead.at(q)
             pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
-        def change(q: Array, near: Array, known: Array) -> Array | None:
-            return model.warped_change(q, near, load, known)
-
         if contacts is not None and contacts.touched(state):
             return self._pressed(state, force, (begin, dt), load)
         rule = model.integrator
-        after, solved = model.march(state, dt, force, damping, change if self._stays else None)
+        after, solved = model.march(state, dt, force, damping, dead)
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
             after = model.euler_step(state, dt, pushed, damping)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
-from modalshell.integrators.modal.base import ForceChange, ForceInTime, ModalStep
+from modalshell.integrators.modal.base import DeadForce, ForceInTime, ModalStep
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
@@ -176,16 +176,16 @@ class ModalMotion(ModalShape, FrameModel):
         dt: float,
         force: ForceInTime,
         damping: Damping,
-        change: ForceChange | None = None,
+        dead: DeadForce | None = None,
     ) -> tuple[MotionState, bool]:
         """One step of the integrator under modal forces that are asked for where they are needed.
 
-        ``change`` may tell cheaply how they change over a short way, of shells without frames.
+        ``dead`` is what is known of them where they are those of a load that stays.
 
         Also returns whether the frames of free parts turned as they should.
         """
         damp, eigenvalues, frames = self._modal_damping(damping), self.basis.eigenvalues, self.frames
-        step = ModalStep(eigenvalues, damp, dt, self._mass_size, change if frames is None else None)
+        step = ModalStep(eigenvalues, damp, dt, self._mass_size, dead if frames is None else None)
         if frames is None:
             return self.integrator.advance(state, force, step), True
         seen: list[Array] = []

@@ -16,13 +16,15 @@ import numpy as np
 from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels.frame import TILE
+from modalshell.kernels.push import change_by_sample
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.models.reduction.sampled_change import LEAST, as_tile, change_of, samples_of
+from modalshell.models.reduction.sampled_change import LEAST, as_tile, samples_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16
@@ -92,29 +94,16 @@ class TurnedTriangles(UnstretchedModel):
         """Modal forces (m,) at q (m,) of a force (n, 3) [N] whose adjoint is kept."""
         return partial(self._force_of, self._adjoint(force))
 
-    def dead_force(self, load: Array) -> Callable[[Array], Array]:
-        """See :meth:`ModalShape.dead_force`."""
-        return partial(self._force_of, self._face(load))
+    def dead_force(self, load: Array) -> DeadForce:
+        """See :meth:`ModalShape.dead_force`; it tells its change by a sample of the triangles, of many."""
+        adjoint = self._face(load)
+        sample = self._sample_of(adjoint) if len(self._modal) * TILE >= LEAST else None
+        change = None if sample is None else partial(_change_of, adjoint.constant, *sample)
+        return DeadForce(partial(self._force_of, adjoint), change)
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
-
-    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
-        """Change (m,) of the modal force from q to coordinates ``near`` by, by a sample of the triangles."""
-        if len(self._modal) * TILE < LEAST:
-            return None
-        adjoint = self._face(load)
-        sample = self._sample_of(adjoint)
-        if sample is None:
-            return None
-        modal, gradients = sample
-        count_read(2 * modal.nbytes)
-        work, forces = np.empty(kernel.WORK), np.empty((2, q.size))
-        forces[:] = adjoint.constant
-        kernel.potential(modal, gradients, q, work, forces[0])
-        kernel.potential(modal, gradients, near, work, forces[1])
-        return change_of(known, *forces)
 
     def _sample_of(self, adjoint: LoadAdjoint) -> tuple[Array, Array] | None:
         """Modal data of some triangles and a load's derivatives there, times what each stands for; None of few; kept.
@@ -194,3 +183,12 @@ class TurnedTriangles(UnstretchedModel):
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
+
+
+def _change_of(constant: Array, modal: Array, gradients: Array, q: Array, near: Array, known: Array) -> Array | None:
+    """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of triangles, or None."""
+    count_read(2 * modal.nbytes)
+    work, sampled, change = np.empty(kernel.WORK), constant.copy(), constant.copy()
+    kernel.potential(modal, gradients, q, work, sampled)
+    kernel.potential(modal, gradients, near, work, change)
+    return change if change_by_sample(known, sampled, change) else None

@@ -12,6 +12,7 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.models.base.warp import Warp
 from modalshell.modes import Basis
 
@@ -22,7 +23,6 @@ OF_SHAPE = (
     "warped_gradient",
     "warped_force",
     "dead_force",
-    "warped_change",
     "warped_jacobian",
     "warped_work",
     "warped_curvature",
@@ -116,16 +116,9 @@ class ModalShape(Warp):
         """
         return self.warped_gradient(q, load)
 
-    def dead_force(self, load: Array) -> Callable[[Array], Array]:
+    def dead_force(self, load: Array) -> DeadForce:
         """:meth:`warped_force` of one load (n, 3) [N], which is looked at once for all that are asked for."""
-        return partial(self.warped_force, load=load)  # which can be pickled
-
-    def warped_change(self, q: Array, near: Array, load: Array, known: Array) -> Array | None:
-        """Change (m,) of :meth:`warped_force` from q, where it is ``known``, to coordinates ``near`` by, or None.
-
-        None where the force there costs no more, or nothing cheaper tells.
-        """
-        return None
+        return DeadForce(partial(self.warped_force, load=load))  # which can be pickled
 
     def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives (m, m) of :meth:`warped_force`."""

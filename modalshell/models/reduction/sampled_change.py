@@ -9,8 +9,6 @@ from modalshell.kernels.frame import TILE
 
 LEAST = 1024
 """Vertices or triangles from which a sample pays: two forces on it, and their overhead, against one on all."""
-_ALIKE = 0.4
-"""Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
 
 
 def samples_of(count: int, draws: int = 1) -> Index:
@@ -30,12 +28,3 @@ def spread_samples(count: int, size: int, draws: int = 1) -> Index:
 def as_tile(rows: Array) -> Array:
     """Values (128, ..., 6) of a sample in the order of modal data, (1, ..., 6 * 128)."""
     return np.moveaxis(rows, 0, -1).reshape(1, *rows.shape[1:-1], -1).copy()
-
-
-def change_of(whole: Array, sampled: Array, near: Array) -> Array | None:
-    """Change of a modal force (m,), ``whole`` where the sample's is ``sampled``, to where that is ``near``; or None.
-
-    None where the sample does not feel the load as all do: one at few vertices, say.
-    """
-    off = sampled - whole
-    return near - sampled if off @ off <= _ALIKE**2 * (whole @ whole) else None

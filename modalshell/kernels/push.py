@@ -1,0 +1,120 @@
+"""The modal force of modal warping on packed numbers [choi2007, eq. 20; theory 2, eq. 8].
+
+On the modal data of :mod:`modalshell.kernels.frame`, and a load in the same order: rows of x, y and z of 128 vertices,
+padded with zeros. The rotation is within 1e-15 of that of its rotation vector up to a whole turn, as is a frame's.
+Nothing is reordered, so that kernels that call these round as they do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modalshell.kernels.compiler import njit
+from modalshell.kernels.frame import LIMIT, TILE
+from modalshell.kernels.packed import LANES, any_above, larger, load, spread, spread_from, store, total
+from modalshell.kernels.packed_polynomials import packed_coefficients
+from modalshell.kernels.rotations import coefficients
+
+ROWS = 3 * TILE
+"""Numbers of a load, or a displacement, of a tile."""
+ALIKE = 0.4
+"""Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
+
+_kernel = njit(error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_kernel
+def load_rows(forces, rows):  # type: ignore[no-untyped-def]
+    """Write a load (n, 3) in the order of the modal data into ``rows`` (tiles * 3 * 128,), which are zeros."""
+    for vertex in range(forces.shape[0]):
+        at = vertex // TILE * ROWS + vertex % TILE
+        rows[at], rows[at + TILE], rows[at + 2 * TILE] = forces[vertex, 0], forces[vertex, 1], forces[vertex, 2]
+
+
+@_kernel
+def push_frame(modal, rows, powers, q, work, force):  # type: ignore[no-untyped-def]
+    """Write the modal force ``Phi^T R(Psi q)^T f`` of a load in ``rows`` into ``force`` (m,).
+
+    ``modal`` (tiles * m * 6 * 128,) and ``rows`` are flat, ``powers`` those of the packed polynomials, and ``work``
+    holds 3 * 128 numbers.
+    """
+    size, one = 2 * ROWS * q.size, spread(1.0)
+    for mode in range(q.size):
+        force[mode] = 0.0
+    for tile in range(modal.size // size):
+        worst = spread(0.0)
+        for vertex in range(0, TILE, LANES):
+            at = tile * size + ROWS + vertex
+            amount = spread_from(q, 0)
+            wx, wy, wz = amount * load(modal, at), amount * load(modal, at + TILE), amount * load(modal, at + 2 * TILE)
+            for mode in range(1, q.size):
+                amount = spread_from(q, mode)
+                at += 2 * ROWS
+                wx = wx + amount * load(modal, at)
+                wy = wy + amount * load(modal, at + TILE)
+                wz = wz + amount * load(modal, at + 2 * TILE)
+            squared = wx * wx + wy * wy + wz * wz
+            worst = larger(squared, worst)
+            quadratic, third = packed_coefficients(squared, powers)
+            linear = squared * third - one  # minus c1
+            at = tile * ROWS + vertex
+            fx, fy, fz = load(rows, at), load(rows, at + TILE), load(rows, at + 2 * TILE)
+            cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
+            store(work, vertex, fx + linear * cx + quadratic * (wy * cz - wz * cy))
+            store(work, TILE + vertex, fy + linear * cy + quadratic * (wz * cx - wx * cz))
+            store(work, 2 * TILE + vertex, fz + linear * cz + quadratic * (wx * cy - wy * cx))
+        if any_above(worst, LIMIT):
+            _turn_back_wound_up(modal, tile * size + ROWS, rows, tile * ROWS, q, work)
+        for mode in range(q.size):
+            at = tile * size + 2 * ROWS * mode
+            a = b = c = d = spread(0.0)  # four sums, so that none waits for the one before
+            for i in range(0, ROWS, 4 * LANES):
+                a = a + load(work, i) * load(modal, at + i)
+                b = b + load(work, i + LANES) * load(modal, at + i + LANES)
+                c = c + load(work, i + 2 * LANES) * load(modal, at + i + 2 * LANES)
+                d = d + load(work, i + 3 * LANES) * load(modal, at + i + 3 * LANES)
+            force[mode] += total((a + b) + (c + d))
+
+
+@_kernel
+def _turn_back_wound_up(modal, at, rows, first, q, work):  # type: ignore[no-untyped-def]
+    """Turn the load of a tile back by rotations of any angle; its rotation vectors' rows begin ``at`` in ``modal``."""
+    for vertex in range(TILE):
+        wx = wy = wz = 0.0
+        for mode in range(q.size):
+            row, amount = at + 2 * ROWS * mode + vertex, q[mode]
+            wx, wy = wx + amount * modal[row], wy + amount * modal[row + TILE]
+            wz += amount * modal[row + 2 * TILE]
+        linear, quadratic, _ = coefficients(wx, wy, wz)
+        row = first + vertex
+        fx, fy, fz = rows[row], rows[row + TILE], rows[row + 2 * TILE]
+        cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
+        work[vertex] = fx - linear * cx + quadratic * (wy * cz - wz * cy)
+        work[TILE + vertex] = fy - linear * cy + quadratic * (wz * cx - wx * cz)
+        work[2 * TILE + vertex] = fz - linear * cz + quadratic * (wx * cy - wy * cx)
+
+
+@_kernel
+def push_change(modal, rows, powers, q, near, known, work, change):  # type: ignore[no-untyped-def]
+    """Write the change of a modal force from q, where it is ``known``, to ``near`` (m,) by a sample into ``change``.
+
+    Returns whether the sample, a tile of vertices as of :func:`push_frame`, feels the load as all do.
+    """
+    sampled = np.empty(q.size)
+    push_frame(modal, rows, powers, q, work, sampled)
+    push_frame(modal, rows, powers, near, work, change)
+    return change_by_sample(known, sampled, change)
+
+
+@_kernel
+def change_by_sample(known, sampled, change):  # type: ignore[no-untyped-def]
+    """Take a sample's modal force (m,) from that near by, in ``change``; whether it is like the ``known`` whole one.
+
+    It is not where the sample does not feel the load as all do: one at few vertices, say.
+    """
+    off = whole = 0.0
+    for mode in range(known.size):
+        change[mode] -= sampled[mode]
+        off += (sampled[mode] - known[mode]) ** 2
+        whole += known[mode] ** 2
+    return off <= ALIKE**2 * whole
