@@ -11,9 +11,9 @@ from modalshell.core.checks import checked_count
 from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST_THREADS
 from modalshell.crowd.kernels import instances as kernels
+from modalshell.crowd.kernels.polynomials import powers
 from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
 from modalshell.kernels.packed import BYTES
-from modalshell.kernels.packed_polynomials import powers
 from modalshell.models.reduction.warp_frame import aligned_zeros
 from modalshell.modes import Basis
 

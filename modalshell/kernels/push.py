@@ -9,36 +9,38 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.frame import LIMIT, TILE
+from modalshell.kernels.frame import HALF_DOUBLE, LIMIT, MIDDLE, THIRD_DOUBLE, TILE
 from modalshell.kernels.packed import LANES, any_above, larger, load, spread, spread_from, store, total
-from modalshell.kernels.packed_polynomials import packed_coefficients
 from modalshell.kernels.rotations import coefficients
 
 ROWS = 3 * TILE
 """Numbers of a load, or a displacement, of a tile."""
+POWERS = np.array(list(zip((0.0, 0.0, *HALF_DOUBLE), THIRD_DOUBLE, strict=True))).ravel()
+"""The coefficients of both polynomials of a frame, pair by pair, highest power first."""
 ALIKE = 0.4
 """Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
 
 _kernel = njit(error_model="numpy", fastmath={"contract", "nsz"})
 
 
-@_kernel
-def load_rows(forces, rows):  # type: ignore[no-untyped-def]
-    """Write a load (n, 3) in the order of the modal data into ``rows`` (tiles * 3 * 128,), which are zeros."""
-    for vertex in range(forces.shape[0]):
-        at = vertex // TILE * ROWS + vertex % TILE
-        rows[at], rows[at + TILE], rows[at + 2 * TILE] = forces[vertex, 0], forces[vertex, 1], forces[vertex, 2]
+def load_rows(load: Array) -> Array:
+    """A load (n, 3) in the order of the modal data (tiles * 3 * 128,)."""
+    tiles = -(-len(load) // TILE)
+    padded = np.zeros((tiles * TILE, 3))
+    padded[: len(load)] = load
+    return padded.reshape(tiles, TILE, 3).transpose(0, 2, 1).ravel()
 
 
 @_kernel
 def push_frame(modal, rows, powers, q, work, force):  # type: ignore[no-untyped-def]
     """Write the modal force ``Phi^T R(Psi q)^T f`` of a load in ``rows`` into ``force`` (m,).
 
-    ``modal`` (tiles * m * 6 * 128,) and ``rows`` are flat, ``powers`` those of the packed polynomials, and ``work``
-    holds 3 * 128 numbers.
+    ``modal`` (tiles * m * 6 * 128,) and ``rows`` are flat, ``powers`` are :data:`POWERS`, and ``work`` holds 3 * 128
+    numbers.
     """
-    size, one = 2 * ROWS * q.size, spread(1.0)
+    size, one, middle = 2 * ROWS * q.size, spread(1.0), spread(MIDDLE)
     for mode in range(q.size):
         force[mode] = 0.0
     for tile in range(modal.size // size):
@@ -55,8 +57,12 @@ def push_frame(modal, rows, powers, q, work, force):  # type: ignore[no-untyped-
                 wz = wz + amount * load(modal, at + 2 * TILE)
             squared = wx * wx + wy * wy + wz * wz
             worst = larger(squared, worst)
-            quadratic, third = packed_coefficients(squared, powers)
-            linear = squared * third - one  # minus c1
+            shifted = squared - middle
+            half, third = spread_from(powers, 0), spread_from(powers, 1)
+            for k in range(2, powers.size, 2):
+                half = half * shifted + spread_from(powers, k)
+                third = third * shifted + spread_from(powers, k + 1)
+            quadratic, linear = half * half, squared * third - one  # minus c1
             at = tile * ROWS + vertex
             fx, fy, fz = load(rows, at), load(rows, at + TILE), load(rows, at + 2 * TILE)
             cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
@@ -92,18 +98,6 @@ def _turn_back_wound_up(modal, at, rows, first, q, work):  # type: ignore[no-unt
         work[vertex] = fx - linear * cx + quadratic * (wy * cz - wz * cy)
         work[TILE + vertex] = fy - linear * cy + quadratic * (wz * cx - wx * cz)
         work[2 * TILE + vertex] = fz - linear * cz + quadratic * (wx * cy - wy * cx)
-
-
-@_kernel
-def push_change(modal, rows, powers, q, near, known, work, change):  # type: ignore[no-untyped-def]
-    """Write the change of a modal force from q, where it is ``known``, to ``near`` (m,) by a sample into ``change``.
-
-    Returns whether the sample, a tile of vertices as of :func:`push_frame`, feels the load as all do.
-    """
-    sampled = np.empty(q.size)
-    push_frame(modal, rows, powers, q, work, sampled)
-    push_frame(modal, rows, powers, near, work, change)
-    return change_by_sample(known, sampled, change)
 
 
 @_kernel

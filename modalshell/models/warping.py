@@ -10,17 +10,15 @@ import numpy as np
 from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.modal.base import DeadForce
+from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
-from modalshell.kernels.frame import TILE
-from modalshell.kernels.packed_polynomials import powers
-from modalshell.kernels.push import ROWS, load_rows, push_change, push_frame
+from modalshell.kernels.push import POWERS, ROWS, change_by_sample, load_rows, push_frame
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.sampled_change import as_tile, samples_of
-from modalshell.models.reduction.warp_frame import WarpFrame, aligned_zeros
+from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.reduction.warp_step import warp_step
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
@@ -28,10 +26,6 @@ from modalshell.statics.modal_balance import balance
 
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
-_POWERS = powers(np.float64)
-"""Of the polynomials of a warp."""
-_NONE = np.empty(0), np.empty(0)
-"""A sample of no vertices, and its load."""
 
 
 @final
@@ -120,16 +114,15 @@ class ModalWarping(UnstretchedModel):
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
-        return self.warped_work(q, load)[1] if self.consistent_force else _force_of(self._pushed, _rows(load), q)
+        return self.warped_work(q, load)[1] if self.consistent_force else _force_of(self._pushed, load_rows(load), q)
 
     def dead_force(self, load: Array) -> DeadForce:
         """See :meth:`ModalShape.dead_force`; the paper's tells its change by a sample of vertices, of many."""
         if self.consistent_force:
             return super().dead_force(load)
-        felt = self._pushed, _rows(load)
-        of_sample = _NONE if self._sample is None else (self._sample[1], _rows(load[self._sample[0]]))
-        change = None if self._sample is None else partial(_change_of, *of_sample)
-        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, *of_sample))
+        felt, sample = (self._pushed, load_rows(load)), self._sample
+        change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
+        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
 
     @cached_property
     def _pushed(self) -> Array:
@@ -217,32 +210,31 @@ class ModalWarping(UnstretchedModel):
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 
 
-def _rows(load: Array) -> Array:
-    """A load (n, 3) in the order of the modal data."""
-    rows = aligned_zeros((-(-len(load) // TILE) * ROWS,), np.dtype(np.float64))
-    load_rows(load, rows)
-    return rows
-
-
 def _force_of(modal: Array, rows: Array, q: Array) -> Array:
     """Modal force (m,) of a load in rows, at q."""
     count_read(modal.nbytes)
     force = np.empty(q.size)
-    push_frame(modal, rows, _POWERS, q, np.empty(ROWS), force)
+    push_frame(modal, rows, POWERS, q, np.empty(ROWS), force)
     return force
 
 
 def _change_of(modal: Array, rows: Array, q: Array, near: Array, known: Array) -> Array | None:
     """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of vertices, or None."""
-    count_read(2 * modal.nbytes)
-    change = np.empty(q.size)
-    return change if push_change(modal, rows, _POWERS, q, near, known, np.empty(ROWS), change) else None
+    sampled, change = _force_of(modal, rows, q), _force_of(modal, rows, near)
+    return change if change_by_sample(known, sampled, change) else None
 
 
-def _step(modal: Array, rows: Array, sample: Array, sampled: Array, *of_step: Any) -> None:
-    """Take a step of the exponential rule, into its last two arguments."""
-    again, by_sample = warp_step(modal, rows, sample, sampled, _POWERS, *of_step)
-    count_read((1 + again) * modal.nbytes + 2 * by_sample * sample.nbytes)
+def _step(modal: Array, rows: Array, change: ForceChange | None, *step: Any) -> None:
+    """Take a step of the exponential rule under a load in rows; see :class:`DeadForce`."""
+    count_read(modal.nbytes)
+    if not warp_step(modal, rows, POWERS, change is not None, *step):
+        return
+    if change is None:
+        count_read(modal.nbytes)
+        return
+    ends = step[-2]
+    further = change(ends[5], ends[0], ends[4])
+    ends[4] = _force_of(modal, rows, ends[0]) if further is None else ends[4] + further
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "exponential") -> ModalWarping:

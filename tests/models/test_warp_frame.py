@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from modalshell import ModalWarping, OptionError
 from modalshell.kernels import frame as kernels
 from modalshell.kernels import push
-from modalshell.kernels.packed_polynomials import powers
 from modalshell.kernels.rotations import coefficients
 from modalshell.models.reduction.warp_frame import WarpFrame
 from studies.benchmarks import frame as benchmarks
@@ -252,8 +251,7 @@ def test_a_pushed_frame_is_the_load_turned_back(angle, n):
     load = np.random.default_rng(1).standard_normal((n, 3))
     turned = Rotation.from_rotvec((basis.rotations @ q).reshape(-1, 3)).inv().apply(load)
     expected = basis.modes.T @ turned.ravel()
-    rows, force = np.zeros(-(-n // kernels.TILE) * push.ROWS), np.empty(q.size)
-    push.load_rows(load, rows)
+    rows, force = push.load_rows(load), np.empty(q.size)
     modal = WarpFrame(basis).modal_data.reshape(-1)
-    push.push_frame(modal, rows, powers(np.float64), q, np.empty(push.ROWS), force)
+    push.push_frame(modal, rows, push.POWERS, q, np.empty(push.ROWS), force)
     assert np.abs(force - expected).max() <= 20.0 * TOLERANCE[np.float64] * np.linalg.norm(basis.modes, axis=0).max()

@@ -15,6 +15,7 @@ with them, the others.
 import numpy as np
 from numba import prange
 
+from modalshell.crowd.kernels.polynomials import packed_coefficients
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import LIMIT
 from modalshell.kernels.packed import (
@@ -30,7 +31,6 @@ from modalshell.kernels.packed import (
     store_triples,
     total,
 )
-from modalshell.kernels.packed_polynomials import packed_coefficients
 from modalshell.kernels.rotations import coefficients
 
 RIGID, LINEAR, WARPED = 0, 1, 2

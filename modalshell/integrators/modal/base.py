@@ -33,8 +33,8 @@ class DeadForce(NamedTuple):
     change : callable, optional
         What tells cheaply how it changes over a short way, if anything does.
     step : callable, optional
-        A whole step of the exponential rule under it in one call, if there is one:
-        :func:`~modalshell.models.reduction.warp_step.warp_step` but for its first five arguments.
+        A whole step of the exponential rule under it in one call, if there is one, with the arguments of
+        :func:`~modalshell.models.reduction.warp_step.warp_step` from ``c`` on.
     """
 
     at: Force

@@ -67,7 +67,7 @@ class Exponential(ModalIntegrator, key="exponential"):
         table, stiff, length = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         most, largest = (VIOLENT * size) ** 2, math.inf if stiff is None else (VIOLENT * size * stiff) ** 2
-        ends, cost = np.empty((5, q.size)), np.empty(3)
+        ends, cost = np.empty((6, q.size)), np.empty(3)
         ahead, rates = ends[0], ends[1]
         if last and dead is not None and dead.step is not None:
             dead.step(table, h / last, most, largest, q, v, memory["force"], memory["gain"], ends, cost)

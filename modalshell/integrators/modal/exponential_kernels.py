@@ -5,7 +5,7 @@ from modalshell.kernels.compiler import njit
 
 @njit(error_model="numpy", fastmath=False)
 def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
-    """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out`` (5, m).
+    """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out``.
 
     ``c`` (11, m) are the coefficients of a :class:`Flow`, two of a step's error, and the stiffness.
     """
@@ -16,7 +16,7 @@ def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False)
 def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-untyped-def]
-    """Correct a prediction in ``out`` (5, m) for the force ``pushed`` (m,) there.
+    """Correct a prediction in ``out`` for the force ``pushed`` (m,) there.
 
     Returns the squares of the correction, and of that force on the modes that are not rigid: those whose stiffness, row
     10 of ``c`` (11, m), is positive. Row 8 turns the force's curvature into an error, row 9 the change of rates into
