@@ -99,7 +99,7 @@ class HybridStress(OnCoarse):
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
         self.coarse_shell = self.coarse.coarse_shell
         self.held_out_error, self.training = trained.held_out_error, trained.description
-        self.coarse_errors = trained.coarse_errors
+        self.coarse_errors, self._stated = trained.coarse_errors, stated(trained)
         self._trained, self._basis, self._measures = trained, trained.basis, measures_of(coarse)
         at_origin = measures_of(coarse.centred()[0])
         self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
@@ -256,7 +256,7 @@ class HybridStress(OnCoarse):
     def remark(self, state: MotionState) -> str:
         """The range of training, or that the coarse shell has taken the step, and why."""
         if state.coordinates.ndim == 1:
-            return stated(self._trained)
+            return self._stated
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
         if np.any(state.memory.get(PRESSED, False)):
