@@ -92,6 +92,32 @@ formats = ["png"]
     assert ms.load_scene(out).build().model.basis.count == 3
 
 
+def test_a_written_scene_finds_the_files_of_the_one_it_was_made_of(tmp_path):
+    ms.save_mesh(ms.flat_beam(cells=(6, 2)), tmp_path / "beam.ply")
+    (tmp_path / "sheet.txt").write_text("1e-3\n" * 24)
+    (tmp_path / "held.txt").write_text("0\n1\n2\n")
+    (tmp_path / "warm.txt").write_text("5.0\n" * 24)
+    (tmp_path / "boundary").write_text("no selection")
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        """
+mesh = {file = "beam.ply"}
+material = {young = 1e9, poisson = 0.3, thickness = "sheet.txt", density = 1e3}
+supports = [{kind = "clamp", sel = "held.txt"}, {kind = "fix", sel = "boundary", axes = "y"}]
+rest = {change = "warm.txt", expansion = 1e-6}
+loads = {gravity = [0, 0, -1]}
+model = {name = "lma"}
+"""
+    )
+    out = write_scene_with(file, tmp_path / "sub" / "scene.toml", {"name": "mwts", "modes": 3})
+    before, after = ms.load_scene(file).build(), ms.load_scene(out).build()
+    np.testing.assert_array_equal(before.shell.clamped, after.shell.clamped)
+    assert after.scene.content() | {"model": None, "rest": None} == before.scene.content() | {
+        "model": None,
+        "rest": None,
+    }
+
+
 def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
     file = scene_file(STILL, WEAK)
     advice = choose(ms.tradeoff(file, modes=(2,), loads=(1.0,)), 1e-12, 1e9)
