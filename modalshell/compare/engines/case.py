@@ -79,8 +79,8 @@ def _refuse_clamps_inside(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
     fixed = held[mesh.faces].all(axis=1)
     if count := int((inside & ~fixed[mesh.edge_faces].any(axis=1)).sum()):
         raise OptionError(
-            f"engines whose vertices have no turns clamp boundaries and triangles (got {count} clamped edges inside the "
-            "sheet): clamp two rows of vertices there"
+            f"engines whose vertices have no turns clamp boundaries and triangles (got {count} clamped edges inside "
+            "the sheet): clamp two rows of vertices there"
         )
 
 

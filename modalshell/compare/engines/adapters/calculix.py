@@ -1,8 +1,8 @@
 """Shells by CalculiX: ``python calculix.py < case.json``.
 
 Six-node triangles S6, those of the case, with Young's modulus [Pa], Poisson's ratio, the thickness [m] and the
-density [kg/m^3] as they are; statics with geometric nonlinearity, loads one after another. Nodes of clamped edges, whose
-two ends are held, have no turn; other held ones may have one. Only the program ``ccx`` is needed.
+density [kg/m^3] as they are; statics with geometric nonlinearity, loads one after another. Nodes of clamped edges, with
+both ends held, have no turn; other held ones may have one. Only the program ``ccx`` is needed.
 """
 
 from __future__ import annotations
