@@ -111,7 +111,7 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
 
 def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
     """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
-    if scene.motion is not None or scene.contacts:  # inertia, or contacts, carry a part of the load
+    if scene.motion is not None or scene.contacts or scene.constraints:  # inertia, or these, carry a part of the load
         return {"load": None, "reactions": None, "balance": None}
     _, force, loads, _ = scene.build_loading(shell)
     gravity = scene.loads.gravity if scene.loads else None

@@ -116,6 +116,16 @@ def test_a_report_on_a_motion_names_when(plate, scene_file):
     assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
 
 
+def test_what_a_constraint_bears_is_not_called_missing(plate):
+    held = (
+        '[[constraints]]\nkind = "position"\nnearest = [0.25, 0.0, 0.0]\nrelative = true\ntarget = [0.0, 0.0, 1e-3]\n'
+    )
+    (plate / "held.toml").write_text(PLATE + held)
+    assert command("held.toml") == 0
+    numbers = json.loads((plate / "results" / "held_report.json").read_text())
+    assert (numbers["load"], numbers["balance"]) == (None, None)
+
+
 def test_a_report_has_the_error_bar_of_its_run(plate):
     text = PLATE.replace('name = "ds"', 'name = "mwts"').replace("[mesh]", "bar = true\n[mesh]", 1)
     text = text.replace('kind = "pin"', 'kind = "clamp"').replace('sel = "boundary"', 'sel = "x < 0.05"')
