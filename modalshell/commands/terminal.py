@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any, get_args
 
+from cyclopts import Token, convert
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -32,6 +34,15 @@ def log_line(text: str, done: int, total: int, seconds: float) -> str:
 def say(*lines: object, sep: str = " ") -> None:
     """Print what may hold names of files, without the control characters that would steer the terminal."""
     print(*(printable(str(line)) for line in lines), sep=sep)
+
+
+def converted(kind: Any, tokens: Sequence[Token]) -> Any:
+    """The value of a parameter of some type; ValueError for a fraction of a whole number, which would be rounded."""
+    if int in (kind, *get_args(kind)):
+        for token in tokens:
+            if "." in token.value and token.value.replace(".", "", 1).isdigit() and float(token.value) % 1.0:
+                raise ValueError(f"must be a whole number (got {token.value})")
+    return convert(kind, tokens)
 
 
 @contextmanager

@@ -118,6 +118,16 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
         (("simulate", "LEAF", "--damping", "-1", "0"), "--damping[0] must be"),
         (("simulate", "LEAF", "--modes", "9999", "--clamp", "x < 0.1"), "--modes must be at most"),
         (("simulate", "LEAF", "--modes", "0"), "--modes must be"),
+        (("simulate", "LEAF", "--modes", "2.5"), "--modes: must be a whole number (got 2.5)"),
+        (("modes", "LEAF", "--component", "0.5"), "--component: must be a whole number (got 0.5)"),
+        (
+            ("simulate", "LEAF", "--clamp", "x < 0.1", "--duration", "0.1", "--still", "0.2"),
+            "from 0 to 0.1 s (got 0.2)",
+        ),
+        (
+            ("simulate", "LEAF", "--clamp", "x < 0.1", "--static", "--still", "0.2"),
+            "--still must be a time of the film",
+        ),
         (("simulate", "LEAF", "--gravity", "0", "0"), "gravity"),
         (("reproduce", "--only", "nothing"), "nothing"),
         (("bench", "--only", "nothing"), "nothing"),

@@ -76,7 +76,7 @@ def engine_case(
 def _refuse_clamps_inside(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
     """OptionError where a clamped edge has two triangles that move: without turns they would tilt about it together."""
     inside = held[mesh.edges].all(axis=1) & (mesh.edge_faces[:, 1] >= 0)
-    fixed = held[mesh.faces].all(axis=1)
+    fixed: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
     if count := int((inside & ~fixed[mesh.edge_faces].any(axis=1)).sum()):
         raise OptionError(
             f"engines whose vertices have no turns clamp boundaries and triangles (got {count} clamped edges inside "
