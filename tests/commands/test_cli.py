@@ -143,6 +143,19 @@ def test_bad_options_give_one_line_and_status_2(capsys, tmp_path, leaf, argument
     assert err.count("\n") == 1
 
 
+def test_bundled_meshes_and_scenes_are_found_from_any_folder(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = run(capsys, "repair", "meshes/leaf.obj", "--out", "leaf.ply")
+    assert (status, out.splitlines()[-1]) == (0, "leaf.ply")
+    status, _, err = run(capsys, "path", "studies/scenes/flat_beam.toml")
+    assert status == 2
+    assert "has no path of equilibria" in err
+    status, _, err = run(capsys, "repair", "meshes/none.obj", "--out", "leaf2.ply")
+    assert "meshes/none.obj: no such file" in err
+    assert run(capsys, "page", "--drape", "--out", "studies/scenes/leaf.html")[0] == 0
+    assert (tmp_path / "studies" / "scenes" / "leaf.html").is_file()  # outputs go where they were asked for
+
+
 def test_debug_shows_the_traceback():
     command = [sys.executable, "-m", "modalshell", "simulate", "no_such_file.obj"]
     plain = subprocess.run(command, capture_output=True, text=True)
