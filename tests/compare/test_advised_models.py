@@ -7,6 +7,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.compare.advice_text import _plain
 from modalshell.compare.advise import choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import make_case
@@ -116,6 +117,14 @@ model = {name = "ds"}
         "model": None,
         "rest": None,
     }
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"), [(17511.0, 3, "17,500"), (584.2, 2, "580"), (3.71, 2, "3.7"), (0.0123, 3, "0.0123")]
+)
+def test_rates_are_written_without_powers_of_ten(value, digits, shown):
+    assert _plain(value, digits) == shown
+    assert _plain(0.0, digits) == "0"
 
 
 def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
