@@ -13,7 +13,7 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import SceneError
 from modalshell.files.regular import read_regular
 
-KEYS = ("clamped", "sel", "where", "vertices")
+KEYS = ("clamped", "sel", "where", "vertices", "watch")
 """Keys that select vertices."""
 SUFFIXES = (".txt", ".npy")
 """Of files of indices."""
