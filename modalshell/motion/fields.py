@@ -57,6 +57,8 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: S
     frames = []
     for frame, (time, positions) in enumerate(zip(run.times, run.positions, strict=True)):
         x = np.asarray(positions, dtype=np.float64)
-        frames.append(shell_at(shell, run, frame).fields(x if supports is None else supports.at(float(time)).to_shell(x)))
+        frames.append(
+            shell_at(shell, run, frame).fields(x if supports is None else supports.at(float(time)).to_shell(x))
+        )
     found = {name: np.stack([fields.values(name) for fields in frames]) for name in missing}
     return replace(run, fields={**run.fields, **found})

@@ -127,7 +127,9 @@ def test_what_a_constraint_bears_is_not_called_missing(plate):
 
 
 def test_reactions_and_stresses_of_a_yielded_crease_are_those_of_its_fold(plate):
-    text = PLATE[: PLATE.index("[[supports]]")] + """
+    text = (
+        PLATE[: PLATE.index("[[supports]]")]
+        + """
 [[supports]]
 kind = "clamp"
 sel = "x < 0.01"
@@ -141,6 +143,7 @@ yield_moment = 0.2
 [output]
 fields = ["von_mises_faces"]
 """
+    )
     (plate / "creased.toml").write_text(text)
     assert command("creased.toml") == 0
     numbers = json.loads((plate / "results" / "creased_report.json").read_text())
