@@ -30,7 +30,7 @@ _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY}(?:\.[ \t]*{_KEY}){{{_DEEPES
 """A key of more parts than are read, for which the parser takes a time that grows as their square."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations", "ratios": "modal_damping", "card": "name"}
 """Parameters that the package names otherwise than scenes do."""
-_JOINED = ("and", "that", "about", "of")
+_JOINED = ("and", "that", "about")
 """Second words after which the first one is no subject by itself: the message is kept whole."""
 
 

@@ -296,7 +296,7 @@ def test_moving_parts_need_a_motion(load, scene_file):
         ms.load_scene(scene).build()
 
 
-SHEET = (
+THEORY = (
     "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2",
     "young = 1e8\npoisson = 0.3\nthickness = 1e-3\ndensity = 1e3",
 )
@@ -310,7 +310,7 @@ SHEET = (
             "",
             r"motion\.modal_damping: must be one number",
         ),
-        ((SHEET,), "[rest]\nrest_curvature = 0.5\n", r"toml: model: vibration modes about the mesh need"),
+        ((THEORY,), "[rest]\nrest_curvature = 0.5\n", r"toml: model: vibration modes about the mesh need"),
     ],
 )
 def test_a_refusal_is_a_whole_sentence_under_the_scenes_own_key(scene_file, changes, more, message):
