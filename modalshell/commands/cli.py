@@ -20,7 +20,7 @@ from modalshell.commands.doctor import examine
 from modalshell.commands.keys import keys
 from modalshell.commands.licences import show_licences
 from modalshell.commands.pages import write_pages
-from modalshell.commands.terminal import CONSOLE, progress, say
+from modalshell.commands.terminal import CONSOLE, converted, progress, say
 from modalshell.compare import MODES
 from modalshell.core.checks import printable, shortened
 from modalshell.core.errors import ModalShellError
@@ -36,7 +36,7 @@ Models: LMA (linear modal analysis), MWTS (modal warping for thin shells), RSW (
 
 Example: modalshell simulate meshes/leaf.obj
 """
-app = App(name="modalshell", help=_HELP, version=ms.__version__)
+app = App(name="modalshell", help=_HELP, version=ms.__version__, default_parameter=Parameter(converter=converted))
 app.register_install_completion_command(
     help="Install completion of commands and options for this shell.\n\n"
     "Example: modalshell --install-completion --shell bash"

@@ -314,6 +314,9 @@ def simulate(
         options, timing, description = _choose(options, mesh, built_mesh, tables, chosen.modes)
     if not moved.static:
         tables["motion"] = moved.table(timing)
+    last = 0.0 if moved.static else tables["motion"]["duration"]
+    if look.still is not None and look.still > last:
+        raise ms.OptionError(f"--still must be a time of the film, from 0 to {last:g} s (got {look.still:g})")
     scene = replace(options.scene(mesh, built_mesh, tables), name=name)
     built = scene.build_shell(built_mesh)
     scene = replace(scene, bar=moved.static and _has_bar(scene, built))

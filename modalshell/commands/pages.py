@@ -32,8 +32,6 @@ _MOST_NUMBERS = 700_000
 """Numbers of modes, rotations and shapes up to which a page has reduced RSW: about 2 MB."""
 _NEAR = 0.05
 """Error in training up to which a page has reduced RSW."""
-_EARTH = 9.81
-"""Acceleration [m/s^2] that it is trained on where the scene has none."""
 _HONEST = 0.25
 """Error against the scene's own answer up to which a live model is offered."""
 _ERROR = 5e-4
@@ -131,10 +129,13 @@ class _ShellPage:
     def _live(self) -> dict[str, Any]:
         """What the page needs to step the live models."""
         motion = self.scene.motion
-        reduced = _reduced(self.basis, np.array(self.gravity), self.force)
-        if motion is None:
-            return live_model(self.basis, force=self.force, reduced=reduced)
-        return live_model(self.basis, force=self.force, damping=self._damping(motion), dt=motion.dt, reduced=reduced)
+        units = self.scene.unit_system
+        strength = float(np.linalg.norm(self.gravity)) or units.earth
+        reduced = _reduced(self.basis, np.array(self.gravity), strength, self.force)
+        options: dict[str, Any] = {"force": self.force, "reduced": reduced, "units": units}
+        if motion is not None:
+            options |= {"damping": self._damping(motion), "dt": motion.dt}
+        return live_model(self.basis, **options)
 
     def _damping(self, motion: MotionTable) -> tuple[float, float]:
         """Rayleigh factors of mass [1/s] and stiffness [s]."""
@@ -178,12 +179,14 @@ def _difference(seen: NDArray[np.floating], expected: NDArray[np.floating], shel
     return float(np.sqrt(missed / moved)) if moved > 0.0 else None
 
 
-def _reduced(basis: ms.Basis, gravity: Array, force: Array | None) -> ReducedWarp | None:
-    """Reduced RSW for a page, trained on the scene's load and its weight in every direction; None where it is large."""
+def _reduced(basis: ms.Basis, gravity: Array, strength: float, force: Array | None) -> ReducedWarp | None:
+    """Reduced RSW for a page, trained on the scene's load and a gravity of some strength in every direction.
+
+    None where it is large.
+    """
     size = 3 * len(basis.shell.rest_positions) * (2 * basis.count + _RANK)
     if basis.rigid_modes or size > _MOST_NUMBERS:
         return None
-    strength = float(np.linalg.norm(gravity)) or _EARTH
     pulls = [sign * strength * axis for axis in np.eye(3) for sign in (1.0, -1.0)] + [gravity]
     dead = np.zeros_like(basis.shell.rest_positions) if force is None else force
     loads = [factor * (basis.shell.gravity_force(pull) + dead) for pull in pulls for factor in (0.5, 1.0)]

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, get_args
 
+from cyclopts import Token, convert
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from modalshell.core.checks import printable
+from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
+from modalshell.files.provenance import repository_file
 
 CONSOLE = Console()
 ERRORS = Console(stderr=True)
@@ -32,6 +37,30 @@ def log_line(text: str, done: int, total: int, seconds: float) -> str:
 def say(*lines: object, sep: str = " ") -> None:
     """Print what may hold names of files, without the control characters that would steer the terminal."""
     print(*(printable(str(line)) for line in lines), sep=sep)
+
+
+def converted(kind: Any, tokens: Sequence[Token]) -> Any:
+    """The value of a parameter of some type.
+
+    An input such as ``meshes/leaf.obj`` that is not in the working folder is the bundled one, as in scenes. ValueError
+    for a fraction of a whole number, which would be rounded.
+    """
+    if Path in (kind, *get_args(kind)):
+        tokens = [_bundled(token) if token.keyword is None else token for token in tokens]
+    if int in (kind, *get_args(kind)):
+        for token in tokens:
+            if "." in token.value and token.value.replace(".", "", 1).isdigit() and float(token.value) % 1.0:
+                raise ValueError(f"must be a whole number (got {token.value})")
+    return convert(kind, tokens)
+
+
+def _bundled(token: Token) -> Token:
+    """The token, with the path of a bundled mesh or scene where it names one that is not in the working folder."""
+    if Path(token.value).exists() or not token.value.startswith(("meshes/", "studies/")):
+        return token
+    with suppress(FileFormatError):
+        return token.evolve(value=str(repository_file(token.value)))
+    return token
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 
@@ -51,10 +52,17 @@ def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
     margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
     rate = row.frames_per_second
     return [
-        f"Take {row.label}: it {accuracy}{margin} and makes {rate:.3g} frames a second (asked {fps:g}: "
-        f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing.",
+        f"Take {row.label}: it {accuracy}{margin} and makes {_plain(rate, 3)} frames a second (asked {fps:g}: "
+        f"{_plain(rate / fps, 2)} times faster), after {row.preprocessing:.2g} s of preprocessing.",
         *([f"Its motion: {row.motion}."] if row.motion != Outcome.COMPLETED else []),
     ]
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number to some digits, never by powers of ten."""
+    if not value > 0.0:
+        return "0"
+    return f"{float(f'{value:.{digits}g}'):,.{max(0, digits - 1 - math.floor(math.log10(value)))}f}"
 
 
 def _missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:
@@ -89,7 +97,8 @@ def _none_text(allowed: list[Measurement], error: float, fps: float) -> list[str
     ]
     accurate = [row for row in allowed if row.largest_error <= error]
     if accurate:
-        text.append(f"As accurate, the cheapest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
+        rate = _plain(accurate[0].frames_per_second, 3)
+        text.append(f"As accurate, the cheapest is {accurate[0].label}: {rate} a second.")
     fast = sorted(
         (row for row in allowed if row.frames_per_second >= RATE_MARGIN * fps), key=lambda row: row.largest_error
     )
@@ -113,7 +122,8 @@ def _faults(rows: list[Measurement], refused: Mapping[str, str], error: float) -
         text.append(f"- Not accurate enough: {'; '.join(off)}.")
     if near := [f"{row.label} ({_near_text(row)})" for row in away]:
         text.append(f"- Accurate enough at the other loads, but not next to the snap: {'; '.join(near)}.")
-    if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if row.largest_error <= error]:
+    late = [row for row in allowed if row.largest_error <= error]
+    if slow := [f"{row.label} ({_plain(row.frames_per_second, 3)} a second)" for row in late]:
         text.append(f"- Accurate, but too slow: {'; '.join(slow)}.")
     return text
 

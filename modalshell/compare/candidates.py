@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 from modalshell.compare.case import Case
-from modalshell.core.errors import ModalShellWarning
+from modalshell.core.checks import shown
+from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH, ModelSpec, models
@@ -69,6 +70,10 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
     left_out: dict[str, str] = {}
     most = case.shell.unknowns.count
     counts = sorted({count for count in modes if count <= most})
+    if not counts:
+        raise OptionError(
+            f"modes must have a count of at most {most}, the free unknowns of the shell (got {shown(modes)})"
+        )
     if len(counts) < len(set(modes)):
         left_out["more modes"] = f"the shell has {most} free unknowns"
     chosen: list[Candidate] = []

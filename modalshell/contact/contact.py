@@ -163,7 +163,10 @@ class Contact(ReadOnlyArrays):
 
     def _surface(self, corners: Array, inset: float) -> tuple[Array, Index]:
         vertices, triangles = self.collider.surface(corners)
-        return vertices - inset * self.collider.gap(vertices)[1] if inset else vertices, triangles
+        for _ in range(6 if inset else 0):  # corners lie on up to three faces, and may be moved between them first
+            gap, normal, _ = self.collider.gap(vertices)
+            vertices = vertices - np.maximum(gap + inset, 0.0)[:, None] * normal
+        return vertices, triangles
 
     def body(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index, Array, Array]:
         """Vertices (k, 3) [m] and triangles (T, 3) of the collider, its rotations (F, 3, 3) and ways (F, 3) [m]."""

@@ -48,6 +48,8 @@ _TENS: Final = {
 """Powers of ten of the units that have a place in SI."""
 _PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """What SI calls powers of ten."""
+_EARTH: Final = 9.81
+"""Gravity on Earth [m/s^2]."""
 
 
 @final
@@ -90,6 +92,11 @@ class UnitSystem:
     def seconds(self) -> float:
         """The unit of time [s]."""
         return TIMES[self.time]
+
+    @property
+    def earth(self) -> float:
+        """Gravity on Earth in these units: 9810 with mm and s."""
+        return _EARTH * self.seconds**2 / self.metres
 
     def of(self, unit: str) -> str:
         """What a unit of SI is here: "Pa" is "MPa" with mm, t and s, "kg/(ft s^2)" with ft, kg and s."""

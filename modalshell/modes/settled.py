@@ -37,10 +37,10 @@ def settled_modes(shell: Shell, count: int, backend: str | None) -> SettledModes
     move = np.asarray(unknowns.prolong(TangentStiffness.at(shell, x, factoriser).solve(gradient)))
     if not (off := float(np.abs(move).max())) <= _SETTLED * shell.size:
         raise OptionError(
-            "modes about the mesh need a shell without stress there, or in equilibrium (got one of a prestrain, "
-            f"rest_curvature, temperature or rest, {off:.3g} m from it): take DS or coarse DS; or let it come to rest "
-            "first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal models; modes "
-            "under a load are those of solve_modes(shell, about=state)"
+            "vibration modes about the mesh need a shell without stress there, or in equilibrium (got one of a "
+            f"prestrain, rest_curvature, temperature or rest, {off:.3g} m from it): take DS or coarse DS; or let it "
+            "come to rest first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal "
+            "models; modes under a load are those of solve_modes(shell, about=state)"
         )
     found, whole = loaded_modes(shell, x, count, backend)
     root = np.sqrt(unknowns.masses(shell.mass))[:, None]

@@ -25,6 +25,11 @@ def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:
     return chosen
 
 
+def shell_at(shell: Shell, run: Trajectory, frame: int) -> Shell:
+    """The shell of a motion with what its creases have kept by a frame."""
+    return shell.creased(run.crease_angles[frame]) if run.crease_angles.size else shell
+
+
 def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: SupportPath | None = None) -> Trajectory:
     """The motion with further fields of the shell in every frame.
 
@@ -52,7 +57,8 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: S
     frames = []
     for frame, (time, positions) in enumerate(zip(run.times, run.positions, strict=True)):
         x = np.asarray(positions, dtype=np.float64)
-        own = shell.creased(run.crease_angles[frame]) if run.crease_angles.size else shell
-        frames.append(own.fields(x if supports is None else supports.at(float(time)).to_shell(x)))
+        frames.append(
+            shell_at(shell, run, frame).fields(x if supports is None else supports.at(float(time)).to_shell(x))
+        )
     found = {name: np.stack([fields.values(name) for fields in frames]) for name in missing}
     return replace(run, fields={**run.fields, **found})

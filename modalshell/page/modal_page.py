@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.integrators.modal.exponential import VIOLENT
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.stepper import LEAD
@@ -20,6 +21,8 @@ from modalshell.page.shell_page import shell_page
 
 _SHOWN_SHARE = 0.2
 """Largest displacement of a mode shown by itself, as a share of the shell's size."""
+_STEP, _DAMPING = 1.0 / 60.0, (0.5, 0.001)
+"""Step [s] and damping, of mass [1/s] and stiffness [s], unless others are given."""
 _PULL = 20.0
 """Force of the pointer at a distance of the shell's size, in weights of the shell on Earth."""
 
@@ -30,8 +33,8 @@ def modal_page(
     title: str = "modalshell",
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     force: ArrayLike | None = None,
-    damping: tuple[float, float] = (0.5, 0.001),
-    dt: float = 1.0 / 60.0,
+    damping: tuple[float, float] = _DAMPING,
+    dt: float = _STEP,
     reduced: tuple[Array, Array, Array] | None = None,
 ) -> Page:
     """A self-contained web page on which a shell moves by LMA and MWTS; notebooks show it live.
@@ -95,13 +98,15 @@ def live_model(
     basis: Basis,
     *,
     force: ArrayLike | None = None,
-    damping: tuple[float, float] = (0.5, 0.001),
-    dt: float = 1.0 / 60.0,
+    damping: tuple[float, float] | None = None,
+    dt: float | None = None,
     reduced: tuple[Array, Array, Array] | None = None,
+    units: UnitSystem = SI,
 ) -> dict[str, Any]:
-    """What a page needs to step a basis live; for the parameters and errors see :func:`modal_page`."""
-    factors = checked_vectors("damping", damping, (2,), OptionError)
-    dt = checked_number("dt", dt, above=0.0)
+    """What a page needs to step a basis, of numbers in ``units``, live; for the rest see :func:`modal_page`."""
+    own = np.array(_DAMPING) * (units.seconds, 1.0 / units.seconds)
+    factors = checked_vectors("damping", own if damping is None else damping, (2,), OptionError)
+    dt = checked_number("dt", _STEP / units.seconds if dt is None else dt, above=0.0)
     if basis.count > MOST_SHAPES:
         raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {basis.count}): take fewer modes")
     shell, eigenvalues = basis.shell, basis.eigenvalues
@@ -119,7 +124,7 @@ def live_model(
         "dt": dt,
         "violent": (VIOLENT * mesh.extent) ** 2 * float(shell.mass.sum()),
         "held": np.flatnonzero(shell.clamped).tolist(),
-        "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
+        "pull": _PULL * units.earth * float(shell.mass.sum()) / float(mesh.size),
     }
     if (frames := FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])) is not None:
         data["frames"] = _frames(frames, len(shell.mass))

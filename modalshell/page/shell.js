@@ -83,9 +83,9 @@ function aim() {
 }
 function labels() {
   const played = state.model === "scene";
-  show("count_value", state.count); show("gravity_value", (+element("gravity").value).toFixed(2));
+  show("count_value", state.count); show("gravity_value", short(+element("gravity").value));
   show("azimuth_value", element("azimuth").value + "°"); show("elevation_value", element("elevation").value + "°");
-  show("damping_value", state.xi.toFixed(2)); show("pause", state.paused ? "Play" : "Pause");
+  show("damping_value", short(state.xi)); show("pause", state.paused ? "Play" : "Pause");
   element("amplitude_label").hidden = state.shown < 0;
   show("shape", state.shown < 0 ? "Press a bar to see a mode by itself; press it again to go on."
        : `Mode ${state.shown + 1}: ${live.frequencies[state.shown].toPrecision(4)} ${data.units.frequency}`);
@@ -95,6 +95,7 @@ function labels() {
   element("pause").hidden = element("time_row").hidden = played && still;
   element("model").value = state.model;
 }
+function short(value) { return String(+value.toPrecision(3)); }
 function length(value) {
   if (data.units.length !== "m") return `${value.toPrecision(4)} ${data.units.length}`;
   return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : (1000 * value).toFixed(2) + " mm";
@@ -114,9 +115,9 @@ function direct(g) {  // the sliders of gravity
   element("elevation").value = size ? Math.round(Math.asin(g[2] / size) * 180 / Math.PI) : -90;
 }
 function connectModel() {
-  const peak = Math.max(20, 2 * Math.hypot(...data.gravity));
+  const peak = 2 * Math.max(data.earth, Math.hypot(...data.gravity));
   element("count").max = m; element("count").value = m;
-  element("gravity").max = peak; element("gravity").step = peak / 400;
+  element("gravity").max = peak; element("damping").max = 10 / data.second;
   direct(data.gravity);
   element("damping").value = state.xi;
   element("release").onclick = () => { release(); state.shown = -1; state.paused = false; labels(); };

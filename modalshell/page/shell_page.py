@@ -74,6 +74,7 @@ def shell_page(
         "rest": encoded((rest - centre).astype(np.float32)),  # centred before it is rounded to single precision
         "faces": encoded(faces.astype(np.uint16 if len(rest) <= _SHORT else np.uint32)),
         "gravity": list(gravity),
+        "earth": units.earth,
         "tip": tip,
         "size": float((high - low).max()),
         "centre": centre.tolist(),

@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.files.atomic_io import read_record
 from modalshell.modes import solve_modes
 from modalshell.motion import Trajectory
+from modalshell.motion.fields import shell_at
 from modalshell.page.report import shell_numbers
 from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
@@ -86,7 +87,7 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
     """The largest displacement and the largest von Mises stress over all frames, with their places and times."""
     path, rest = build_path(scene.supports), shell.rest_positions
     largest: dict[str, Any] = {"displacement": {"value": -1.0}, "stress": None}
-    for time, stored in zip(run.times, run.positions, strict=True):
+    for frame, (time, stored) in enumerate(zip(run.times, run.positions, strict=True)):
         x = np.asarray(stored, dtype=np.float64)
         own = x if path is None else path.at(float(time)).to_shell(x)
         moved = np.linalg.norm(x - rest, axis=1)
@@ -94,7 +95,7 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
         if moved[at] > largest["displacement"]["value"]:
             place = {"vertex": at, "place": x[at].tolist(), "time": float(time)}
             largest["displacement"] = {"value": float(moved[at]), **place}
-        faces = shell.fields(own).von_mises_faces
+        faces = shell_at(shell, run, frame).fields(own).von_mises_faces
         if faces is None:
             continue
         triangle, side = (int(index) for index in np.unravel_index(int(faces.argmax()), faces.shape))
@@ -111,13 +112,13 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
 
 def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
     """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
-    if scene.motion is not None or scene.contacts:  # inertia, or contacts, carry a part of the load
+    if scene.motion is not None or scene.contacts or scene.constraints:  # inertia, or these, carry a part of the load
         return {"load": None, "reactions": None, "balance": None}
     _, force, loads, _ = scene.build_loading(shell)
     gravity = scene.loads.gravity if scene.loads else None
     x = np.asarray(run.positions[-1], dtype=np.float64)
     acting = shell.loading(gravity, force, loads).force(x)
-    held = shell.reactions(x, gravity=gravity, force=force, loads=loads)
+    held = shell_at(shell, run, -1).reactions(x, gravity=gravity, force=force, loads=loads)
     total, answer = acting.sum(axis=0), held.sum(axis=0)
     # As a share of what all parts of the load add up to: a load in balance with itself has no resultant.
     size = float(np.linalg.norm(acting, axis=1).sum())

@@ -64,12 +64,19 @@ def _generated(
     """The shape with ``cells``, or with about ``triangles``."""
     given: Any = table
     options: dict[str, Any] = {} if triangles is None else {"triangles": triangles}
-    if triangles is not None and triangles >= (count := len(shell.mesh.faces)):
+    count = len(shell.mesh.faces)
+    if triangles is not None and triangles >= count:
         raise OptionError(f"triangles must be fewer than the {count} of the shell (got {triangles})")
+    given_cells = cells is not None
     if cells is None:
         factor = _COARSENINGS[0] if triangles is None else float(np.sqrt(len(shell.mesh.faces) / triangles))
         cells = coarse_cells(given.cells, factor)
-    mesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
+    made = msgspec.structs.replace(given, cells=cells).build()
+    if given_cells and len(made.faces) > count:
+        raise OptionError(
+            f"cells must make at most the {count} triangles of the shell (got {len(made.faces)}, {cells})"
+        )
+    mesh = drawn_to_supports(shell, made)
     return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", _own(material, mesh), options or {"cells": cells})
 
 

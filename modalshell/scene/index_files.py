@@ -13,9 +13,10 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import SceneError
 from modalshell.files.regular import read_regular
 
-_KEYS = ("clamped", "sel", "where", "vertices")
+KEYS = ("clamped", "sel", "where", "vertices", "watch")
 """Keys that select vertices."""
-_SUFFIXES = (".txt", ".npy")
+SUFFIXES = (".txt", ".npy")
+"""Of files of indices."""
 
 
 def with_index_files(file: Path, raw: Any, path: str = "") -> Any:
@@ -26,7 +27,7 @@ def with_index_files(file: Path, raw: Any, path: str = "") -> Any:
     if isinstance(raw, dict):
         return {
             key: _indices(file, f"{path}.{key}" if path else key, value)
-            if key in _KEYS and isinstance(value, str) and value.endswith(_SUFFIXES)
+            if key in KEYS and isinstance(value, str) and value.endswith(SUFFIXES)
             else with_index_files(file, value, f"{path}.{key}" if path else key)
             for key, value in raw.items()
         }

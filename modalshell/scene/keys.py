@@ -20,6 +20,7 @@ from modalshell.scene.parts import SHAPES
 from modalshell.scene.rest import CreaseTable, RestTable
 from modalshell.scene.sheets import SHEET_TABLES
 from modalshell.scene.signatures import LoadTable, energies_table, loads_table, support_tables
+from modalshell.shell import Crease
 
 _NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false", Any: "anything"}
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -85,7 +86,7 @@ def _tables() -> dict[str, Callable[[], list[KeyTable]]]:
         "energies": lambda: _with_lists(energies_table(), "energies"),
         "constraints": plain(tables.Constrained, "[[constraints]]"),
         "contacts": contacts,
-        "creases": plain(CreaseTable, "[[creases]]"),
+        "creases": lambda: [_table(CreaseTable, "[[creases]]", shared=_documented(Crease)[1])],
         "rest": plain(RestTable, "[rest]"),
         "model": lambda: _kinds(model_tables(), "[model]", "name"),
         "motion": plain(tables.MotionTable, "[motion]"),

@@ -28,8 +28,10 @@ _DEEPEST = 50
 _KEY = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY}(?:\.[ \t]*{_KEY}){{{_DEEPEST},}}[=\]])", re.MULTILINE)
 """A key of more parts than are read, for which the parser takes a time that grows as their square."""
-_PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
+_PARAMETERS = {"count": "modes", "rotation_vectors": "rotations", "ratios": "modal_damping", "card": "name"}
 """Parameters that the package names otherwise than scenes do."""
+_JOINED = ("and", "that", "about")
+"""Second words after which the first one is no subject by itself: the message is kept whole."""
 
 
 def read_toml(file: Path) -> dict[str, Any]:
@@ -187,6 +189,6 @@ def located(file: Path, path: str, table: msgspec.Struct) -> Iterator[None]:
         name, _, rest = str(error).partition(" ")  # most messages begin with the parameter, or an entry of it
         parameter, bracket, index = name.partition("[")
         key = _PARAMETERS.get(parameter, parameter)
-        if key not in table.__struct_fields__:
+        if key not in table.__struct_fields__ or rest.partition(" ")[0] in _JOINED:
             raise SceneError(f"{file}: {path}: {error}") from error
         raise SceneError(f"{file}: {path}.{key}{bracket}{index}: {rest}") from error

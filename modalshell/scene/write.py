@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from modalshell.files.atomic_io import write_text
+from modalshell.scene.index_files import KEYS, SUFFIXES
 from modalshell.scene.read import read_toml
+
+_FILES = ("file", "young", "poisson", "thickness", "density", "prestrain", "rest_curvature", "change", "through")
+"""Keys whose text names a file."""
 
 
 def toml_table(name: str, table: Mapping[str, Any]) -> str:
@@ -18,16 +22,23 @@ def toml_table(name: str, table: Mapping[str, Any]) -> str:
 
 
 def write_scene_with(file: Path, out: str | os.PathLike[str], model: Mapping[str, Any]) -> Path:
-    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, mesh paths adapted."""
-    raw = read_toml(file) | {"model": dict(model)}
+    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, paths of files adapted."""
+    raw = _with_paths(read_toml(file), "", file.parent, Path(out).resolve().parent) | {"model": dict(model)}
     raw.setdefault("name", file.stem)
-    mesh = raw["mesh"]
-    if "file" in mesh and (file.parent / mesh["file"]).exists():
-        path = os.path.relpath(file.parent / mesh["file"], Path(out).resolve().parent)
-        raw["mesh"] = mesh | {"file": Path(path).as_posix()}
     top = [f"{_key(key)} = {_value(value)}" for key, value in raw.items() if not isinstance(value, dict)]
     tables = [toml_table(key, value) for key, value in raw.items() if isinstance(value, dict)]
     return write_text(Path(out), "\n\n".join(["\n".join(top), *tables]) + "\n")
+
+
+def _with_paths(value: Any, key: str, here: Path, there: Path) -> Any:
+    """The value of a key with the paths of files in the folder ``here`` as seen from ``there``."""
+    if isinstance(value, Mapping):
+        return {name: _with_paths(inner, name, here, there) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_paths(inner, key, here, there) for inner in value]
+    if not isinstance(value, str) or not (key in _FILES or (key in KEYS and value.endswith(SUFFIXES))):
+        return value
+    return Path(os.path.relpath(here / value, there)).as_posix() if (here / value).exists() else value
 
 
 def _key(key: str) -> str:

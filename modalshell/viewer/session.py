@@ -14,6 +14,7 @@ from modalshell.core.errors import LoadError, ModalShellError, OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.models.factory import FirstModes
@@ -32,11 +33,10 @@ _WORK_LIMIT = 2.0 * FRAME_SECONDS
 """Wall time [s] per frame after which no further step is begun."""
 _LONGEST_PAUSE = 0.25
 """Longer gaps [s] between frames, from building a model or a sleeping machine, are not caught up."""
-_STANDARD_GRAVITY = 9.81
-"""Gravity [m/s^2] that the slider reaches twice at least."""
 _MODE_LIMIT = 64
 """Modes that the slider reaches, where the scene has no more."""
-_STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
+_STEP, _DAMPING = 1.0 / 30.0, (0.5, 0.001)
+"""Step [s] and damping, of mass [1/s] and stiffness [s], of a scene without a motion."""
 
 _WORTH_IT = 0.02
 """Share by which a round must lessen the squared misfit for another to be worth it."""
@@ -46,9 +46,16 @@ _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
 
 
-def gravity_limit(gravity: Array) -> float:
+def gravity_limit(gravity: Array, units: UnitSystem = SI) -> float:
     """Size of gravity's components [m/s^2] that a viewer makes room for, where the scene's is ``gravity`` (3,)."""
-    return 2.0 * max(_STANDARD_GRAVITY, float(np.abs(gravity).max()))
+    return 2.0 * max(units.earth, float(np.abs(gravity).max()))
+
+
+def _still_motion(units: UnitSystem) -> MotionTable:
+    """The motion of a scene without one, in its units."""
+    mass, stiffness = _DAMPING
+    second = units.seconds
+    return MotionTable(duration=math.inf, dt=_STEP / second, damping=(mass * second, stiffness / second))
 
 
 class ViewSession:
@@ -69,6 +76,8 @@ class ViewSession:
         Modes that a modal model has or would have.
     mode_limit : int
         The largest number allowed.
+    units : UnitSystem
+        Of the scene's numbers.
     gravity : ndarray, shape (3,)
         Acceleration on every vertex [m/s^2].
     gravity_limit : float
@@ -102,13 +111,14 @@ class ViewSession:
         self.rest_positions, self.faces = self.shell.rest_positions, self.shell.mesh.faces
         self.held = self.shell.clamped
         self._built = self.scene.build(self.shell)
-        self._table = scene.motion or _STILL_SCENE_MOTION
+        self.units = scene.unit_system
+        self._table = scene.motion or _still_motion(self.units)
         self._size = self.shell.size
         self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.unknowns.count)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
-        self.gravity_limit = gravity_limit(self.gravity)
+        self.gravity_limit = gravity_limit(self.gravity, self.units)
         model = self._built.model
         modal = as_modal(model)
         self._first_modes = FirstModes(None if modal is None else modal.basis)
@@ -210,7 +220,7 @@ class ViewSession:
         if not self.playing:
             return
         watch = Stopwatch()
-        self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s")
+        self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s") / self.units.seconds
         self.late = False
         motion = self._motion
         end = motion.count + int(self._owed / motion.setup.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
@@ -242,7 +252,7 @@ class ViewSession:
         state = "playing" if self.playing else "paused"
         work = f"{self.frame_milliseconds:.2g} ms a frame"
         bar = "" if self._bar is None else self._bar.text
-        parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", bar, work, state]
+        parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} {self.units.time}", bar, work, state]
         if self.playing and self.late:
             parts.append("slower than real time")
         return "; ".join(filter(None, [*parts, self.note, self.refusal]))

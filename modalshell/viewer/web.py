@@ -137,6 +137,7 @@ class WebViewer(BrowserPage):
 
     def _build_page(self) -> None:
         session, limit, vuetify = self._session, self._session.gravity_limit, self._vuetify
+        unit = session.units.of("m/s^2").replace("^2", "²")
         with self._layouts.SinglePageWithDrawerLayout(self._server) as page:
             with page.drawer as drawer:
                 drawer.width = 280
@@ -151,8 +152,8 @@ class WebViewer(BrowserPage):
                     vuetify.VSlider(v_model=("modes",), min=1, max=session.mode_limit, step=1, id="modes")
                     for letter in "xyz":
                         name = f"gravity_{letter}"
-                        vuetify.VLabel(f"Gravity {letter}: {{{{ {name}.toFixed(1) }}}} m/s²")
-                        vuetify.VSlider(v_model=(name,), min=-limit, max=limit, step=0.1, id=name)
+                        vuetify.VLabel(f"Gravity {letter}: {{{{ +{name}.toPrecision(3) }}}} {unit}")
+                        vuetify.VSlider(v_model=(name,), min=-limit, max=limit, step=limit / 200.0, id=name)
             self._fill_content(page)
 
     def _toggle(self) -> None:

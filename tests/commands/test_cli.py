@@ -118,6 +118,16 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
         (("simulate", "LEAF", "--damping", "-1", "0"), "--damping[0] must be"),
         (("simulate", "LEAF", "--modes", "9999", "--clamp", "x < 0.1"), "--modes must be at most"),
         (("simulate", "LEAF", "--modes", "0"), "--modes must be"),
+        (("simulate", "LEAF", "--modes", "2.5"), "--modes: must be a whole number (got 2.5)"),
+        (("modes", "LEAF", "--component", "0.5"), "--component: must be a whole number (got 0.5)"),
+        (
+            ("simulate", "LEAF", "--clamp", "x < 0.1", "--duration", "0.1", "--still", "0.2"),
+            "from 0 to 0.1 s (got 0.2)",
+        ),
+        (
+            ("simulate", "LEAF", "--clamp", "x < 0.1", "--static", "--still", "0.2"),
+            "--still must be a time of the film",
+        ),
         (("simulate", "LEAF", "--gravity", "0", "0"), "gravity"),
         (("reproduce", "--only", "nothing"), "nothing"),
         (("bench", "--only", "nothing"), "nothing"),
@@ -131,6 +141,19 @@ def test_bad_options_give_one_line_and_status_2(capsys, tmp_path, leaf, argument
     assert match in err
     assert err.startswith("modalshell: ")
     assert err.count("\n") == 1
+
+
+def test_bundled_meshes_and_scenes_are_found_from_any_folder(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = run(capsys, "repair", "meshes/leaf.obj", "--out", "leaf.ply")
+    assert (status, out.splitlines()[-1]) == (0, "leaf.ply")
+    status, _, err = run(capsys, "path", "studies/scenes/flat_beam.toml")
+    assert status == 2
+    assert "has no path of equilibria" in err
+    status, _, err = run(capsys, "repair", "meshes/none.obj", "--out", "leaf2.ply")
+    assert "meshes/none.obj: no such file" in err
+    assert run(capsys, "page", "--drape", "--out", "studies/scenes/leaf.html")[0] == 0
+    assert (tmp_path / "studies" / "scenes" / "leaf.html").is_file()  # outputs go where they were asked for
 
 
 def test_debug_shows_the_traceback():

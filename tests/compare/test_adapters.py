@@ -9,7 +9,7 @@ from scenes import PLAIN
 import modalshell as ms
 from modalshell.compare.engines import ENGINES, answered
 from modalshell.compare.engines import engine as engines
-from modalshell.compare.engines.adapters import in_time
+from modalshell.compare.engines.adapters import calculix, in_time
 from modalshell.compare.engines.answer import CONSTANTS, MASS, SMALL, check, strip
 from modalshell.compare.engines.case import STEPS, engine_case, with_images
 from modalshell.compare.engines.engine import Engine, ask
@@ -134,6 +134,32 @@ def test_a_clamped_edge_gets_held_mirror_images():
     near = images * (-1.0, 1.0, 1.0)
     away = np.linalg.norm(near[:, None] - mesh.vertices, axis=2).min(axis=1)
     np.testing.assert_allclose(away, 0.0, atol=1e-12)
+
+
+def test_a_clamp_inside_the_sheet_needs_two_rows_where_vertices_have_no_turns():
+    mesh = ms.flat_beam(length=0.3, width=0.03, cells=(9, 2), family="right")
+    x = mesh.vertices[:, 0]
+    row, rows = np.abs(x - 0.1) < 1e-6, np.abs(x - 0.1) < 0.034
+    turning, plain = ENGINES[0], ENGINES[1]
+    assert engine_case(turning, ms.Shell(mesh, SHEET, row), [])["clamped"]
+    with pytest.raises(ms.OptionError, match=r"got 2 clamped edges inside the sheet.*: clamp two rows"):
+        engine_case(plain, ms.Shell(mesh, SHEET, row), [])
+    assert engine_case(plain, ms.Shell(mesh, SHEET, rows), [])["held"] == np.flatnonzero(rows).tolist()
+
+
+def test_calculix_holds_turns_along_clamped_edges_alone():
+    mesh = ms.flat_beam(length=0.3, width=0.03, cells=(6, 2), family="right")
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    corner = (x > 0.299) & (y > 0.014)
+    case = engine_case(ENGINES[0], ms.Shell(mesh, SHEET, (x < 1e-9) | corner), [])
+    text = calculix.deck(case).split("*")
+    sets = {part.split("\n")[0]: part.split("\n")[1:-1] for part in text if part.startswith("NSET")}
+    held, turned = (set(sets[f"NSET,NSET={name}"]) for name in ("HELD", "TURNED"))
+    assert held - turned == {f"{int(np.flatnonzero(corner)[0]) + 1},"}
+    assert len(turned) == 5
+    assert "BOUNDARY\nHELD,1,3\nTURNED,4,6\n" in text
+    pinned = engine_case(ENGINES[0], ms.Shell(mesh, SHEET, supports=[ms.Pin((x < 1e-9) | corner)]), [])
+    assert "BOUNDARY\nHELD,1,3\n" in calculix.deck(pinned).split("*")
 
 
 def test_an_adapter_reads_si_units_of_the_shell():

@@ -7,6 +7,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.compare.advice_text import _plain
 from modalshell.compare.advise import choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import make_case
@@ -90,6 +91,40 @@ formats = ["png"]
     assert after | {"model": before["model"]} == before | {"name": "scene"}
     assert after["model"] == {"name": "rsw", "modes": 3}
     assert ms.load_scene(out).build().model.basis.count == 3
+
+
+def test_a_written_scene_finds_the_files_of_the_one_it_was_made_of(tmp_path):
+    ms.save_mesh(ms.flat_beam(cells=(6, 2)), tmp_path / "beam.ply")
+    (tmp_path / "sheet.txt").write_text("1e-3\n" * 24)
+    (tmp_path / "held.txt").write_text("0\n1\n2\n")
+    (tmp_path / "warm.txt").write_text("5.0\n" * 24)
+    (tmp_path / "boundary").write_text("no selection")
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        """
+mesh = {file = "beam.ply"}
+material = {young = 1e9, poisson = 0.3, thickness = "sheet.txt", density = 1e3}
+supports = [{kind = "clamp", sel = "held.txt"}, {kind = "fix", sel = "boundary", axes = "y"}]
+rest = {change = "warm.txt", expansion = 1e-6}
+loads = {gravity = [0, 0, -1]}
+model = {name = "ds"}
+"""
+    )
+    out = write_scene_with(file, tmp_path / "sub" / "scene.toml", {"name": "ds"})
+    before, after = ms.load_scene(file).build(), ms.load_scene(out).build()
+    np.testing.assert_array_equal(before.shell.clamped, after.shell.clamped)
+    assert after.scene.content() | {"model": None, "rest": None} == before.scene.content() | {
+        "model": None,
+        "rest": None,
+    }
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"), [(17511.0, 3, "17,500"), (584.2, 2, "580"), (3.71, 2, "3.7"), (0.0123, 3, "0.0123")]
+)
+def test_rates_are_written_without_powers_of_ten(value, digits, shown):
+    assert _plain(value, digits) == shown
+    assert _plain(0.0, digits) == "0"
 
 
 def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):

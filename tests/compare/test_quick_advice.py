@@ -124,3 +124,9 @@ def test_the_quick_command_writes_table_and_pictures(tmp_path, capsys):
     assert ended.value.code == 0
     assert "DS was not solved" in capsys.readouterr().out
     assert {file.suffix for file in (tmp_path / "out").iterdir()} == {".npz", ".json", ".md", ".png"}
+
+
+@pytest.mark.parametrize("ask", [ms.quick_advice, lambda *given, **more: ms.tradeoff(*given, quick=True, **more)])
+def test_more_modes_than_unknowns_are_refused(shell, ask):
+    with pytest.raises(ms.OptionError, match=r"modes must have a count of at most \d+, the free unknowns of the shell"):
+        ask(shell, gravity=(0.0, 0.0, -1.0), modes=(9999,))

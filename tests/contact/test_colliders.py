@@ -54,6 +54,13 @@ def test_every_collider_has_an_example():
     assert set(EXAMPLES) == set(COLLIDERS)
 
 
+@pytest.mark.parametrize("collider", [*EXAMPLES.values(), ms.Box((0.1, 0.0, 0.2), (0.5, 0.3, 0.2), (0.3, 0.1, -0.4))])
+def test_colliders_are_drawn_below_all_their_faces(collider):
+    corners = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    drawn = ms.Contact(collider).surfaces(corners, np.zeros(1), 0.01)[0][0]
+    assert collider.gap(drawn)[0].max() < -0.0099
+
+
 def test_a_mesh_of_a_ball_is_nearly_the_ball():
     collider, ball, x = ms.MeshCollider(sphere_mesh()), EXAMPLES["sphere"], points()
     gap, normal, _ = collider.gap(x)

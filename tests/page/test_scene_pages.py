@@ -78,6 +78,19 @@ def test_a_page_plays_supports_that_move(scene_file):
     assert "live, the supports rest" in page.text
 
 
+def test_a_page_pulls_and_steps_as_hard_and_as_far_in_every_unit(scene_file):
+    still = ("[motion]\nduration = 1\n", "")
+    plain = content(scene_page(ms.load_scene(scene_file(still, ("-9.81", "-0.5")))))
+    slow = [(f"{key} = {value}", f"{key} = {1e-6 * value}") for key, value in (("stretch", 20.0), ("flexure", 0.05))]
+    slow += [("shear = 20.0", "shear = 2e-5"), ("-9.81", "-0.5e-6")]
+    units = '[units]\nlength = "m"\nmass = "kg"\ntime = "ms"\n'
+    other = content(scene_page(ms.load_scene(scene_file(still, *slow, more=units))))
+    assert other["earth"] == pytest.approx(1e-6 * plain["earth"])
+    for name, factor in (("pull", 1e-6), ("dt", 1e3), ("frequencies", 1e-3)):
+        assert other["live"][name] == pytest.approx(factor * np.array(plain["live"][name])), name
+    assert other["live"]["damping"] == pytest.approx(np.array([1e-3, 1e3]) * plain["live"]["damping"])
+
+
 def test_a_coloured_scene_shows_its_field_and_loads_that_change(scene_file):
     wind = "[[loads.wind]]\nvelocity = [0.0, 1.0, 4.0]\ntimes = [0.0, 0.5]\nfactors = [0.0, 2.0]\n"
     more = '[output]\ncolor = "energy_density"\n'

@@ -116,6 +116,43 @@ def test_a_report_on_a_motion_names_when(plate, scene_file):
     assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
 
 
+def test_what_a_constraint_bears_is_not_called_missing(plate):
+    held = (
+        '[[constraints]]\nkind = "position"\nnearest = [0.25, 0.0, 0.0]\nrelative = true\ntarget = [0.0, 0.0, 1e-3]\n'
+    )
+    (plate / "held.toml").write_text(PLATE + held)
+    assert command("held.toml") == 0
+    numbers = json.loads((plate / "results" / "held_report.json").read_text())
+    assert (numbers["load"], numbers["balance"]) == (None, None)
+
+
+def test_reactions_and_stresses_of_a_yielded_crease_are_those_of_its_fold(plate):
+    text = (
+        PLATE[: PLATE.index("[[supports]]")]
+        + """
+[[supports]]
+kind = "clamp"
+sel = "x < 0.01"
+[loads]
+gravity = [0.0, 0.0, -30.0]
+[model]
+name = "ds"
+[[creases]]
+sel = "x > 0.24 and x < 0.26"
+yield_moment = 0.2
+[output]
+fields = ["von_mises_faces"]
+"""
+    )
+    (plate / "creased.toml").write_text(text)
+    assert command("creased.toml") == 0
+    numbers = json.loads((plate / "results" / "creased_report.json").read_text())
+    run = ms.load_trajectory(plate / "results" / "creased.npz")
+    assert np.abs(run.crease_angles).max() > 0.1
+    assert numbers["balance"] < 1e-6
+    assert numbers["stress"]["value"] == pytest.approx(run.fields["von_mises_faces"].max())
+
+
 def test_a_report_has_the_error_bar_of_its_run(plate):
     text = PLATE.replace('name = "ds"', 'name = "mwts"').replace("[mesh]", "bar = true\n[mesh]", 1)
     text = text.replace('kind = "pin"', 'kind = "clamp"').replace('sel = "boundary"', 'sel = "x < 0.05"')

@@ -23,6 +23,8 @@ def test_keys_have_types_defaults_and_units():
     assert "Coulomb" in keys["friction"].about
     pressure = next(one for one in scene_keys("loads") if one.heading == "[[loads.pressure]]")
     assert next(key.default for key in pressure.keys if key.name == "follower") == "true"
+    crease = {key.name: key for key in scene_keys("creases")[0].keys}
+    assert "[N]" in crease["yield_moment"].about
     motion = scene_keys("motion")[0]
     assert "[s]" in motion.about
 

@@ -64,7 +64,7 @@ def test_scenes_take_the_loads_that_python_does(scene_file):
         ("follower = false", "follow = false", "loads.pressure[0].follow: unknown key; did you mean 'follower'"),
         ("[0.0, 1.0, 2.0]", "[0.0, 1.0]", "loads.wind[0].velocity"),
         ('"x > 0.2"', '"x > 9"', "loads.wind[0].sel: selects no vertex"),
-        ("factors = [0.0, 1.0]\n", "", "loads.moment[0].times: and factors go together"),
+        ("factors = [0.0, 1.0]\n", "", "loads.moment[0]: times and factors go together"),
         ("times = [0.0, 0.5]", "times = [0.5, 0.0]", "loads.moment[0].times"),
         ("factors = [0.0, 1.0]", "factors = [0.0, 1.0, 2.0]", "loads.moment[0].factors: must have shape (2,)"),
         ("m = 1e-3", "m = true", "loads.moment[0].m"),
@@ -82,7 +82,7 @@ def test_wrong_keys_are_refused_with_their_path(scene_file, old, new, message):
 
 def test_statics_knows_no_time(scene_file):
     file = scene_file(FLAT, ("[motion]\nduration = 1\n", ""), ("[model]", f"{LOADS}[model]"))
-    with pytest.raises(ms.SceneError, match=r"loads\.moment\[0\]\.times: and factors need a \[motion\] table"):
+    with pytest.raises(ms.SceneError, match=r"loads\.moment\[0\]: times and factors need a \[motion\] table"):
         ms.load_scene(file).build()
 
 

@@ -289,11 +289,34 @@ def test_models_without_constraints_refuse_them(load, name):
 
 def test_moving_parts_need_a_motion(load, scene_file):
     text = "[motion]\nduration = 1"
-    with pytest.raises(ms.SceneError, match=r"constraints\[0\]\.targets: that move need a \[motion\]"):
+    with pytest.raises(ms.SceneError, match=r"constraints\[0\]: targets that move need a \[motion\]"):
         load(text, f"{TIP}times = [0, 1]\ntargets = [[0, 0, 0], [1, 1, 1]]").build()
     scene = scene_file((text, ""), ('"x < 0.1"', "[1]\ntimes = [0, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]"))
     with pytest.raises(ms.SceneError, match=r"supports\.times: .* \[motion\]"):
         ms.load_scene(scene).build()
+
+
+THEORY = (
+    "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2",
+    "young = 1e8\npoisson = 0.3\nthickness = 1e-3\ndensity = 1e3",
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "more", "message"),
+    [
+        (
+            (("duration = 1", "duration = 1\nmodal_damping = [0.1, 0.2]"),),
+            "",
+            r"motion\.modal_damping: must be one number",
+        ),
+        ((THEORY,), "[rest]\nrest_curvature = 0.5\n", r"toml: model: vibration modes about the mesh need"),
+    ],
+)
+def test_a_refusal_is_a_whole_sentence_under_the_scenes_own_key(scene_file, changes, more, message):
+    scene = ms.load_scene(scene_file(*changes, more=more))
+    with pytest.raises(ms.SceneError, match=message):
+        scene.build().start_motion()
 
 
 @pytest.mark.parametrize("name", ["mesh", "material", "model"])

@@ -45,6 +45,7 @@ def test_a_mesh_file_says_what_it_needs(scene_file, monkeypatch):
         (SHAPE, "triangles = 640", "model.triangles: must be fewer than the 640"),
         (FILE, "triangles = 640", "model.triangles: must be fewer than the 640"),
         (SHAPE, "triangles = 0", "model.triangles"),
+        (SHAPE, "cells = [44, 8]", "model.cells: must make at most the 640 triangles of the shell"),
     ],
 )
 def test_sizes_that_do_not_fit_are_refused(scene_file, name, mesh, declared, said):

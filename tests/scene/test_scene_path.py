@@ -49,6 +49,12 @@ def test_the_command_writes_numbers_and_pictures(scene, tmp_path, capsys):
     assert np.load(out / "beam_path.npz")["factors"][-1] == 0.5
 
 
+def test_watched_vertices_come_from_a_file(scene, tmp_path):
+    (tmp_path / "tip.txt").write_text("3\n4\n")
+    table = '[path]\nuntil = 0.1\nwatch = "tip.txt"\ndirection = [0.0, 0.0, -1.0]\n'
+    assert ms.load_scene(scene(table)).path.watch == [3, 4]
+
+
 def test_a_path_that_does_not_arrive_ends_with_status_1(scene, tmp_path):
     assert run("path", scene("[path]\npoints = 3\n"), "--out", tmp_path) == 1
 

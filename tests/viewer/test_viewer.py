@@ -352,3 +352,14 @@ def test_missing_extra_is_one_line(scene_file, capsys, monkeypatch):
 )
 def test_options_that_are_refused(scene_file, capsys, options, text):
     assert text in refused(capsys, scene_file(), *options)
+
+
+def test_a_still_scene_moves_in_real_time_in_its_own_units(scene_file):
+    units = '[units]\nlength = "m"\nmass = "kg"\ntime = "ms"\n'
+    session = ViewSession(
+        ms.load_scene(scene_file(("[motion]\nduration = 1\n", ""), ("-9.81", "-9.81e-6"), more=units))
+    )
+    assert session.gravity_limit == pytest.approx(2.0 * 9.81e-6)
+    play(session, 3)
+    assert session.time == pytest.approx(100.0)
+    assert "t = 100.00 ms" in session.status()

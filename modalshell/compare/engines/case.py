@@ -51,6 +51,7 @@ def engine_case(
     if rigid_motions(shell).shape[1]:
         raise OptionError("engines take shells that their supports hold")
     if clamped and not engine.has_turns:
+        _refuse_clamps_inside(mesh, held)
         mesh, held = with_images(mesh, held)
     hinges, masses = _hinges(mesh, held, constants)
     circular = 2.0 * np.pi * float(lowest_modes(shell, 1)[0].frequencies[0])
@@ -70,6 +71,17 @@ def engine_case(
         "bound": 10.0 * float(np.abs(mesh.vertices).max()),
         "loads": [_load(gravity, force, len(mesh.vertices) - count) for gravity, force in loads],
     }
+
+
+def _refuse_clamps_inside(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
+    """OptionError where a clamped edge has two triangles that move: without turns they would tilt about it together."""
+    inside = held[mesh.edges].all(axis=1) & (mesh.edge_faces[:, 1] >= 0)
+    fixed: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
+    if count := int((inside & ~fixed[mesh.edge_faces].any(axis=1)).sum()):
+        raise OptionError(
+            f"engines whose vertices have no turns clamp boundaries and triangles (got {count} clamped edges inside "
+            "the sheet): clamp two rows of vertices there"
+        )
 
 
 def with_images(mesh: TriangleMesh, held: NDArray[np.bool_]) -> tuple[TriangleMesh, NDArray[np.bool_]]:

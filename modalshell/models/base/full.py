@@ -157,7 +157,7 @@ class FullModel(Model):
             else:
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
-        note = "; ".join(notes + [_LEFT] * result.left_saddle)
+        note = "; ".join([*dict.fromkeys(notes), *[_LEFT] * result.left_saddle])
         if not result.converged and not patches:
             note = left_free(self.shell) or note
         return Equilibrium(

@@ -1,8 +1,8 @@
 """Shells by CalculiX: ``python calculix.py < case.json``.
 
 Six-node triangles S6, those of the case, with Young's modulus [Pa], Poisson's ratio, the thickness [m] and the
-density [kg/m^3] as they are; statics with geometric nonlinearity, loads one after another. Clamped nodes have no turn;
-held ones that are not clamped may have one. Only the program ``ccx`` is needed.
+density [kg/m^3] as they are; statics with geometric nonlinearity, loads one after another. Nodes of clamped edges, with
+both ends held, have no turn; other held ones may have one. Only the program ``ccx`` is needed.
 """
 
 from __future__ import annotations
@@ -33,17 +33,20 @@ def deck(case: dict[str, Any]) -> str:
 
     elements = [[a, b, c, between(a, b), between(b, c), between(c, a)] for a, b, c in faces]
     corners = set(case["held"])
-    held = sorted(corners | {node for ends, node in middle.items() if corners.issuperset(ends)})
+    edges = {node: ends for ends, node in middle.items() if corners.issuperset(ends)}
+    held = sorted(corners | set(edges))
+    turned = sorted({node for middle_node, ends in edges.items() for node in (middle_node, *ends)})
     lines = ["*NODE,NSET=ALL", *(f"{i},{x:.12g},{y:.12g},{z:.12g}" for i, (x, y, z) in enumerate(points, 1))]
     lines.append("*ELEMENT,TYPE=S6,ELSET=SHELL")
     lines += [
         ",".join(str(node) for node in [row, *(1 + node for node in nodes)]) for row, nodes in enumerate(elements, 1)
     ]
     lines += ["*NSET,NSET=HELD", *(f"{node + 1}," for node in held)]
+    lines += ["*NSET,NSET=TURNED", *(f"{node + 1}," for node in turned)]
     lines += ["*NSET,NSET=SEEN", *(f"{node + 1}," for node in range(count))]
     lines += ["*MATERIAL,NAME=SHEET", "*ELASTIC", f"{case['young']:.12g},{case['poisson']:.12g}"]
     lines += ["*DENSITY", f"{case['density']:.12g}", "*SHELL SECTION,ELSET=SHELL,MATERIAL=SHEET"]
-    lines += [f"{case['thickness']:.12g}", "*BOUNDARY", f"HELD,1,{6 if case['clamped'] else 3}"]
+    lines += [f"{case['thickness']:.12g}", "*BOUNDARY", "HELD,1,3", *["TURNED,4,6"] * case["clamped"]]
     if case.get("modes"):
         lines += ["*STEP", "*FREQUENCY", f"{case['modes']}", "*END STEP"]
     for load in case["loads"]:
