@@ -32,6 +32,7 @@ from modalshell.motion.motion_check import with_bars
 from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
+from modalshell.scene.hinged_clamps import hinged_clamp_remark
 from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
     Shape,
@@ -140,15 +141,14 @@ class Scene(ABC):
         """
         mesh = mesh or self.build_mesh()
         remarks = odd_values(self.material, self.units or tables.Units(), mesh.size)
-        if self._of_theory:
-            remarks += filter(None, [sliver_remark(mesh)])
-        for remark in remarks:
-            warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
             if isinstance(self.material, CardTable) and (self.units or tables.Units()) != tables.Units():
                 raise OptionError(f"name {self.material.name!r} is a card in m, kg and s: leave out [units]")
             material = build_material(self.material, mesh, self.file.parent)
         supports, unknowns = self._build_supports(mesh)
+        remarks += filter(None, [sliver_remark(mesh) if self._of_theory else hinged_clamp_remark(mesh, supports)])
+        for remark in remarks:
+            warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
         if isinstance(self.mesh, tables.MeshFile) and not all_parts:
             with located(self.file, "supports", self.mesh):
