@@ -27,6 +27,6 @@ def hinged_clamp_remark(mesh: TriangleMesh, supports: Sequence[Support]) -> str:
         return ""
     edges = "1 edge" if count == 1 else f"{count} edges"
     return (
-        f"the clamp holds one row of vertices at {edges} of the rim: a material of hinges leaves the sheet free to turn "
-        "there, as a door does; clamp a second row, or take shell theory (young, poisson, thickness, density)"
+        f"the clamp holds one row of vertices at {edges} of the rim: a material of hinges leaves the sheet free to "
+        "turn there, as a door does; clamp a second row, or take shell theory (young, poisson, thickness, density)"
     )
