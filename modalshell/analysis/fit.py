@@ -18,13 +18,15 @@ from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.shell import Material, Sheet, Shell
+from modalshell.shell import Material, Orthotropic, Sheet, Shell
 from modalshell.shell.energies_of import ANY_SIGN, material_constants, with_constants
 
 _LIMIT = 100
 """Shells that are solved at most."""
 _ALIKE = 1e-9
 """Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
+_WITHIN = 0.99
+"""Share of the Poisson's ratio at which some strain has no stiffness that is looked up to."""
 
 
 @final
@@ -44,7 +46,7 @@ class Fit:
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
-        Whether the least squares converged.
+        Whether the least squares converged, to a Poisson's ratio that is not at the end of its range.
     residual : float
         Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
@@ -142,7 +144,7 @@ def fit(
         misfit.at,
         guess,
         misfit.jacobian,
-        misfit.bounds,
+        misfit.bounds(guess),
         x_scale="jac",
         ftol=1e-10,
         xtol=1e-8,
@@ -161,7 +163,7 @@ def fit(
         intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
         material=misfit.material,
         state=misfit.state,
-        converged=bool(optimum.success),
+        converged=bool(optimum.success) and not optimum.active_mask.any(),
         residual=float(np.sqrt(np.mean(differences**2))),
         evaluations=misfit.evaluations,
     )
@@ -183,10 +185,15 @@ class _Misfit:
         self.state: Equilibrium | None = None
         self.evaluations = 0
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest parameters."""
-        return np.where(self._ratios, -0.95, -np.inf), np.where(self._ratios, 0.495, np.inf)
+    def bounds(self, guess: Array) -> tuple[Array, Array]:
+        """Least and largest parameters: Poisson's ratio is limited, by the moduli of the guess where these are two."""
+        material, least, most = self._shell.material, -1.0, 0.5
+        if isinstance(material, Orthotropic):
+            first, second = material.on(self._shell.mesh).young
+            most = float(np.sqrt(np.min(np.divide(first, second))))
+            least = -most
+        low, high = np.minimum(_WITHIN * least, guess), np.maximum(_WITHIN * most, guess)
+        return np.where(self._ratios, low, -np.inf), np.where(self._ratios, high, np.inf)
 
     def parameters(self, constants: Array) -> Array:
         """The parameters that stand for constants."""

@@ -179,6 +179,23 @@ def test_wrong_input_is_refused(strip, measured, options, message):
         ms.fit(strip, given.pop("wrt"), given.pop("observed"), **given)
 
 
+@pytest.mark.parametrize(
+    ("sheet", "guess"),
+    [
+        (ms.Orthotropic(young=(1e7, 1e6), shear=1e6, poisson=0.9, thickness=4e-3, density=60.0), 0.6),
+        (ms.Isotropic(young=1e6, poisson=0.48, thickness=4e-3, density=60.0), 0.5),
+    ],
+)
+def test_poissons_ratio_is_found_wherever_the_sheet_is_stable(sheet, guess):
+    """That of two moduli may be up to sqrt(E1 / E2), here 3.2."""
+    mesh = ms.sheet(length=1.0, width=0.8, cells=(6, 6))
+    shell, load = ms.Shell(mesh, sheet, "x < 0.01"), [ms.PointForce([len(mesh.vertices) - 1], (0.0, 0.0, 0.02))]
+    seen = ms.DiscreteShell(shell).equilibrium(loads=load).positions
+    found = ms.fit(shell.with_material(replace(sheet, poisson=guess)), "poisson", seen, loads=load)
+    assert found.converged
+    assert found.values["poisson"] == pytest.approx(sheet.poisson, abs=1e-4)
+
+
 def test_constants_of_hinges_are_found_too():
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
     shell = ms.Shell(mesh, PLAIN, mesh.vertices[:, 0] < 0.1)

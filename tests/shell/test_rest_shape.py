@@ -140,6 +140,22 @@ def test_what_is_no_rest_shape_is_refused(given, match):
         ms.Shell(jittered((3, 2), 0.3, 0.2), ms.Material(1.0, 1.0, 1.0, 1.0), **given)
 
 
+@pytest.mark.parametrize("degrees", [45.0, 90.0, 120.0])
+def test_a_tensor_turned_with_its_sheet_is_as_symmetric(degrees):
+    """Rounding makes the zeros of a turned tensor unlike, and no other entry to speak of."""
+    angle, mesh = np.radians(degrees), jittered((3, 2), 0.3, 0.2)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    strain = np.diag([1e-3, 1e-3, 0.0])
+    energies = [
+        ms.Shell(surface, SHEET, prestrain=tensor).energy(surface.vertices)
+        for surface, tensor in (
+            (mesh, strain),
+            (ms.TriangleMesh(mesh.vertices @ turn.T, mesh.faces), turn @ strain @ turn.T),
+        )
+    ]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-12)
+
+
 def bent(mesh, curvature):
     """A flat mesh bent along x to a circle, without strain along it."""
     x, y, _ = mesh.vertices.T
