@@ -140,10 +140,11 @@ def fit(
         _refuse_undetermined(slopes, misfit.state)
     import scipy.optimize  # not before something is fitted: its import takes long
 
+    size = float(np.abs(slopes).max()) or 1.0  # the tolerances below know no unit
     optimum = scipy.optimize.least_squares(
-        misfit.at,
+        lambda parameters: misfit.at(parameters) / size,
         guess,
-        misfit.jacobian,
+        lambda parameters: misfit.jacobian(parameters) / size,
         misfit.bounds(guess),
         x_scale="jac",
         ftol=1e-10,

@@ -38,6 +38,16 @@ def test_young_is_found_from_exact_positions(strip, measured):
     assert found.evaluations < 15
 
 
+def test_young_is_found_from_a_small_move_too(strip):
+    """Of a tip that has moved by a thousandth of a millimetre: no tolerance has a unit."""
+    gravity, tip = 1e-7 * np.array(GRAVITY), strip.rest_positions[:, 0] > 0.999
+    seen = ms.DiscreteShell(strip).equilibrium(gravity=gravity).positions[tip].mean(axis=0)
+    guess = strip.with_material(replace(SHEET, young=4e6))
+    found = ms.fit(guess, "young", seen, where=tip, average=True, gravity=gravity)
+    assert found.converged
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
 def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
     drop = np.abs(measured[:, 2]).max()
     guess = strip.with_material(replace(SHEET, young=3e6))
