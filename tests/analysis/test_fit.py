@@ -7,6 +7,7 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell.analysis.fit import _is_least
 from modalshell.analysis.known_equilibrium import KnownEquilibrium
 from modalshell.core import cost as work
 
@@ -132,6 +133,14 @@ def test_where_no_equilibrium_is_near_the_model_finds_it(strip, measured, monkey
     guess = strip.with_material(replace(SHEET, young=2e6))
     found = ms.fit(guess, "young", observed, factors=[0.5, 1.0], gravity=GRAVITY)
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+def test_a_minimum_is_told_from_a_search_that_came_to_a_halt():
+    """Squares are least where the misfit is at right angles to the slopes, or nothing; elsewhere a branch has ended."""
+    slopes = np.array([[1.0], [1.0], [0.0]])
+    assert _is_least(slopes, np.array([1.0, -1.0, 3.0]))
+    assert _is_least(slopes, np.full(3, 1e-7))
+    assert not _is_least(slopes, np.array([1.0, 1.0, 3.0]))
 
 
 def test_what_the_load_cannot_tell_is_refused(strip):
