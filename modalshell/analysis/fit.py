@@ -18,13 +18,17 @@ from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.shell import Material, Sheet, Shell
+from modalshell.shell import Material, Orthotropic, Sheet, Shell
 from modalshell.shell.energies_of import ANY_SIGN, material_constants, with_constants
 
 _LIMIT = 100
 """Shells that are solved at most."""
 _ALIKE = 1e-9
 """Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
+_SLOPING, _NOTHING = 1e-2, 1e-5
+"""Cosine between the misfit and a column of the Jacobian, and their ratio, up to which the squares are least."""
+_WITHIN = 0.99
+"""Share of the Poisson's ratio at which some strain has no stiffness that is looked up to."""
 
 
 @final
@@ -44,7 +48,8 @@ class Fit:
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
-        Whether the least squares converged.
+        Whether the least squares converged: not at the end of the range of Poisson's ratio, nor where they go down on
+        but the shell has gone to another branch of equilibria.
     residual : float
         Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
@@ -138,11 +143,12 @@ def fit(
         _refuse_undetermined(slopes, misfit.state)
     import scipy.optimize  # not before something is fitted: its import takes long
 
+    misfit.size = float(np.abs(slopes).max()) or 1.0  # the tolerances below know no unit
     optimum = scipy.optimize.least_squares(
-        misfit.at,
+        misfit.relative,
         guess,
-        misfit.jacobian,
-        misfit.bounds,
+        misfit.relative_jacobian,
+        misfit.bounds(guess),
         x_scale="jac",
         ftol=1e-10,
         xtol=1e-8,
@@ -161,7 +167,7 @@ def fit(
         intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
         material=misfit.material,
         state=misfit.state,
-        converged=bool(optimum.success),
+        converged=bool(optimum.success) and not optimum.active_mask.any() and _is_least(slopes, differences),
         residual=float(np.sqrt(np.mean(differences**2))),
         evaluations=misfit.evaluations,
     )
@@ -171,7 +177,8 @@ def fit(
 class _Misfit:
     """Differences from measured numbers by parameters (p,): logarithms of the constants, Poisson's ratio as it is.
 
-    ``material``, ``state`` and ``evaluations`` are those of the last parameters.
+    ``material``, ``state`` and ``evaluations`` are those of the last parameters; ``size`` is what relative ones are
+    taken over.
     """
 
     def __init__(self, shell: Shell, names: list[str], measured: Measurements) -> None:
@@ -179,14 +186,19 @@ class _Misfit:
         self._logarithmic = np.array([name not in ANY_SIGN for name in names])
         self._ratios = np.array([name == "poisson" for name in names])
         self._parameters, self._differences = np.empty(0), np.empty(0)
-        self.material = shell.material
+        self.material, self.size = shell.material, 1.0
         self.state: Equilibrium | None = None
         self.evaluations = 0
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest parameters."""
-        return np.where(self._ratios, -0.95, -np.inf), np.where(self._ratios, 0.495, np.inf)
+    def bounds(self, guess: Array) -> tuple[Array, Array]:
+        """Least and largest parameters: Poisson's ratio is limited, by the moduli of the guess where these are two."""
+        material, least, most = self._shell.material, -1.0, 0.5
+        if isinstance(material, Orthotropic):
+            first, second = (np.asarray(e, dtype=np.float64) for e in material.on(self._shell.mesh).young)
+            most = float(np.sqrt(np.min(first / second)))
+            least = -most
+        low, high = np.minimum(_WITHIN * least, guess), np.maximum(_WITHIN * most, guess)
+        return np.where(self._ratios, low, -np.inf), np.where(self._ratios, high, np.inf)
 
     def parameters(self, constants: Array) -> Array:
         """The parameters that stand for constants."""
@@ -218,6 +230,14 @@ class _Misfit:
         self.at(parameters)
         return self._measured.slopes(self._names) * np.where(self._logarithmic, self.constants(parameters), 1.0)
 
+    def relative(self, parameters: Array) -> Array:
+        """The differences over the size."""
+        return self.at(parameters) / self.size
+
+    def relative_jacobian(self, parameters: Array) -> Array:
+        """Their derivatives."""
+        return self.jacobian(parameters) / self.size
+
 
 def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
     """Names of constants of the shell's material that can be recovered."""
@@ -246,6 +266,12 @@ def _refuse_undetermined(jacobian: Array, state: Equilibrium | None) -> None:
         f"{count} measured numbers do not determine {parameters} constants: measure more, under another load, or take "
         "fewer constants"
     )
+
+
+def _is_least(jacobian: Array, misfit: Array) -> bool:
+    """Whether the sum of squares is stationary: the misfit is at right angles to every column, or next to nothing."""
+    columns, size = np.linalg.norm(jacobian, axis=0), float(np.linalg.norm(misfit))
+    return bool((np.abs(jacobian.T @ misfit) <= np.maximum(_SLOPING * size, _NOTHING * columns) * columns).all())
 
 
 def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:

@@ -231,13 +231,16 @@ class ShellCrowd(ABC):
         Parameters
         ----------
         distances : array_like, shape (B,)
-            From the viewer to the nearest vertex of each instance [m].
+            From the viewer to the nearest vertex of each instance [m], at least 0.
         angle : float
             Largest angle allowed [rad]; a pixel is one over the focal length in pixels.
         """
         angle = checked_number("angle", angle, above=0.0, unit="rad")
         self._check_state()
-        seen = angle * checked_vectors("distances", distances, (self.count,), OptionError)
+        far = checked_vectors("distances", distances, (self.count,), OptionError)
+        if far.min() < 0.0:
+            raise OptionError(f"distances must be at least 0 [m] (got {far.min():g} of instance {int(far.argmin())})")
+        seen = angle * far
         amounts = np.abs(self.coordinates if self.free is None else self.free.frames.elastic(self.coordinates))
         length, turn = amounts @ self._reach, amounts @ self._turn
         linear = 0.5 * turn * length

@@ -88,7 +88,8 @@ class StepErrors:
     def arrays(self) -> dict[str, Array]:
         """Everything that :meth:`restore` needs."""
         numbers = [self.error, self._largest, self.halvings, self._gained, self._moved, self._steps, self._known]
-        return {"errors": np.array([*numbers, self._size, self._shape], dtype=np.float64), "peaks": self.peaks.copy()}
+        sizes = {"errors": np.array([*numbers, self._size, self._shape], dtype=np.float64), "seen_from": self._start}
+        return {**sizes, "peaks": self.peaks.copy()}
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Go on from :meth:`arrays`."""
@@ -97,6 +98,7 @@ class StepErrors:
         )
         self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
         self.peaks = np.array(arrays["peaks"])
+        self._start = np.array(arrays.get("seen_from", self._start))
 
     def are_known(self, dt: float) -> bool:
         """Whether the model's rule knows the error of a step of ``dt`` [s] at the start."""
@@ -123,18 +125,20 @@ class StepErrors:
     @property
     def looks(self) -> bool:
         """Whether this is one of the steps at which the size of the motion is looked at."""
-        return self._steps % (_SEEN if self._steps < _EARLY else _LATER) == 0
+        return self._shape == 0.0 or self._steps % (_SEEN if self._steps < _EARLY else _LATER) == 0
 
     def see(self, after: MotionState) -> None:
         """Look at the size of the motion."""
         if self.looks:
             if self.peaks.size:
                 np.maximum(self.peaks, np.abs(after.rates), out=self.peaks)
-            if after.coordinates.shape == self._start.shape:
-                model, moved = self._stepper.model, after.coordinates - self._start
-                length, squared = model.largest_move(moved), model.squared(moved)
-                self._size = max(self._size, length)
-                self._shape = length / math.sqrt(squared) if squared > 0.0 else self._shape
+            if after.coordinates.shape != self._start.shape:  # another model goes on: sizes are those since it began
+                self._start = after.coordinates
+                return
+            model, moved = self._stepper.model, after.coordinates - self._start
+            length, squared = model.largest_move(moved), model.squared(moved)
+            self._size = max(self._size, length)
+            self._shape = length / math.sqrt(squared) if squared > 0.0 else self._shape
 
     def add(self, dt: float, cost: tuple[float, float, float]) -> None:
         """Count a step of ``dt`` [s]."""

@@ -87,7 +87,10 @@ def gradient_by_constant(
     if name not in known:
         raise OptionError(f"wrt must be one of {', '.join(known)}, one number for the whole mesh (got {name!r})")
     if isinstance(energy, SplitFoldEnergy):
-        return energy.gradient_by_constant(name, x, step)
+        found = energy.gradient_by_constant(name, x, step)
+        if name == "thickness" and step is None:
+            found = found + energy.gradient_by_thickness_at_rest(x, known[name])
+        return found
     if name == "density":
         return np.zeros_like(x)
     # Linear in each stiffness, and far cheaper to make than one Hessian.

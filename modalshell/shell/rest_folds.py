@@ -13,6 +13,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.fold_shares import FoldShares, Measures
+from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.split_folds import SplitFolds, mirror_images
 
@@ -28,6 +29,7 @@ class RestFolds(ElasticEnergy):
     _rest_shape: RestShape | None
     _plastic: Array | None
     _anchor: TriangleMesh | None
+    _mirrors: MirroredHinges
 
     @abstractmethod
     def bending(self, x: Array) -> tuple[Array, Array]:
@@ -57,6 +59,16 @@ class RestFolds(ElasticEnergy):
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
         couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
         return self._folds.of_hinges(-couples)
+
+    def gradient_by_thickness_at_rest(self, x: Array, thickness: float) -> Array:
+        """Derivative (n, 3) of the gradient by the ``thickness`` [m], as far as the rest angles depend on it."""
+        if self._rest_shape is None:
+            return np.zeros_like(x)
+        warmed = self._rest_shape._replace(folds=self._rest_shape.warmed).offsets(self._parts[0], self._folds)
+        warmed[self._mirrors.places] *= 0.5  # as the folds there are
+        return self._gradient(
+            self._measured(x), self._shares.couples(warmed / thickness), np.zeros_like(self._rest_squares)
+        )
 
     def anchored(self, mesh: TriangleMesh) -> Self:
         """The same energy with clamped edges that keep the slope of another mesh than that at rest."""

@@ -70,10 +70,13 @@ class RestShape(NamedTuple):
         Fold of each triangle at the edge from each corner to the next [rad].
     squares : ndarray, shape (E,)
         Change of half the squared length of every edge [m^2].
+    warmed : ndarray, shape (T, 3)
+        The part of the folds that goes with one over the thickness [rad]: of a temperature that changes through it.
     """
 
     folds: Array
     squares: Array
+    warmed: Array
 
     def offsets(self, mesh: TriangleMesh, folds: SplitFolds) -> Array:
         """What is added to the rest angles (H,) of the hinges."""
@@ -116,6 +119,7 @@ def rest_shape(
         )
     strain = np.zeros((len(mesh.faces), 3)) if prestrain is None else _tensors("prestrain", prestrain, mesh)
     bent = np.zeros((len(mesh.faces), 3)) if curvature is None else _tensors("rest_curvature", curvature, mesh)
+    warm = np.zeros_like(bent)
     if temperature is not None:
         if not isinstance(temperature, Temperature):
             raise MaterialError(f"temperature must be an ms.Temperature (got {shown(temperature)})")
@@ -125,17 +129,18 @@ def rest_shape(
             thickness = material.thicknesses(mesh)
             if thickness is None:
                 raise MaterialError("through needs a sheet with a thickness (got one of stiffnesses alone)")
-            bent = bent + _tensors("through", through / thickness, mesh)
+            warm = _tensors("through", through / thickness, mesh)
     every = np.arange(len(mesh.faces))
     units = moment_tensors(mesh, every, np.full_like(every, 2))
-    folds = mesh.face_areas[:, None] * np.einsum("tik,ti->tk", units, bent * np.array([1.0, 1.0, 2.0]))
+    factors = mesh.face_areas[:, None] * np.array([1.0, 1.0, 2.0])
+    folds, warmed = (np.einsum("tik,ti->tk", units, factors * tensors) for tensors in (bent + warm, warm))
     corners = mesh.vertices[mesh.faces]
     sides = np.einsum("tkx,tax->tka", np.roll(corners, -1, axis=1) - corners, triangle_axes(mesh, mesh.vertices))
     first, second = sides[:, :, 0], sides[:, :, 1]
     own = first**2 * strain[:, 0, None] + second**2 * strain[:, 1, None] + 2.0 * first * second * strain[:, 2, None]
     edges = mesh.face_edges.ravel()
     squares = np.bincount(edges, own.ravel(), len(mesh.edges)) / np.bincount(edges, minlength=len(mesh.edges))
-    return RestShape(folds, squares)
+    return RestShape(folds, squares, warmed)
 
 
 def mesh_at_rest(mesh: TriangleMesh, rest: TriangleMesh | ArrayLike | None) -> TriangleMesh:
@@ -171,7 +176,9 @@ def _tensors(name: str, given: Tensor, mesh: TriangleMesh) -> Array:
     if value.ndim < 2 and value.shape != (3, 3):
         one = np.broadcast_to(value, (count,))
         return np.stack([one, one, np.zeros(count)], axis=1)
-    if not np.allclose(value, np.swapaxes(value, -1, -2), rtol=1e-9, atol=0.0):
+    # By the tensor's size: one turned in space has zeros that rounding has made unlike.
+    apart, size = np.abs(value - np.swapaxes(value, -1, -2)), np.abs(value).max(axis=(-1, -2), keepdims=True)
+    if (apart > 1e-9 * size).any():
         raise MaterialError(f"{name} must be a symmetric tensor (got {shown(raw)})")
     axes = triangle_axes(mesh, mesh.vertices)
     inside = np.einsum("tax,txy,tby->tab", axes, np.broadcast_to(value, (count, 3, 3)), axes)

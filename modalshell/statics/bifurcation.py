@@ -156,7 +156,8 @@ def events_between(
 
     At a limit point the path's direction of load turns back, and one eigenvalue changes its sign; whatever else the
     number of negative eigenvalues changes by is due to bifurcations. Those within one step are separated by
-    halving it; where that fails they are said of its end.
+    halving it. Where that does not separate bifurcations they are one, as those of symmetric shells are; where it fails
+    with a limit point among them they are said of its end.
     """
     start = low or before
     turned, change = start.sense != after.sense, after.negative - start.negative
@@ -164,7 +165,7 @@ def events_between(
         return []
     if turned and abs(change) == 1:
         return [(tracer.locate(before, after, tracer.speed, low=low), LIMIT)]
-    if not turned and abs(change) == 1:
+    if not turned and (abs(change) == 1 or not depth):
 
         def critical(point: PathPoint) -> float:
             size = abs(critical_mode(tracer, point)[0])

@@ -7,6 +7,7 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell.analysis.fit import _is_least
 from modalshell.analysis.known_equilibrium import KnownEquilibrium
 from modalshell.core import cost as work
 
@@ -36,6 +37,16 @@ def test_young_is_found_from_exact_positions(strip, measured):
     low, high = found.intervals["young"]
     assert low <= found.values["young"] <= high
     assert found.evaluations < 15
+
+
+def test_young_is_found_from_a_small_move_too(strip):
+    """Of a tip that has moved by a thousandth of a millimetre: no tolerance has a unit."""
+    gravity, tip = 1e-7 * np.array(GRAVITY), strip.rest_positions[:, 0] > 0.999
+    seen = ms.DiscreteShell(strip).equilibrium(gravity=gravity).positions[tip].mean(axis=0)
+    guess = strip.with_material(replace(SHEET, young=4e6))
+    found = ms.fit(guess, "young", seen, where=tip, average=True, gravity=gravity)
+    assert found.converged
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
 def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
@@ -124,6 +135,14 @@ def test_where_no_equilibrium_is_near_the_model_finds_it(strip, measured, monkey
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
+def test_a_minimum_is_told_from_a_search_that_came_to_a_halt():
+    """Squares are least where the misfit is at right angles to the slopes, or nothing; elsewhere a branch has ended."""
+    slopes = np.array([[1.0], [1.0], [0.0]])
+    assert _is_least(slopes, np.array([1.0, -1.0, 3.0]))
+    assert _is_least(slopes, np.full(3, 1e-7))
+    assert not _is_least(slopes, np.array([1.0, 1.0, 3.0]))
+
+
 def test_what_the_load_cannot_tell_is_refused(strip):
     """Without a load nothing moves, whatever the modulus."""
     with pytest.raises(ms.SolverError, match="do not determine 1 constants"):
@@ -177,6 +196,23 @@ def test_wrong_input_is_refused(strip, measured, options, message):
     given = {"wrt": "young", "observed": measured, "gravity": GRAVITY} | options
     with pytest.raises(ms.ModalShellError, match=message):
         ms.fit(strip, given.pop("wrt"), given.pop("observed"), **given)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "guess"),
+    [
+        (ms.Orthotropic(young=(1e7, 1e6), shear=1e6, poisson=0.9, thickness=4e-3, density=60.0), 0.6),
+        (ms.Isotropic(young=1e6, poisson=0.48, thickness=4e-3, density=60.0), 0.5),
+    ],
+)
+def test_poissons_ratio_is_found_wherever_the_sheet_is_stable(sheet, guess):
+    """That of two moduli may be up to sqrt(E1 / E2), here 3.2."""
+    mesh = ms.sheet(length=1.0, width=0.8, cells=(6, 6))
+    shell, load = ms.Shell(mesh, sheet, "x < 0.01"), [ms.PointForce([len(mesh.vertices) - 1], (0.0, 0.0, 0.02))]
+    seen = ms.DiscreteShell(shell).equilibrium(loads=load).positions
+    found = ms.fit(shell.with_material(replace(sheet, poisson=guess)), "poisson", seen, loads=load)
+    assert found.converged
+    assert found.values["poisson"] == pytest.approx(sheet.poisson, abs=1e-4)
 
 
 def test_constants_of_hinges_are_found_too():

@@ -293,6 +293,8 @@ def test_refuses(basis):
         crowd.positions(out=np.empty((2, 3, 3)))
     with pytest.raises(ms.OptionError, match="angle"):
         crowd.choose_levels([1.0, 2.0], 0.0)
+    with pytest.raises(ms.OptionError, match="distances must be at least 0"):
+        crowd.choose_levels([1.0, -2.0], 0.01)
     with pytest.raises(ms.OptionError, match="threads"):
         ms.Crowd(basis, 2, threads=0)
     with pytest.raises(ms.OptionError, match="damping"):

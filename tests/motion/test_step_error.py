@@ -241,3 +241,13 @@ def test_what_steps_cost_is_stored(strip, tmp_path):
     again = ms.load_trajectory(tmp_path / "run.npz")
     assert again.step_error == run.step_error > 0.0
     assert again.damping_error == run.damping_error
+
+
+def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
+    """A hybrid that does not hold the load hands over in its first step, to positions in place of coordinates."""
+    small, large = (0.0, 0.0, -0.02), (0.0, 0.0, -1.0)
+    hybrid = ms.HybridStress.trained(strip, gravity=small, coarse=strip, modes=6, motions=4)
+    frequency = ms.solve_modes(strip, 1).frequencies[0]
+    runs = [motion(model, 40, large, frequency=frequency) for model in (hybrid, ms.CoarseDiscreteShell(strip, strip))]
+    assert "answered by coarse DS" in runs[0].message
+    assert runs[0].step_error == pytest.approx(runs[1].step_error, rel=0.2)

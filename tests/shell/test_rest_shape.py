@@ -1,5 +1,7 @@
 """Prestrain, rest curvature and temperature: circles, free growth, thermal buckling, energies of the same shape."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from junctions import frame
@@ -138,6 +140,46 @@ def test_what_is_no_rest_shape_is_refused(given, match):
         ms.Shell(jittered((3, 2), 0.3, 0.2), SHEET, **given)
     with pytest.raises(ms.MaterialError, match="need a sheet such as ms"):
         ms.Shell(jittered((3, 2), 0.3, 0.2), ms.Material(1.0, 1.0, 1.0, 1.0), **given)
+
+
+@pytest.mark.parametrize("degrees", [45.0, 90.0, 120.0])
+def test_a_tensor_turned_with_its_sheet_is_as_symmetric(degrees):
+    """Rounding makes the zeros of a turned tensor unlike, and no other entry to speak of."""
+    angle, mesh = np.radians(degrees), jittered((3, 2), 0.3, 0.2)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    strain = np.diag([1e-3, 1e-3, 0.0])
+    energies = [
+        ms.Shell(surface, SHEET, prestrain=tensor).energy(surface.vertices)
+        for surface, tensor in (
+            (mesh, strain),
+            (ms.TriangleMesh(mesh.vertices @ turn.T, mesh.faces), turn @ strain @ turn.T),
+        )
+    ]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "supports", [[ms.Clamp("x < 1e-9")], [ms.Clamp("x < 1e-9"), ms.Symmetry("y < 1e-9", (0, 1, 0))]]
+)
+@pytest.mark.parametrize(
+    "sheet",
+    [SHEET, ms.Orthotropic(young=(1e9, 3e8), shear=2e8, poisson=0.2, thickness=2e-3, density=1000.0, direction=30.0)],
+)
+def test_a_thicker_sheet_is_bent_less_by_its_temperature(sheet, supports):
+    """The derivative of the answer by the thickness has that of the rest curvature, alpha dT / h."""
+    mesh, warm = ms.sheet(length=0.3, width=0.2, cells=(6, 4)), ms.Temperature(5.0, 2e-5, through=200.0)
+    mesh = ms.TriangleMesh(mesh.vertices - [0.0, mesh.vertices[:, 1].min(), 0.0], mesh.faces)
+
+    def answer(thickness, start=None):
+        shell = ms.Shell(mesh, replace(sheet, thickness=thickness), supports=supports, temperature=warm)
+        model = ms.DiscreteShell(shell)
+        return model, model.equilibrium(gravity=(0.0, 0.0, -3.0), start=start)
+
+    model, state = answer(sheet.thickness)
+    found, step = model.sensitivity(state, wrt="thickness")[:, :, 0], 1e-4 * sheet.thickness
+    moved = [answer(sheet.thickness + side * step, state.positions)[1].positions for side in (1.0, -1.0)]
+    expected = (moved[0] - moved[1]) / (2.0 * step)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
 def bent(mesh, curvature):

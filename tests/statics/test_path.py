@@ -101,6 +101,33 @@ def test_the_steep_truss_buckles_aside_and_its_branch_is_found():
     np.testing.assert_allclose(left.positions[:9] * [-1.0, 1.0], right.positions[:9], atol=1e-7)
 
 
+def test_a_path_goes_through_a_double_bifurcation():
+    """Two directions alike lose their stiffness at once, as in symmetric shells: at a factor of 1, where u is 1."""
+
+    def energy(point):
+        x, y, u = point
+        aside, square = np.array([x, y, 0.0]), x * x + y * y
+        value = 0.5 * square * (1.0 - u) + 0.25 * square**2 + 0.5 * u * u
+        gradient = (1.0 - u + square) * aside + np.array([0.0, 0.0, u - 0.5 * square])
+        hessian = np.diag([1.0 - u + square, 1.0 - u + square, 1.0]) + 2.0 * np.outer(aside, aside)
+        hessian[2, :2] = hessian[:2, 2] = -aside[:2]
+        return value, gradient, hessian
+
+    system = ms.EnergyFunction(energy, [0.0, 0.0, 0.0])
+    path = ms.equilibrium_path(system, force=np.array([0.0, 0.0, 1.0]), until=2.05, branches=1)
+    assert path.converged, path.message
+    ((kind, index, factor),) = path.events
+    assert kind == "bifurcation"
+    assert factor == pytest.approx(1.0, abs=1e-6)
+    assert path.unstable_directions[0] == 0
+    assert path.unstable_directions[-1] == 2
+    np.testing.assert_allclose(path.positions[index], [0.0, 0.0, 1.0], atol=1e-6)
+    assert len(path.branches) == 2
+    for branch in path.branches:  # of radius r: u = 1 + r^2, under a factor of 1 + r^2 / 2
+        radius = np.linalg.norm(branch.positions[:, :2], axis=1)
+        np.testing.assert_allclose(branch.factors, 1.0 + 0.5 * radius**2, atol=1e-6)
+
+
 def test_what_controls_a_path_may_not_turn_back():
     """On a soft spring the truss snaps back: its load and the spring's end both turn; the arc length goes on."""
     height = 0.3
