@@ -50,6 +50,7 @@ SLOW_STUDIES |= {
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}
 SLOW_STUDIES |= {"contact_truth", "engines", "identification", "lateral_buckling", "validity_map"}
+SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drift", "manipulation"}
 """Those that take long even if quick; so do the tests that name them."""
 
 SCENE = (

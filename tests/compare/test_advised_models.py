@@ -22,6 +22,7 @@ def _without_opengl(monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
+@pytest.mark.by_default("rigid", "lma", "mwts", "mwts-consistent", "reduced-rsw", "rsw", "md-rom", "coarse-ds", "ds")
 @pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_runs_by_the_table_that_the_advice_prints(key, scene_file, tmp_path):
     file = scene_file(STILL, WEAK)
@@ -92,6 +93,7 @@ formats = ["png"]
     assert ms.load_scene(out).build().model.basis.count == 3
 
 
+@pytest.mark.slow
 def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
     file = scene_file(STILL, WEAK)
     advice = choose(ms.tradeoff(file, modes=(2,), loads=(1.0,)), 1e-12, 1e9)

@@ -63,6 +63,7 @@ def test_a_strip_on_a_ball_and_through_a_motion_of_it():
     assert run.positions[-1, mesh.vertices[:, 0].argmax(), 2] > 0.1
 
 
+@pytest.mark.by_default("0.01-0.0")
 @pytest.mark.parametrize(
     ("thickness", "friction"), [(1e-2, 0.0), pytest.param(1e-3, 0.0, marks=pytest.mark.slow), (1e-2, 0.3)]
 )
@@ -256,6 +257,7 @@ def test_a_way_that_begins_inside_a_moving_ball_takes_solved_steps_alone(monkeyp
     assert all(np.isfinite(value) for went, value in taken if went)
 
 
+@pytest.mark.slow
 def test_a_patch_led_by_a_constraint_over_a_floor_moves_as_one_led_by_supports():
     mesh, material = strip(cells=12)
     end, times = mesh.vertices[:, 0] > 0.99, np.linspace(0.0, 0.5, 61)

@@ -59,6 +59,7 @@ def test_statics_takes_few_iterations_on_any_mesh(body, cells):
     assert (np.sum(state.contact_forces * normal, axis=1) >= 0.0).all()
 
 
+@pytest.mark.by_default("table", "cylinder")
 @pytest.mark.parametrize("body", BODIES)
 def test_the_answer_is_that_of_the_thick_fluid(body, monkeypatch):
     shell = strip(40, 3e7 if body == "low table" else 1e8)
@@ -78,6 +79,7 @@ def test_far_from_the_origin_the_guess_is_found_too():
     np.testing.assert_allclose(far.positions - away, near.positions, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.by_default("behind the cylinder")
 @pytest.mark.parametrize("kind", ["not finite", "far from any", "behind the cylinder"])
 def test_a_guess_that_does_not_help_leaves_the_answer_of_the_thick_fluid(kind, monkeypatch):
     mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))

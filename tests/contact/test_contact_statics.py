@@ -189,6 +189,7 @@ def test_refusals_name_what_is_wrong():
         model.equilibrium(contacts=[floor], constraints=[hold])
 
 
+@pytest.mark.slow
 def test_no_contacts_no_import_and_the_same_bits():
     code = (
         "import sys, modalshell as ms\n"
@@ -280,6 +281,7 @@ def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(strip_over_a_c
     assert model.equilibrium(gravity=(0, 0, -0.01), contacts=[some]).converged
 
 
+@pytest.mark.by_default("hinges-ball", "theory-box")
 @pytest.mark.parametrize(("kind", "where"), [("theory", "ball"), ("hinges", "ball"), ("theory", "box")])
 def test_a_limp_cloth_finds_its_folds_in_few_iterations(kind, where):
     """Its weight is 1,400 times what its flexure bears over its length: symmetric ways down end in saddles."""

@@ -126,6 +126,31 @@ def test_averages_and_the_work_of_a_load_agree_with_the_matrix(angle):
         np.testing.assert_allclose(by_w[0], expected, rtol=0, atol=1e-14 * scale)
 
 
+@pytest.mark.by_default(
+    "0.0-float64",
+    "5e-324-float32",
+    "1e-310-float32",
+    "1e-300-float32",
+    "1e-160-float32",
+    "1e-20-float32",
+    "1e-08-float64",
+    "0.0001-float64",
+    "0.1-float64",
+    "0.5-float64",
+    "0.999999999-float64",
+    "1.000000001-float64",
+    "1.2-float64",
+    "2.0-float64",
+    "3.141592652589793-float64",
+    "3.141592653589793-float64",
+    "5.0-float64",
+    "6.283185306179586-float64",
+    "6.283185307179586-float64",
+    "6.283185308179586-float64",
+    "20.0-float64",
+    "1000.0-float64",
+    "1000000.0-float64",
+)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_the_average_of_a_frame_keeps_its_stated_error(angle, dtype):

@@ -98,6 +98,7 @@ def test_a_walk_along_the_branch_finds_where_it_ends(gravity):
     assert gravity * other.critical_load == pytest.approx(ends, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_walk_under_pressure_that_follows_a_panel():
     mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))
     edge = np.abs(mesh.vertices[:, 1]) > np.abs(mesh.vertices[:, 1]).max() - 1e-9
@@ -145,6 +146,7 @@ def test_supports_of_every_kind(held):
     assert answer.bar.displacement == pytest.approx(true_error(shell, answer, gravity=aside(0.2)), rel=0.1)
 
 
+@pytest.mark.by_default("hinges-pressure", "hinges-wind", "shell theory-follower force")
 @pytest.mark.parametrize(
     "live",
     [ms.Pressure(0.05), ms.Wind((0.0, 0.3, -0.6)), ms.FollowerForce("x > 0.99", (0.0, 0.0, -1e-3))],

@@ -71,6 +71,7 @@ def test_a_load_in_balance_bends_as_modes_do(free):
     np.testing.assert_allclose(answer.positions - strip().vertices, moved, atol=1e-6 * np.abs(moved).max())
 
 
+@pytest.mark.slow
 def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
     for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):
         x = model.equilibrium(force=couple()).positions
@@ -109,6 +110,7 @@ def test_a_free_shell_without_a_load_rests(free):
         assert (answer.converged, answer.stable) == (True, True)
 
 
+@pytest.mark.by_default("1.0-support0-False", "1.0-support1-False", "1.0001-support3-True", "2.0-support2-False")
 @pytest.mark.parametrize(
     ("support", "pulled"),
     [

@@ -110,6 +110,7 @@ def ribbed():
     return ms.Shell(mesh, ms.Isotropic(young=9e4, poisson=0.3, thickness=0.022, density=9.0), ends)
 
 
+@pytest.mark.by_default("woven-gravity0")
 @pytest.mark.parametrize(("make", "gravity"), [(woven, (0, 0, -30)), (ribbed, (8, 0, -8))])
 def test_it_serves_woven_shells_and_junctions(make, gravity):
     """Against the coarse shell that it is trained on: large motions aside of the load it was trained about, statics."""

@@ -81,6 +81,9 @@ def settled_at_all_ends(model):
     return run, each * np.arange(1, len(ENDS) + 1), path
 
 
+@pytest.mark.by_default(
+    "split folds-clamped row-pushed and tilted", "hinges-clamped rows-lifted", "hinges-pinned rows-thrown and turned"
+)
 @pytest.mark.parametrize(
     ("material", "supports", "end"),
     [
@@ -119,6 +122,7 @@ def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, suppor
         np.testing.assert_allclose(run.positions[end], carried, atol=1e-4)
 
 
+@pytest.mark.by_default("bdf2-exponential")
 @pytest.mark.parametrize(
     ("integrator", "of_modes"),
     [

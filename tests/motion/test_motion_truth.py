@@ -37,6 +37,7 @@ def test_ratios_are_read_from_sums_of_oscillations():
     assert found == pytest.approx(0.03 / abs(exponents[0]), rel=1e-9)
 
 
+@pytest.mark.by_default("3-MWTS-hinges", "10-LMA-Isotropic", "10-reduced RSW-hinges", "75-RSW-hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "reduced RSW"])
 @pytest.mark.parametrize("steps", [3, 10, 75])
@@ -49,6 +50,7 @@ def test_ds_has_the_damping_that_was_asked_at_20_steps_a_period(energy):
     assert off(energy, "DS", "sdirk2", 20) < 0.01
 
 
+@pytest.mark.by_default("hinges-MD-ROM", "Isotropic-coarse DS")
 @pytest.mark.parametrize(("energy", "name"), [(e, n) for e in ENERGIES for n in ("coarse DS", "MD-ROM")])
 def test_rungs_of_one_solution_a_step_have_it_at_75(energy, name):
     assert off(energy, name, "bdf2", 75) < 0.01

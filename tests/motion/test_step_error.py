@@ -144,6 +144,7 @@ def test_explicit_steps_know_none(strip):
         ms.simulate(model, duration=20 * dt, dt=dt, gravity=(0, 0, -1.0), tolerance=0.01)
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("key", ["implicit", "bdf2", "sdirk2"])
 def test_the_damping_that_steps_add_is_theirs_in_linear_theory(strip, basis, key):
     """Small free motion of the first mode at 20 steps a period, whose decay is measured."""
@@ -179,6 +180,7 @@ def test_modes_too_fast_for_frames_are_named(strip):
     assert run.message == ""
 
 
+@pytest.mark.by_default("RotationStrain")
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
 def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
     path = ms.SupportPath([0, 0.5, 1.0], [[0, 0, 0], [0, 0.1, 0.2], [0, 0, 0]])

@@ -153,6 +153,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     assert_same(*results)
 
 
+@pytest.mark.by_default("options0", "options1", "options2", "options3", "options4", "options5", "options6", "options7")
 @pytest.mark.parametrize(
     "options",
     [

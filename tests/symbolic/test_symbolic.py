@@ -49,6 +49,7 @@ def test_committed_files_are_what_the_generator_writes(tmp_path):
     assert {path.name: path.read_bytes() for path in paths} == committed()
 
 
+@pytest.mark.slow
 def test_generation_does_not_depend_on_the_hash_seed():
     code = "import json\nfrom modalshell.symbolic.generator import generate_all\nprint(json.dumps(generate_all()))"
     environment = os.environ | {"PYTHONHASHSEED": "4242"}
