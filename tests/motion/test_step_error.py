@@ -109,10 +109,9 @@ def drawn(seed, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [11, 29])
-def test_the_stated_error_is_right_within_two_on_drawn_motions(seed):
+def test_the_stated_error_is_right_within_two_on_drawn_motions():
     """Twelve motions of three shells that a seed draws, by each rule that knows its error."""
-    for shell, gravity, frequency, damping in drawn(seed, 3):
+    for shell, gravity, frequency, damping in drawn(11, 3):
         modes = ms.solve_modes(shell, 6)
         options = {"damping": damping, "frequency": frequency}
         full = motion(ms.DiscreteShell(shell), 320, gravity, every=8, **options)
