@@ -210,6 +210,7 @@ def test_its_basis_grows_until_a_wanted_error_is_met():
     assert least.held_out_error == min(errors.values())
 
 
+@pytest.mark.by_default("20-1e-12-20", "8-10.0-8")
 @pytest.mark.parametrize(("modes", "error", "size"), [(20, 1e-12, 20), (50, 1e-12, 50), (20, 10.0, 16), (8, 10.0, 8)])
 def test_modes_are_the_most_that_a_wanted_error_takes(modes, error, size, monkeypatch):
     """A wanted error that none meets tries them all; the last one is told."""
@@ -296,6 +297,7 @@ def near_at_rest(fine, hybrid, gravities, limit):
         assert ms.measure.displacement_error(answer.positions, exact.positions, fine) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fold", [pytest.param(150.0, marks=pytest.mark.slow), 180.0])
 def test_soft_membranes_are_met_where_hinges_resist_their_strains(fold):
     """A membrane a thousand times as stiff as the bending: its strains enter the bending of flat hinges."""

@@ -245,7 +245,7 @@ def retrained(hybrid, name, factor):
     return ms.HybridStress(shell, shell, replace(trained, stresses=np.linalg.solve(lower, trained.stresses.T).T))
 
 
-@pytest.mark.by_default("flexure")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stretch", "shear", "flexure", "density"])
 def test_the_derivative_of_the_trained_rung_has_taylor_slope_two(hybrid, name):
     load = (0.0, 0.0, -20.0)

@@ -159,7 +159,8 @@ def end_of_short():
     return (4.0 * fine - coarse) / 3.0
 
 
-@pytest.mark.parametrize("integrator", ["explicit", pytest.param("verlet", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["explicit", "verlet"])
 def test_explicit_steps_carry_the_clamp(integrator, end_of_short):
     model = ms.DiscreteShell(shell_of(ISOTROPIC, "clamped row"), integrator=integrator)
     dt = 0.02 / np.ceil(0.02 / (0.3 * model.stable_step(ms.Damping(1.0, 1e-5))))

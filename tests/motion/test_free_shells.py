@@ -225,6 +225,7 @@ def test_a_tumbling_sheet_keeps_its_angular_momentum(energy, name):
     np.testing.assert_allclose(moved, np.arange(61)[:, None] / 60.0 * [0.3, 0.0, 0.1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("RSW", "DS, BDF2", "rigid")
 @pytest.mark.parametrize("name", ["MWTS", "RSW", "MD-ROM", "MD-ROM, SDIRK2", "rigid", "DS", "DS, BDF2"])
 def test_tumbling_is_of_second_order(name):
     model = model_of("hinges", name)
@@ -233,7 +234,7 @@ def test_tumbling_is_of_second_order(name):
     np.testing.assert_allclose(np.log2([a / b for a, b in pairwise(errors)]), 2.0, rtol=0, atol=0.25)
 
 
-@pytest.mark.by_default("MWTS", "MD-ROM")
+@pytest.mark.by_default("MWTS")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "MD-ROM"])
 def test_a_turning_sheet_under_a_couple_meets_ds(name):
     shell, load = shell_of("plate"), couple(shell_of("plate"))
@@ -367,6 +368,7 @@ def test_energies_of_a_falling_turning_sheet_add_up(name):
     assert np.abs(sums).max() <= 1e-3 * motion.energies()[0]
 
 
+@pytest.mark.by_default("LMA", "MWTS", "consistent MWTS", "RSW")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent MWTS", "RSW", "MD-ROM"])
 def test_velocities_are_those_of_the_positions(name):
     shell, model = shell_of("plate"), model_of("plate", name)

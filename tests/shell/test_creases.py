@@ -197,7 +197,7 @@ def test_creases_that_do_not_yield_change_no_bit(material):
     assert moving[0].crease_angles.size == 0
 
 
-@pytest.mark.by_default("implicit-hinges", "sdirk2-hinges", "bdf2-split folds")
+@pytest.mark.by_default("implicit-hinges", "sdirk2-hinges")
 @ENERGIES
 @pytest.mark.parametrize("rule", ["implicit", "sdirk2", "bdf2"])
 def test_motion_comes_to_a_rest_of_statics(material, rule):

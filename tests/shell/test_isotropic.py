@@ -258,6 +258,7 @@ def test_motion_of_every_integrator():
     assert np.abs(implicit.positions[-1] - exact.positions[-1]).max() < 0.02 * np.abs(moved).max()
 
 
+@pytest.mark.slow
 def test_stiffness_damping_of_implicit_steps_decays_like_its_mode():
     mesh = flat_beam(length=0.3, width=0.1, cells=(8, 3))
     shell = Shell(mesh, Isotropic(1e6, 0.3, 2e-3, 1000.0), clamped=mesh.vertices[:, 0] < 1e-9)

@@ -74,7 +74,7 @@ def test_square_cells_bring_all_six_frequencies_within_one_percent(family):
     np.testing.assert_allclose(found, closed_form(WOOD), rtol=0.01)
 
 
-@pytest.mark.by_default("alternating-1.0", "equilateral-1.0", "union-jack-10.0", "jittered-25.0")
+@pytest.mark.by_default("equilateral-1.0", "jittered-25.0")
 @pytest.mark.parametrize("ratio", [1.0, 10.0, 25.0])
 @pytest.mark.parametrize("family", ["alternating", "equilateral", "union-jack", "jittered"])
 def test_half_of_the_consistent_mass_brings_six_frequencies_within_one_percent(family, ratio):

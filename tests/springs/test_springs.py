@@ -346,6 +346,7 @@ def test_a_flat_sheet_hangs_although_it_has_no_bending_stiffness():
     assert answer.positions[:, 2].min() == pytest.approx(-1.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_stiff_flat_strip_without_bending_stiffness_finds_its_minimum():
     mesh = ms.flat_beam(cells=(20, 4))
     shell = ms.Shell(mesh, ms.Material(200.0, 10.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.06)
