@@ -374,6 +374,7 @@ def test_a_drawn_front_never_runs_up(bent):
         assert mark.front or any(other.x <= mark.x and other.y <= 1.03 * mark.y for other in front)
 
 
+@pytest.mark.slow
 def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: (figures.append(figure), file.write(b"drawn")))

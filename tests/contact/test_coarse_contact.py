@@ -105,6 +105,7 @@ def test_supports_that_hold_single_components_move_with_contacts():
     assert ms.measure.displacement_error(run.positions[-1], moved, fine.mesh) < 0.01  # it does not feel the inertia
 
 
+@pytest.mark.slow
 def test_a_table_that_leaves_gives_the_hybrid_its_steps_back(models, shells):
     gone = ms.Contact(ms.Plane((0, 0, 1), -0.15), motion=ms.SupportPath([0.2, 0.6], [(0, 0, 0), (0, 0, -1.0)]))
     given = {"duration": 1.2, "contacts": [gone], **GIVEN}
@@ -116,6 +117,7 @@ def test_a_table_that_leaves_gives_the_hybrid_its_steps_back(models, shells):
     assert ms.measure.displacement_error(motion.positions[-1], truth.positions[-1], shells[0]) < 0.03
 
 
+@pytest.mark.slow
 def test_a_roller_presses_a_coarse_strip_down_as_a_fine_one(models, shells):
     path = ms.SupportPath([0.0, 0.4], [(0, 0, 0), (0, 0, -0.2)])
     roller = ms.Contact(ms.Cylinder((0.7, -1.0, 0.11), (0.7, 1.0, 0.11), 0.1), motion=path)

@@ -76,6 +76,7 @@ def arch():
     return shell, ball
 
 
+@pytest.mark.slow
 def test_a_bar_is_void_next_to_a_snap_over_a_ball():
     shell, ball = arch()
     model, x, states = ms.DiscreteShell(shell), None, []

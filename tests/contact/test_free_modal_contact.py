@@ -163,6 +163,7 @@ def test_a_resumed_motion_has_the_same_bits(shell, models, name):
     assert whole.positions().tobytes() == second.positions().tobytes()
 
 
+@pytest.mark.slow
 def test_parts_that_fly_and_parts_that_are_held_touch_alike():
     """A panel falls beside a cantilever, each on the floor as it does alone."""
     held = ms.flat_beam(length=0.4, width=0.1, cells=(8, 2))

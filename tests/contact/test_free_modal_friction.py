@@ -28,7 +28,7 @@ def floor(**given):
     return ms.Contact(FLOOR.collider, **given)
 
 
-@pytest.mark.by_default("MWTS-0.9", "MWTS-1.5", "RSW-0.5")
+@pytest.mark.by_default("MWTS-0.9", "MWTS-1.5")
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.5])
 @pytest.mark.parametrize("name", ["MWTS", "RSW"])
 def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, share):

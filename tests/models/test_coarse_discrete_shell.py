@@ -328,6 +328,7 @@ def test_threads_and_pickles_answer_alike():
     assert np.array_equal(ms.simulate(pickle.loads(pickle.dumps(coarse)), **run).positions, alone)
 
 
+@pytest.mark.slow
 def test_absurd_loads_end_with_an_outcome():
     fine = shell((10, 2), 180.0)
     run = ms.simulate(CoarseDiscreteShell(fine, fine), duration=0.2, dt=0.1, gravity=(0.0, 0.0, -1e30))

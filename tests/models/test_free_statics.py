@@ -80,6 +80,7 @@ def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
         assert np.sum(x * couple()) == pytest.approx(2.5e-3, rel=1e-3)  # 5 vertices of 1 mN, 0.5 m apart
 
 
+@pytest.mark.slow
 def test_a_turn_that_changes_nothing_is_not_made(free):
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     flat = ms.DiscreteShell(free).equilibrium(force=bending()).positions

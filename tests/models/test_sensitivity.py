@@ -163,6 +163,7 @@ def test_the_derivative_by_supports_has_taylor_slope_two(material):
     assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
 
 
+@pytest.mark.slow
 def test_weights_among_the_loads_go_with_the_density():
     body, push = model(SHEET), [ms.SelfWeight((0.0, 0.3, -2.0))]
     state = body.equilibrium(loads=push)

@@ -122,7 +122,7 @@ def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, suppor
         np.testing.assert_allclose(run.positions[end], carried, atol=1e-4)
 
 
-@pytest.mark.by_default("bdf2-exponential")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "of_modes"),
     [

@@ -197,6 +197,7 @@ def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
     assert errors[1] < errors[0] < np.linalg.norm(coarse.positions - fine.positions, axis=2).max()
 
 
+@pytest.mark.by_default("RotationStrain", "build2")
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell, partial(ms.Auto, error=0.3)])
 def test_a_step_before_which_nothing_is_known_is_divided_too(strip, basis, build):
     """A weight that comes at once: the first frame is as near as the later ones."""

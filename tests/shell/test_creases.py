@@ -377,6 +377,7 @@ def test_creases_in_free_flight_far_away_on_contacts_and_on_supports_that_turn()
     assert (np.diff(run.crease_heat) >= 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hardening", [0.0, 0.1])
 def test_a_moving_crease_keeps_the_balance_of_energy(hardening):
     """What the load has done moves, bends, is stored by hardening, or is heat."""

@@ -245,6 +245,7 @@ def test_modal_models_follow_small_loads(model):
     assert np.abs(answer.positions - truth.positions).max() < 0.01 * sag
 
 
+@pytest.mark.slow
 def test_motion_of_every_integrator():
     mesh = flat_beam(length=0.3, width=0.1, cells=(8, 3), family="delaunay")
     shell = Shell(mesh, Isotropic(1e6, 0.3, 2e-3, 1000.0), clamped=mesh.vertices[:, 0] < 1e-9)
