@@ -70,7 +70,6 @@ def test_contacts_that_are_far_leave_the_path_and_its_bifurcation(arch):
     assert not far.stable[event.index + 1 :].any()
 
 
-@pytest.mark.slow
 def test_a_stop_above_a_quarter_holds_an_arch_that_would_snap(arch):
     force = uneven(arch)
     free = ms.equilibrium_path(arch, force=force, **LOADS | {"contacts": [ms.Contact(ms.Plane((0, 0, 1), -9.0))]})

@@ -69,7 +69,6 @@ def test_momenta_change_by_the_impulses_of_contact_and_gravity(shell, models, na
     assert motion.unconverged == 0
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no basis")
 def test_a_hybrid_in_flight_changes_its_momentum_by_the_impulses_of_a_ball_and_flies_on():
     shell = ms.Shell(

@@ -341,7 +341,6 @@ def test_a_mechanism_is_not_called_an_equilibrium():
     assert not answer.converged
 
 
-@pytest.mark.slow
 def test_creases_in_free_flight_far_away_on_contacts_and_on_supports_that_turn():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 1))
     creases = [ms.Crease(np.abs(mesh.vertices[:, 0] - 0.5) < 1e-9, LIMIT, 0.02)]
