@@ -78,7 +78,7 @@ def test_a_motion_from_the_answer_creeps_no_faster_than_smoothed_friction_does(l
     assert moves.max() <= SLIP * LENGTH
 
 
-@pytest.mark.by_default("collider0")
+@pytest.mark.by_default("collider0", "collider1")
 @pytest.mark.parametrize(
     "collider",
     [
