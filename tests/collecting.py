@@ -5,6 +5,7 @@ so no modes are solved and no model is built: who tries it cannot be collected.
 """
 
 import functools
+from collections import defaultdict
 
 import pytest
 
@@ -33,3 +34,19 @@ _patch = pytest.MonkeyPatch()
 for _kind in KINDS:
     _patch.setattr(_kind, "__init__", _refusing(_kind))
 allow = _patch.undo
+
+
+def leave_to_the_long_run(items, *, partial=False):
+    """Mark as slow the cases of a parametrised test that its mark ``by_default`` does not name.
+
+    A name of no case is an error, unless single cases were asked for (``partial``).
+    """
+    cases = defaultdict(set)
+    for item in items:
+        if (mark := item.get_closest_marker("by_default")) is not None:
+            cases[item.nodeid.partition("[")[0], mark.args].add(item.callspec.id)
+            if item.callspec.id not in mark.args:
+                item.add_marker(pytest.mark.slow)
+    for (test, named), there in cases.items():
+        if not partial and not set(named) <= there:
+            raise pytest.UsageError(f"{test}: by_default names no case by {sorted(set(named) - there)}")

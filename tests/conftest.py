@@ -50,6 +50,7 @@ SLOW_STUDIES |= {
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}
 SLOW_STUDIES |= {"contact_truth", "engines", "identification", "lateral_buckling", "validity_map"}
+SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drift", "manipulation"}
 """Those that take long even if quick; so do the tests that name them."""
 
 SCENE = (
@@ -132,6 +133,7 @@ def pytest_collection_modifyitems(config, items):
         named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
         if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
+    collecting.leave_to_the_long_run(items, partial=any("[" in argument for argument in config.args))
     if hasattr(config, "workerinput"):  # studies take longest, then files of many or slow tests: first, to end together
         sizes: Counter[str] = Counter()
         for item in items:

@@ -1,7 +1,9 @@
 """Collecting the tests builds nothing, or else it fails: see collecting.py, which holds for every module."""
 
+from types import SimpleNamespace
+
 import pytest
-from collecting import KINDS, BuiltInCollectionError
+from collecting import KINDS, BuiltInCollectionError, leave_to_the_long_run
 from scenes import Made, cantilever
 
 import modalshell as ms
@@ -42,3 +44,21 @@ def test_things_by_name_are_made_once_when_they_are_asked_for():
     assert made == ["first"]
     with pytest.raises(KeyError):
         things["third"]
+
+
+class _Case:
+    """What ``leave_to_the_long_run`` asks of an item."""
+
+    def __init__(self, name, *named):
+        self.nodeid, self.callspec, self.marks = f"test_a.py::test_it[{name}]", SimpleNamespace(id=name), []
+        self.get_closest_marker = lambda _: SimpleNamespace(args=named) if named else None
+        self.add_marker = self.marks.append
+
+
+def test_cases_that_are_not_named_are_slow():
+    items = [_Case("one", "one"), _Case("two", "one"), _Case("three")]
+    leave_to_the_long_run(items)
+    assert [item.marks for item in items] == [[], [pytest.mark.slow], []]
+    with pytest.raises(pytest.UsageError, match=r"test_a\.py::test_it: by_default names no case by \['four'\]"):
+        leave_to_the_long_run([_Case("one", "one", "four")])
+    leave_to_the_long_run([_Case("one", "one", "four")], partial=True)

@@ -29,6 +29,7 @@ def command(*arguments):
     assert end.value.code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_a_load_of_another_package_runs_by_scene(scene_file, tmp_path):
     file = scene_file(FLAT, WEIGHTLESS, STILL, ("[model]", f"{TABLE}[model]"))

@@ -50,7 +50,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 280, 1500
+DEFAULT, LONG = 280, 1050
 
 
 def attempts(surface, count, folder, seed=None):
@@ -314,23 +314,23 @@ def test_a_part_in_which_bugs_are_searched_is_in_the_whole(module, part, tmp_pat
     ("plant", "surface", "kinds"),
     [
         (crash, "mesh_files", UncaughtException),
-        (hang, "mesh_files", Hang),
+        pytest.param(hang, "mesh_files", Hang, marks=pytest.mark.slow),
         pytest.param(hang_that_swallows, "mesh_files", Hang, marks=pytest.mark.slow),
         pytest.param(special_files, "mesh_files", Hang, marks=pytest.mark.slow),
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),
-        (believed_headers, "saved", (UncaughtException, SilentNonFinite)),
+        pytest.param(believed_headers, "saved", (UncaughtException, SilentNonFinite), marks=pytest.mark.slow),
         (beside_the_folder, "scenes", Escape),
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),
-        (two_lines, "command_line", DirtyExit),
+        pytest.param(two_lines, "command_line", DirtyExit, marks=pytest.mark.slow),
         pytest.param(mark_read_as_text, "properties", Contradiction, marks=pytest.mark.slow),
         (measured_from_the_origin, "properties", Contradiction),
         (shared_scratch, "properties", Contradiction),
         (loose_parts_unseen, "properties", Unsaid),
         (memory_error_escapes, "properties", UncaughtException),
-        (inputs_forgotten, "outputs", Destroyed),
+        pytest.param(inputs_forgotten, "outputs", Destroyed, marks=pytest.mark.slow),
         (files_of_others_unseen, "outputs", Destroyed),
         (clips_unchecked, "saved", (HalfRead, SilentNonFinite, UncaughtException)),
         (large_archives_unverified, "saved", HalfRead),

@@ -122,6 +122,7 @@ def test_a_trajectory_saves_itself(v_basis, tmp_path):
         run.save(tmp_path / "run.txt")
 
 
+@pytest.mark.slow
 def test_a_tradeoff_and_an_advice_show_their_table_and_front():
     mesh = ms.flat_beam(cells=(8, 2))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)

@@ -95,6 +95,7 @@ def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("free", [False, True])
 def test_frequencies_give_young_and_thickness_goes_with_it(free):
     """On a strip so wide that twist does not change places with bending as Poisson's ratio moves."""

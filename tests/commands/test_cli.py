@@ -84,6 +84,7 @@ def test_modes_prints_frequencies_and_draws_shapes(capsys, tmp_path, leaf):
     assert ms.Basis.load(tmp_path / "leaf_basis.npz").rigid_modes == 6
 
 
+@pytest.mark.slow
 def test_bench_prints_and_saves_its_rows(capsys, tmp_path):
     status, out, _ = run(capsys, "bench", "--only", "assembly", "--out", str(tmp_path))
     assert status == 0

@@ -23,6 +23,7 @@ def _without_opengl(monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
+@pytest.mark.by_default("rigid", "lma", "mwts", "mwts-consistent", "reduced-rsw", "rsw", "md-rom", "coarse-ds", "ds")
 @pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_runs_by_the_table_that_the_advice_prints(key, scene_file, tmp_path):
     file = scene_file(STILL, WEAK)
@@ -127,6 +128,7 @@ def test_rates_are_written_without_powers_of_ten(value, digits, shown):
     assert _plain(0.0, digits) == "0"
 
 
+@pytest.mark.slow
 def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
     file = scene_file(STILL, WEAK)
     advice = choose(ms.tradeoff(file, modes=(2,), loads=(1.0,)), 1e-12, 1e9)

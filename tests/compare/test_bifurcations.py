@@ -38,6 +38,7 @@ def test_a_bifurcation_without_a_snap_is_named(buckled):
     assert sentence in advice.explanation
 
 
+@pytest.mark.slow
 def test_a_shell_that_bends_away_from_its_linear_buckling_load_does_not_buckle():
     mesh = ms.v_beam(fold=110.0, cells=(12, 4))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.1)

@@ -138,6 +138,7 @@ def test_measured_times_count_against_the_frame_rate_alone(bent):
     assert choose(timed(bent, 1001.0 / 60.0 / RATE_MARGIN), 0.02, 60.0).chosen is None
 
 
+@pytest.mark.slow
 def test_work_is_counted_alike_every_time(bent):
     again = ms.tradeoff(
         bent.case.shell, gravity=(0, 0, -4), coarse=[ms.flat_beam(cells=(6, 2))], modes=(4,), loads=(0.5, 1.0)
@@ -279,6 +280,7 @@ def test_rungs_that_a_case_does_not_allow_are_named():
     assert found[-1].label == "DS"
 
 
+@pytest.mark.slow
 def test_the_truth_of_a_physical_scene_is_shell_theory(scene_file):
     """And where it is calibrated, discrete shells; springs say why they are left out."""
     old = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2"
@@ -372,6 +374,7 @@ def test_a_drawn_front_never_runs_up(bent):
         assert mark.front or any(other.x <= mark.x and other.y <= 1.03 * mark.y for other in front)
 
 
+@pytest.mark.slow
 def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: (figures.append(figure), file.write(b"drawn")))

@@ -72,6 +72,7 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     assert ms.measure.displacement_error(rest.positions, run.positions[-1], shells[0]) < 0.01
 
 
+@pytest.mark.by_default("hybrid-0.002-20", "MWTS-0.02-40", "RSW-0.01-40")
 @pytest.mark.parametrize(
     ("name", "error", "begin"),
     [("coarse DS", 2e-3, 20), ("hybrid", 2e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.01, 40)],
@@ -87,6 +88,7 @@ def test_supports_move_a_shell_over_a_table(shells, run_of, name, error, begin):
     np.testing.assert_allclose(force[:2], 0.0, atol=1e-12)  # in the world's axes, where the table's normal is
 
 
+@pytest.mark.slow
 def test_supports_that_hold_single_components_move_with_contacts():
     fine = shell_of((10, 2), supports=[ms.Fix("x < 1e-6", "xyz"), ms.Fix("x > 1 - 1e-6", "yz")])
     model, path = ms.DiscreteShell(fine), ms.SupportPath([0.0, 0.4], [(0.0, 0.0, 0.0), (0.0, 0.0, -0.12)])
@@ -103,6 +105,7 @@ def test_supports_that_hold_single_components_move_with_contacts():
     assert ms.measure.displacement_error(run.positions[-1], moved, fine.mesh) < 0.01  # it does not feel the inertia
 
 
+@pytest.mark.slow
 def test_a_table_that_leaves_gives_the_hybrid_its_steps_back(models, shells):
     gone = ms.Contact(ms.Plane((0, 0, 1), -0.15), motion=ms.SupportPath([0.2, 0.6], [(0, 0, 0), (0, 0, -1.0)]))
     given = {"duration": 1.2, "contacts": [gone], **GIVEN}
@@ -114,6 +117,7 @@ def test_a_table_that_leaves_gives_the_hybrid_its_steps_back(models, shells):
     assert ms.measure.displacement_error(motion.positions[-1], truth.positions[-1], shells[0]) < 0.03
 
 
+@pytest.mark.slow
 def test_a_roller_presses_a_coarse_strip_down_as_a_fine_one(models, shells):
     path = ms.SupportPath([0.0, 0.4], [(0, 0, 0), (0, 0, -0.2)])
     roller = ms.Contact(ms.Cylinder((0.7, -1.0, 0.11), (0.7, 1.0, 0.11), 0.1), motion=path)
@@ -131,6 +135,7 @@ def test_fine_vertices_dip_into_a_ball_as_deep_as_coarse_edges_do(models):
     assert 0.0 < run.deepest.max() < 0.1**2 / (4.0 * 0.2)
 
 
+@pytest.mark.by_default("hybrid")
 @pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
 def test_a_resumed_motion_has_the_same_bits(models, shells, name):
     rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)

@@ -25,6 +25,7 @@ def shell(request):
     return strip(own=request.param)
 
 
+@pytest.mark.by_default("theory-roller", "springs and hinges-floor", "springs and hinges-both")
 @pytest.mark.parametrize("contacts", [[FLOOR], [ROLLER], [FLOOR, ROLLER]], ids=["floor", "roller", "both"])
 def test_bars_are_the_true_errors(shell, contacts):
     truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=contacts)
@@ -75,6 +76,7 @@ def arch():
     return shell, ball
 
 
+@pytest.mark.slow
 def test_a_bar_is_void_next_to_a_snap_over_a_ball():
     shell, ball = arch()
     model, x, states = ms.DiscreteShell(shell), None, []

@@ -63,6 +63,7 @@ def test_a_strip_on_a_ball_and_through_a_motion_of_it():
     assert run.positions[-1, mesh.vertices[:, 0].argmax(), 2] > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("thickness", "friction"), [(1e-2, 0.0), pytest.param(1e-3, 0.0, marks=pytest.mark.slow), (1e-2, 0.3)]
 )
@@ -80,6 +81,7 @@ def test_a_strip_gains_no_energy_where_it_slides_over_a_rounded_edge(thickness, 
     assert np.diff(run.energies.sum(axis=1))[: slid[-1] + 1].max() <= 1e-10 * work
 
 
+@pytest.mark.slow
 def test_a_plate_bounces_as_often_halved():
     mesh, material = strip(young=1e10)
     contact = ms.Contact(ms.Plane(), restitution=0.5)
@@ -211,6 +213,7 @@ def test_the_thick_fluid_begins_where_supports_have_moved_to(monkeypatch):
     np.testing.assert_allclose(slow.positions, plain.positions, atol=1e-7)
 
 
+@pytest.mark.by_default("body0")
 @pytest.mark.parametrize(
     "body", [ms.Sphere((0.4, 0.1, -0.2), 0.2), ms.Box((0.4, 0.0, -0.15), (0.2, 0.3, 0.15), rounding=0.05)]
 )
@@ -236,6 +239,7 @@ def test_momentum_changes_by_the_contact_forces_on_curved_bodies(body):
     assert touched > 5
 
 
+@pytest.mark.slow
 def test_a_way_that_begins_inside_a_moving_ball_takes_solved_steps_alone(monkeypatch):
     """The potential is infinite there: a step that fails is no lower."""
     taken, flow = [], _Way._flow
@@ -256,6 +260,7 @@ def test_a_way_that_begins_inside_a_moving_ball_takes_solved_steps_alone(monkeyp
     assert all(np.isfinite(value) for went, value in taken if went)
 
 
+@pytest.mark.slow
 def test_a_patch_led_by_a_constraint_over_a_floor_moves_as_one_led_by_supports():
     mesh, material = strip(cells=12)
     end, times = mesh.vertices[:, 0] > 0.99, np.linspace(0.0, 0.5, 61)

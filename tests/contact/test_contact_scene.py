@@ -95,6 +95,7 @@ def test_a_run_with_contacts_is_drawn(scene_file, tmp_path, monkeypatch):
     assert write_result(whole, tmp_path / "with.png", Look(), contacts=contacts).read_bytes() != bare
 
 
+@pytest.mark.slow
 def test_scenes_without_contacts_import_none(scene_file):
     code = (
         "import sys, modalshell as ms\n"

@@ -189,6 +189,7 @@ def test_refusals_name_what_is_wrong():
         model.equilibrium(contacts=[floor], constraints=[hold])
 
 
+@pytest.mark.slow
 def test_no_contacts_no_import_and_the_same_bits():
     code = (
         "import sys, modalshell as ms\n"
@@ -217,6 +218,7 @@ def test_derivatives_of_answers_with_contacts_are_refused():
         model.sensitivity(state, "young")
 
 
+@pytest.mark.by_default("300000000.0-10")
 @pytest.mark.parametrize(("young", "touching"), [(3e8, 10), (5e7, 16)])
 def test_a_strip_that_could_hang_behind_a_cylinder_rests_on_it_as_under_a_growing_load(young, touching):
     mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))
@@ -280,6 +282,7 @@ def test_coarse_shells_refuse_what_they_do_not_take_with_contacts(strip_over_a_c
     assert model.equilibrium(gravity=(0, 0, -0.01), contacts=[some]).converged
 
 
+@pytest.mark.by_default("hinges-ball")
 @pytest.mark.parametrize(("kind", "where"), [("theory", "ball"), ("hinges", "ball"), ("theory", "box")])
 def test_a_limp_cloth_finds_its_folds_in_few_iterations(kind, where):
     """Its weight is 1,400 times what its flexure bears over its length: symmetric ways down end in saddles."""

@@ -28,6 +28,7 @@ def floor(**given):
     return ms.Contact(FLOOR.collider, **given)
 
 
+@pytest.mark.by_default("MWTS-0.9", "MWTS-1.5")
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.5])
 @pytest.mark.parametrize("name", ["MWTS", "RSW"])
 def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, share):
@@ -50,6 +51,7 @@ def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, sha
     assert np.diff(run.energies.sum(axis=1)).max() <= 0.0
 
 
+@pytest.mark.by_default("MWTS")
 @pytest.mark.parametrize("name", RUNGS)
 def test_momenta_of_a_rubbing_panel_change_by_its_contact_forces_and_friction(shell, basis, name):
     """On a floor the vertical one changes by the normal forces exactly, the others within Coulomb's cone."""
@@ -92,6 +94,7 @@ def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):
     assert speeds[-2] == pytest.approx(-np.sqrt(2.0 * G * 0.2), rel=0.02)
 
 
+@pytest.mark.by_default("0.9")
 @pytest.mark.parametrize("angle", [0.3, 0.9])
 def test_a_rod_rebounds_with_the_impulse_of_a_rigid_one(angle):
     """``(1 + e) m v / (1 + 3 cos^2 a)``, and the spin ``6 (1 + e) cos a (v / L) / (1 + 3 cos^2 a)``."""

@@ -43,6 +43,7 @@ def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps)
     assert f"creeps at {creep:.2g} m/s" in run.message
 
 
+@pytest.mark.slow
 def test_a_falling_strip_with_friction_gains_no_energy():
     shell = strip()
     x = shell.mesh.vertices[:, 0] - 0.5

@@ -238,6 +238,7 @@ def test_more_vertices_than_modes_may_touch_at_rest(strips, model, error):
     assert ms.measure.displacement_error(state.positions, truth.positions, shell) < error
 
 
+@pytest.mark.by_default("ModalWarping")
 @pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_statics_of_modes_do_not_pass_through_a_box(strips, model):
     shell, basis = strips["stiff"]
@@ -249,6 +250,7 @@ def test_statics_of_modes_do_not_pass_through_a_box(strips, model):
     assert ms.measure.displacement_error(state.positions, truth.positions, shell) < 0.1
 
 
+@pytest.mark.by_default("MWTS")
 @pytest.mark.parametrize("name", MODELS)
 def test_many_more_vertices_than_modes_rest_on_a_table(name):
     """A limp sheet of which three quarters lie on a table: all that are inside are candidates."""

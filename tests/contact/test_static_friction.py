@@ -33,6 +33,7 @@ def drawn(state, loose, ends):
     return float((state.positions - loose.mesh.vertices)[ends, 0].mean())
 
 
+@pytest.mark.by_default("0.4")
 @pytest.mark.parametrize("coefficient", [0.1, 0.4, 1.0])
 def test_a_block_sticks_up_to_coulombs_angle_and_slides_beyond_it(loose, coefficient):
     model, table = ms.DiscreteShell(loose), [ms.Contact(ms.Plane(), friction=coefficient)]
@@ -77,6 +78,7 @@ def test_a_motion_from_the_answer_creeps_no_faster_than_smoothed_friction_does(l
     assert moves.max() <= SLIP * LENGTH
 
 
+@pytest.mark.by_default("collider0", "collider1")
 @pytest.mark.parametrize(
     "collider",
     [

@@ -168,6 +168,7 @@ def test_the_kernels_are_packed():
     assert "NRT_incref" not in loop[loop.index(packed[0]) :]
 
 
+@pytest.mark.by_default("float64")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_threads_change_nothing(basis, dtype):
     crowds = [loaded(basis, 150, dtype=dtype, threads=threads) for threads in (1, 2, 3)]

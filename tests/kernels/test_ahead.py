@@ -109,6 +109,7 @@ def test_the_process_fills_the_cache_and_removes_the_lock(tmp_path):
     assert len(list(tmp_path.rglob("rotations.largest_angle*.nbc"))) == 1
 
 
+@pytest.mark.slow
 def test_the_process_leaves_with_the_one_that_began_it(tmp_path):
     process, lock = second_process(tmp_path, r"type('Slow', (), {'split': lambda self, by: time.sleep(100)})()")
     with process:

@@ -114,6 +114,7 @@ print(*({"scipy.stats", "matplotlib.pyplot", "pyvista", "sympy"} & set(sys.modul
 """
 
 
+@pytest.mark.slow
 def test_the_notice_comes_before_anything_is_compiled_and_without_heavy_imports(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", ORDER]

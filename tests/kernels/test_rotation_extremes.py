@@ -84,6 +84,7 @@ def by_kernels(w):
     return rotation.T, average.T, -np.moveaxis(turned, 0, 2), np.moveaxis(jacobian, 0, 2)
 
 
+@pytest.mark.by_default("0.0", "1e-300", "1e-08", "0.999999999", "3.141592653589793", "6.283185307179586", "1000.0")
 @pytest.mark.parametrize("angle", ANGLES)
 def test_rotations_their_average_and_derivatives_keep_their_stated_error(angle):
     for direction in directions():
@@ -126,6 +127,31 @@ def test_averages_and_the_work_of_a_load_agree_with_the_matrix(angle):
         np.testing.assert_allclose(by_w[0], expected, rtol=0, atol=1e-14 * scale)
 
 
+@pytest.mark.by_default(
+    "0.0-float64",
+    "5e-324-float32",
+    "1e-310-float32",
+    "1e-300-float32",
+    "1e-160-float32",
+    "1e-20-float32",
+    "1e-08-float64",
+    "0.0001-float64",
+    "0.1-float64",
+    "0.5-float64",
+    "0.999999999-float64",
+    "1.000000001-float64",
+    "1.2-float64",
+    "2.0-float64",
+    "3.141592652589793-float64",
+    "3.141592653589793-float64",
+    "5.0-float64",
+    "6.283185306179586-float64",
+    "6.283185307179586-float64",
+    "6.283185308179586-float64",
+    "20.0-float64",
+    "1000.0-float64",
+    "1000000.0-float64",
+)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_the_average_of_a_frame_keeps_its_stated_error(angle, dtype):
@@ -190,6 +216,7 @@ def exact_triangle(w, strain, adjoint):
         return (columns - np.eye(3, dtype=int)[:, :2]).T.ravel(), value, np.array(gradient, dtype=object), hessian
 
 
+@pytest.mark.by_default("0.0", "1e-300", "1e-08", "0.999999999", "3.141592653589793", "6.283185307179586", "1000.0")
 @pytest.mark.parametrize("angle", ANGLES)
 def test_turned_triangles_keep_their_stated_error(angle):
     """F as it is; potential, gradient and Hessian over |g|, as the largest over all loads of that size have it."""
@@ -205,6 +232,15 @@ def test_turned_triangles_keep_their_stated_error(angle):
 # ---- rotation vectors from rotations
 
 
+@pytest.mark.by_default(
+    "1e-08",
+    "0.999999999",
+    "3.141592653589793",
+    "6.283185307179586",
+    "1000.0",
+    "3.141592653590793",
+    "28.274333882308138",
+)
 @pytest.mark.parametrize("angle", [a for a in ANGLES if a > 1e-100] + [math.pi + 1e-12, math.pi - 1e-12, 9.0 * math.pi])
 def test_the_nearest_branch_keeps_its_digits(angle):
     """The rotation meant, to rounding of the longest vector (the target's counts beyond a turn), also at half turns."""

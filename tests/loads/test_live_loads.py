@@ -328,6 +328,7 @@ MILD = {
 }
 
 
+@pytest.mark.by_default("LMA-frame", "MWTS-pressure", "consistent MWTS-moment", "RSW-follower force", "MD-ROM-wind")
 @pytest.mark.parametrize("load", MILD)
 @pytest.mark.parametrize("rung", RUNGS)
 def test_rungs_answer_mild_loads_as_discrete_shells_do(cantilever, rung, load):
@@ -411,6 +412,7 @@ def test_bad_loads_are_refused(mesh, make, error, message):
         make(mesh)
 
 
+@pytest.mark.by_default("union-jack")
 @pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
 def test_moments_on_all_edges_of_a_plate_are_met_to_first_order(family):
     """A free plate bends alike both ways, by m / (D (1 + nu)); the moment works half a cell within."""

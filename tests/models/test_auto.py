@@ -94,6 +94,7 @@ def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
     assert worst(strip, run, exact) < 0.05
 
 
+@pytest.mark.by_default("cells0-5-True")
 @pytest.mark.parametrize(("cells", "check_every", "taken"), [((10, 2), 5, True), ((14, 2), 10, False)])
 def test_a_coarse_shell_makes_a_level_between_that_is_left_before_it_snaps(beam, snapping, cells, check_every, taken):
     """It snaps under another load: through the snap the second one takes positions 14 % of the displacement off."""
@@ -119,6 +120,7 @@ def test_a_shell_that_falls_at_once_is_checked_as_it_moves():
     assert worst(leaf, run, exact) < 0.05
 
 
+@pytest.mark.slow
 def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
     """A swing stays where it was checked, until a second load bends the strip another way."""
     checked, bar_under = [], HeldCheck.bar_under
@@ -247,6 +249,7 @@ def rippled():
     return shell, x
 
 
+@pytest.mark.by_default("snapped")
 @pytest.mark.parametrize("begun", [snapped, rippled])
 def test_a_start_that_the_modes_do_not_hold_begins_on_ds(begun):
     """On MWTS the panel would be back at rest at once, and the strip nearly flat."""

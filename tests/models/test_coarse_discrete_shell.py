@@ -90,6 +90,7 @@ def dome(cells, height):
     return mesh, np.maximum(abs(x), abs(y)) > 1.0 - 1e-9
 
 
+@pytest.mark.by_default("0.3-5.0")
 @pytest.mark.parametrize(("height", "membrane"), [(0.05, 200.0), (0.2, 20.0), (0.3, 5.0)])
 def test_calibration_does_not_depend_on_which_modes_of_one_eigenvalue_are_taken(height, membrane):
     """The choice follows the numbers of the vertices: one mode of a pair is as much one coarse mode as the other."""
@@ -327,6 +328,7 @@ def test_threads_and_pickles_answer_alike():
     assert np.array_equal(ms.simulate(pickle.loads(pickle.dumps(coarse)), **run).positions, alone)
 
 
+@pytest.mark.slow
 def test_absurd_loads_end_with_an_outcome():
     fine = shell((10, 2), 180.0)
     run = ms.simulate(CoarseDiscreteShell(fine, fine), duration=0.2, dt=0.1, gravity=(0.0, 0.0, -1e30))
@@ -361,6 +363,7 @@ def test_through_the_snap_of_the_stiff_beam_and_back_it_is_as_near_as_its_mesh_i
             assert motion_error(fine, frames_through(models[cells], load, damping), exact) < limit
 
 
+@pytest.mark.by_default("cylinder_panel-split folds", "leaf-hinges")
 @pytest.mark.parametrize(
     "material",
     [ms.Isotropic(5e7, 0.35, 1.5e-3, 800.0), ms.Material(5e3, 5e3, 0.005, 1.0)],

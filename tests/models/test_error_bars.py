@@ -145,6 +145,7 @@ def test_supports_of_every_kind(held):
     assert answer.bar.displacement == pytest.approx(true_error(shell, answer, gravity=aside(0.2)), rel=0.1)
 
 
+@pytest.mark.by_default("hinges-pressure", "hinges-wind", "shell theory-follower force")
 @pytest.mark.parametrize(
     "live",
     [ms.Pressure(0.05), ms.Wind((0.0, 0.3, -0.6)), ms.FollowerForce("x > 0.99", (0.0, 0.0, -1e-3))],

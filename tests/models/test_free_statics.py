@@ -71,6 +71,7 @@ def test_a_load_in_balance_bends_as_modes_do(free):
     np.testing.assert_allclose(answer.positions - strip().vertices, moved, atol=1e-6 * np.abs(moved).max())
 
 
+@pytest.mark.slow
 def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
     for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):
         x = model.equilibrium(force=couple()).positions
@@ -79,6 +80,7 @@ def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
         assert np.sum(x * couple()) == pytest.approx(2.5e-3, rel=1e-3)  # 5 vertices of 1 mN, 0.5 m apart
 
 
+@pytest.mark.slow
 def test_a_turn_that_changes_nothing_is_not_made(free):
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     flat = ms.DiscreteShell(free).equilibrium(force=bending()).positions
@@ -109,6 +111,7 @@ def test_a_free_shell_without_a_load_rests(free):
         assert (answer.converged, answer.stable) == (True, True)
 
 
+@pytest.mark.by_default("1.0-support0-False", "1.0-support1-False", "1.0001-support3-True", "2.0-support2-False")
 @pytest.mark.parametrize(
     ("support", "pulled"),
     [

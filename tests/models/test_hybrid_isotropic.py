@@ -78,6 +78,7 @@ def test_it_has_the_stiffness_of_the_shell_at_rest(make):
     assert np.linalg.norm(hessian - exact) < 0.03 * np.linalg.norm(exact)
 
 
+@pytest.mark.by_default("gravity1")
 @pytest.mark.parametrize("gravity", [(0, 0, -70), (0, 30, -60), (0, 20, 40)])
 def test_bending_by_coupled_vectors_is_near_that_by_angles(gravity):
     # Thin, as strains in the plane enter the vectors too: those of the thicker one by a tenth of the bending.
@@ -110,6 +111,7 @@ def ribbed():
     return ms.Shell(mesh, ms.Isotropic(young=9e4, poisson=0.3, thickness=0.022, density=9.0), ends)
 
 
+@pytest.mark.by_default("woven-gravity0")
 @pytest.mark.parametrize(("make", "gravity"), [(woven, (0, 0, -30)), (ribbed, (8, 0, -8))])
 def test_it_serves_woven_shells_and_junctions(make, gravity):
     """Against the coarse shell that it is trained on: large motions aside of the load it was trained about, statics."""

@@ -147,6 +147,7 @@ def test_dependent_vectors_are_dropped():
 # ---- reduced energy
 
 
+@pytest.mark.by_default("discrete shell-full", "discrete shell-cubature")
 @pytest.mark.parametrize("which", ["full", "cubature"])
 def test_gradient_and_hessian_by_taylor(which, sparse):
     model = sparse[0 if which == "cubature" else 1]
@@ -232,6 +233,7 @@ def test_flat_strip_under_gravity(flat, gamma, tolerance):
     np.testing.assert_allclose(model.coordinates_of(answer.positions), answer.coordinates, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("poisson", "tolerances"),
     [pytest.param(0.0, (1e-4, 1e-4, 1e-3), marks=pytest.mark.slow), (0.3, (1e-4, 0.01, 0.05))],
@@ -365,6 +367,7 @@ def test_free_motion_keeps_its_energy_at_small_steps(curved):
     assert losses[1] < 0.35 * losses[0]
 
 
+@pytest.mark.by_default("discrete shell")
 def test_moving_supports_are_felt_as_inertial_loads(curved):
     """Against DS, whose clamped vertices are carried along: MD-ROM lives in their frame."""
     path = ms.SupportPath.from_function(

@@ -59,6 +59,15 @@ def remainders(body, state, name, value, answer):
     return np.array(errors) / np.linalg.norm(state.positions - body.shell.rest_positions)
 
 
+@pytest.mark.by_default(
+    "lma-material3-density",
+    "lma-material5-poisson",
+    "mwts-material8-stretch",
+    "mwts-material14-thickness",
+    "consistent-material17-shear",
+    "rsw-material26-flexure",
+    "md-material32-young",
+)
 @pytest.mark.parametrize(("kind", "material", "name"), CASES)
 def test_the_derivative_by_a_constant_has_taylor_slope_two(known, kind, material, name):
     body, state = known(kind, material)
@@ -236,6 +245,7 @@ def retrained(hybrid, name, factor):
     return ms.HybridStress(shell, shell, replace(trained, stresses=np.linalg.solve(lower, trained.stresses.T).T))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stretch", "shear", "flexure", "density"])
 def test_the_derivative_of_the_trained_rung_has_taylor_slope_two(hybrid, name):
     load = (0.0, 0.0, -20.0)

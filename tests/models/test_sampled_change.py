@@ -32,6 +32,7 @@ def bent(model, random, turn):
     return q * turn / model.largest_turn(q)
 
 
+@pytest.mark.by_default("hinges-ModalWarping")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("energy", MATERIALS)
 def test_a_sample_tells_most_of_the_change_and_what_it_misses_vanishes_with_it(energy, kind):
@@ -65,6 +66,7 @@ def test_a_load_that_few_feel_and_a_small_shell_have_no_sample(kind):
     assert few.dead_force(load).change is None
 
 
+@pytest.mark.by_default("hinges-RotationStrain")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("energy", MATERIALS)
 def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):

@@ -66,6 +66,20 @@ def test_the_derivative_by_gravity_has_taylor_slope_two(states):
 OTHERS = [(m, name) for m in (PLAIN, SHEET) for name in ("gravity", "load", "force", "rest_angles", "supports")]
 
 
+@pytest.mark.by_default(
+    "material0-stretch",
+    "material1-shear",
+    "material2-flexure",
+    "material3-density",
+    "material4-young",
+    "material5-poisson",
+    "material6-thickness",
+    "material8-gravity",
+    "material9-load",
+    "material10-force",
+    "material11-rest_angles",
+    "material12-supports",
+)
 @pytest.mark.parametrize(("material", "name"), [*CASES, *OTHERS])
 def test_the_adjoint_equals_the_forward_solve(states, material, name):
     state = states[material]
@@ -149,6 +163,7 @@ def test_the_derivative_by_supports_has_taylor_slope_two(material):
     assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
 
 
+@pytest.mark.slow
 def test_weights_among_the_loads_go_with_the_density():
     body, push = model(SHEET), [ms.SelfWeight((0.0, 0.3, -2.0))]
     state = body.equilibrium(loads=push)

@@ -51,6 +51,7 @@ def test_next_to_a_snap_no_error_is_stated(fine, hybrid):
     assert claimed >= 4
 
 
+@pytest.mark.slow
 def test_a_shell_that_is_its_own_coarse_one_has_no_error_of_that_kind(fine):
     hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -20), modes=8, motions=4)
     assert hybrid.coarse_errors.shape == (0, 2)

@@ -123,6 +123,7 @@ def test_threads_agree(dtype):
         assert np.array_equal(WarpFrame(basis, dtype=dtype, threads=threads).positions(q), one)
 
 
+@pytest.mark.by_default("1-float64", "2-float32")
 @PRECISIONS
 @pytest.mark.parametrize("threads", [1, 2])
 def test_out_is_written_and_nothing_is_allocated(dtype, threads):

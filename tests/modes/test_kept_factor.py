@@ -142,6 +142,7 @@ def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
     np.testing.assert_allclose(mine.energies[:, 1], elastic, rtol=0, atol=1e-5 * elastic.max())
 
 
+@pytest.mark.by_default("1000000.0")
 @pytest.mark.parametrize("young", [1e6, 2e11])
 def test_stiff_steps_go_on_in_double_precision(young):
     mesh = ms.sheet(cells=(30, 30))

@@ -90,6 +90,7 @@ def test_identical_strips_by_blocks(copies, elastic, held, monkeypatch):
     assert None not in found
 
 
+@pytest.mark.by_default("blocks-12", "one by one-13")
 @pytest.mark.parametrize("copies", [12, 13])
 @pytest.mark.parametrize("large", [0, 10**9], ids=["blocks", "one by one"])
 def test_more_copies_than_one_vector_or_a_block_finds(copies, large, monkeypatch):
@@ -110,6 +111,7 @@ def test_solves_that_are_not_symmetric_do_not_make_wrong_modes(thin):
     np.testing.assert_allclose(solved(shell, 10, backend="superlu").eigenvalues, exact, rtol=1e-5)
 
 
+@pytest.mark.by_default("1-clamped-cholesky", "6-free-superlu", "7-clamped-cholesky", "18-clamped-cholesky")
 @every_backend
 @pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
 @pytest.mark.parametrize("elastic", [1, 6, 7, 18])
@@ -117,6 +119,7 @@ def test_six_identical_strips(elastic, held, backend):
     check_copies(6, held, elastic, backend)
 
 
+@pytest.mark.by_default("12-12-cholesky", "12-13-superlu", "40-80-cholesky")
 @every_backend
 @pytest.mark.parametrize(("copies", "elastic"), [(12, 12), (12, 13), (40, 80)])
 def test_many_identical_strips(copies, elastic, backend):

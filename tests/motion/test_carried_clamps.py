@@ -81,6 +81,9 @@ def settled_at_all_ends(model):
     return run, each * np.arange(1, len(ENDS) + 1), path
 
 
+@pytest.mark.by_default(
+    "split folds-clamped row-pushed and tilted", "hinges-clamped rows-lifted", "hinges-pinned rows-thrown and turned"
+)
 @pytest.mark.parametrize(
     ("material", "supports", "end"),
     [
@@ -119,6 +122,7 @@ def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, suppor
         np.testing.assert_allclose(run.positions[end], carried, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "of_modes"),
     [
@@ -155,7 +159,8 @@ def end_of_short():
     return (4.0 * fine - coarse) / 3.0
 
 
-@pytest.mark.parametrize("integrator", ["explicit", pytest.param("verlet", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["explicit", "verlet"])
 def test_explicit_steps_carry_the_clamp(integrator, end_of_short):
     model = ms.DiscreteShell(shell_of(ISOTROPIC, "clamped row"), integrator=integrator)
     dt = 0.02 / np.ceil(0.02 / (0.3 * model.stable_step(ms.Damping(1.0, 1e-5))))

@@ -108,6 +108,7 @@ def test_where_steps_are_too_long_it_adds_no_more_than_its_error_to_that_of_ds(s
     assert off(ms.Auto(shell), 1.0 / 120.0, 2) < ERROR
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_several_free_parts_fly_each_by_itself():
     """Two panels in a wind that meets them at other angles: near DS in shape, each with its own momenta."""
@@ -136,6 +137,7 @@ def test_a_fall_stays_on_the_cheapest_level():
     assert run.message == "steps by MWTS 100 %"
 
 
+@pytest.mark.slow
 def test_ds_itself_has_a_small_bar_in_flight():
     """The bar of another frame would not: loads are turned, balanced, and reactions are none."""
     shell = panel("plate")

@@ -53,8 +53,15 @@ MAKERS = {
     "auto": ms.Auto,
 }
 """Every rung that takes free shells."""
+ON_PLATES = {"LMA", "RSW", "rigid", "DS", "coarse DS"}
+"""Rungs that are tried on shell theory by default, the others on hinges; all on both with the slow tests."""
+SLOW = {
+    (energy, name): name == "hybrid" or (energy == "plate") != (name in ON_PLATES)
+    for energy in MATERIALS
+    for name in MAKERS
+}
 CASES = [
-    pytest.param(energy, name, marks=[pytest.mark.slow, *QUIET] if name == "hybrid" else [])
+    pytest.param(energy, name, marks=[pytest.mark.slow] * SLOW[energy, name] + QUIET * (name == "hybrid"))
     for energy in MATERIALS
     for name in MAKERS
     if (energy, name) != ("plate", "springs")
@@ -196,6 +203,16 @@ def stepped(model, state, dt, steps):
     return np.array(frames), state
 
 
+@pytest.mark.by_default(
+    "hinges-MWTS",
+    "hinges-consistent MWTS",
+    "hinges-RSW",
+    "hinges-MD-ROM",
+    "hinges-rigid",
+    "hinges-DS",
+    "hinges-DS, BDF2",
+    "plate-LMA",
+)
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent MWTS", "RSW", "MD-ROM", "rigid", "DS", "DS, BDF2"])
 @pytest.mark.parametrize("energy", MATERIALS)
 def test_a_tumbling_sheet_keeps_its_angular_momentum(energy, name):
@@ -208,6 +225,7 @@ def test_a_tumbling_sheet_keeps_its_angular_momentum(energy, name):
     np.testing.assert_allclose(moved, np.arange(61)[:, None] / 60.0 * [0.3, 0.0, 0.1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("RSW", "DS, BDF2", "rigid")
 @pytest.mark.parametrize("name", ["MWTS", "RSW", "MD-ROM", "MD-ROM, SDIRK2", "rigid", "DS", "DS, BDF2"])
 def test_tumbling_is_of_second_order(name):
     model = model_of("hinges", name)
@@ -216,6 +234,7 @@ def test_tumbling_is_of_second_order(name):
     np.testing.assert_allclose(np.log2([a / b for a, b in pairwise(errors)]), 2.0, rtol=0, atol=0.25)
 
 
+@pytest.mark.by_default("MWTS")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "MD-ROM"])
 def test_a_turning_sheet_under_a_couple_meets_ds(name):
     shell, load = shell_of("plate"), couple(shell_of("plate"))
@@ -337,6 +356,7 @@ def test_a_resumed_motion_has_the_same_bits(name):
     np.testing.assert_array_equal(one.state.rates, two.state.rates)
 
 
+@pytest.mark.by_default("LMA", "MWTS", "RSW", "rigid")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "MD-ROM", "rigid"])
 def test_energies_of_a_falling_turning_sheet_add_up(name):
     shell, model = shell_of("plate"), model_of("plate", name)
@@ -348,6 +368,7 @@ def test_energies_of_a_falling_turning_sheet_add_up(name):
     assert np.abs(sums).max() <= 1e-3 * motion.energies()[0]
 
 
+@pytest.mark.by_default("LMA", "MWTS", "consistent MWTS", "RSW")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent MWTS", "RSW", "MD-ROM"])
 def test_velocities_are_those_of_the_positions(name):
     shell, model = shell_of("plate"), model_of("plate", name)
@@ -395,6 +416,7 @@ def test_a_free_md_rom_has_no_rest_under_gravity():
     assert answer.outcome is ms.Outcome.NO_EQUILIBRIUM
 
 
+@pytest.mark.slow
 def test_md_rom_trains_and_flies_by_few_elements():
     shell = shell_of("plate")
     model, load = ms.ModalDerivatives(shell, 9, cubature=True), couple(shell)
@@ -403,6 +425,7 @@ def test_md_rom_trains_and_flies_by_few_elements():
     np.testing.assert_allclose(run.positions, whole.positions, rtol=0, atol=1e-3)
 
 
+@pytest.mark.by_default("RSW-inf", "MD-ROM-1.0")
 @pytest.mark.parametrize("radius", [np.inf, 1.0])
 @pytest.mark.parametrize("rung", ["RSW", "MD-ROM"])
 def test_modes_fly_in_a_wind_as_ds(rung, radius):

@@ -37,6 +37,7 @@ def test_ratios_are_read_from_sums_of_oscillations():
     assert found == pytest.approx(0.03 / abs(exponents[0]), rel=1e-9)
 
 
+@pytest.mark.by_default("3-MWTS-hinges", "10-LMA-Isotropic", "10-reduced RSW-hinges", "75-RSW-hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "reduced RSW"])
 @pytest.mark.parametrize("steps", [3, 10, 75])
@@ -44,11 +45,13 @@ def test_modal_rungs_have_the_damping_that_was_asked(energy, name, steps):
     assert off(energy, name, "exponential", steps) < 1e-3
 
 
+@pytest.mark.by_default("hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_ds_has_the_damping_that_was_asked_at_20_steps_a_period(energy):
     assert off(energy, "DS", "sdirk2", 20) < 0.01
 
 
+@pytest.mark.by_default("hinges-MD-ROM", "Isotropic-coarse DS")
 @pytest.mark.parametrize(("energy", "name"), [(e, n) for e in ENERGIES for n in ("coarse DS", "MD-ROM")])
 def test_rungs_of_one_solution_a_step_have_it_at_75(energy, name):
     assert off(energy, name, "bdf2", 75) < 0.01
@@ -65,6 +68,7 @@ def test_the_hybrid_has_it_at_75_and_is_of_order_two():
     assert motion_damping.order_of(rung, shell, "bdf2", (100, 200, 400))["order"] == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("rule", ["bdf2", "sdirk2"])
 def test_implicit_euler_adds_damping_and_second_order_does_not(rule):
     assert off("hinges", "coarse DS", "implicit_euler", 75) > 0.3
@@ -79,6 +83,7 @@ def test_modal_rungs_are_of_order_two(energy, name):
     assert found["order"] == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("rule", ["bdf2", "sdirk2"])
 def test_coarse_ds_is_of_order_two(rule):
     rung, shell = rung_of("hinges", "coarse DS")
@@ -136,12 +141,14 @@ def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, mo
     assert np.linalg.norm(tip - snapping_tip, axis=1).max() < most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
 def test_held_strip_vibrates_faster_the_farther_it_goes(amplitude):
     found = motion_scenes.held_strip_ratio("Isotropic", "sdirk2", amplitude, periods=2)
     assert found["error"] == pytest.approx(0.0, abs=0.003)
 
 
+@pytest.mark.by_default("RSW", "coarse DS")
 @pytest.mark.parametrize("name", ["LMA", "RSW", "coarse DS", "DS"])
 def test_a_falling_turning_free_panel_keeps_its_centre(name):
     shell = motion_limits.panel()
@@ -149,6 +156,7 @@ def test_a_falling_turning_free_panel_keeps_its_centre(name):
     assert found["wander"] < 1e-6
 
 
+@pytest.mark.by_default("RSW", "coarse DS")
 @pytest.mark.parametrize("name", ["LMA", "RSW", "coarse DS", "DS"])
 def test_a_bent_panel_that_is_let_go_keeps_its_angular_momentum(name):
     shell = motion_limits.panel()

@@ -62,6 +62,7 @@ def reach(trajectory):
 # ---- energy
 
 
+@pytest.mark.by_default("exponential-100.0-0.0", "exponential-100000000.0-4.0", "implicit_midpoint-1.0-4.0")
 @pytest.mark.parametrize(("ratio", "gamma"), [(1.0, 4.0), (100.0, 0.0), (1e8, 4.0)])
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
 def test_undamped_linear_motion_holds_its_energy(ratio, gamma, integrator):
@@ -73,6 +74,7 @@ def test_undamped_linear_motion_holds_its_energy(ratio, gamma, integrator):
     assert np.abs(total - total[0]).max() < 1e-10 * np.abs(total[0])
 
 
+@pytest.mark.by_default("100000000.0")
 @pytest.mark.parametrize("ratio", [1.0, 1e8])
 def test_implicit_euler_only_loses_energy(ratio):
     model = ms.LinearModal(strip_basis(ratio), integrator="implicit_euler")
@@ -96,6 +98,7 @@ def test_second_order_holds_under_loads_that_turn(model, integrator):
     assert np.log2(change[0] / change[1]) == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.by_default("exponential")
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
 def test_rules_of_second_order_feed_no_energy_into_moderate_motion(basis, integrator):
     for name in ("MWTS", "RSW"):
@@ -128,6 +131,7 @@ def test_modes_of_less_than_three_steps_a_period_take_implicit_eulers_coefficien
 # ---- rest at the static answer
 
 
+@pytest.mark.by_default("1.0-1.0-exponential", "16.0-1.0-implicit_midpoint", "100.0-8.0-implicit_euler")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize(("gamma", "damping"), [(1.0, 1.0), (16.0, 1.0), (100.0, 8.0)])
 def test_damped_motion_ends_at_the_static_equilibrium(basis, integrator, gamma, damping):
@@ -202,15 +206,15 @@ FORCES_THAT_GROW = ("MWTS, consistent", "RSW")
 
 
 def bounded_cases():
-    """Every pair of ratio, load and rule, the harshest among them; and one quick case for the default suite."""
+    """Every pair of ratio, load and rule, the harshest among them."""
     rules = (("implicit_euler", 0.0), ("implicit_midpoint", 0.5))
     axes = (1.0, 1e2, 1e5, 1e8), (0.1, 10.0, 100.0, 1000.0), rules
     for (i, ratio), (j, gamma), (k, rule) in product(*map(enumerate, axes)):
-        quick = (i, j, k) == (0, 1, 0)
-        if quick or (i + j + k) % 2 == 0:
-            yield pytest.param(ratio, gamma, *rule, marks=[] if quick else [pytest.mark.slow])
+        if (i + j + k) % 2 == 0:
+            yield ratio, gamma, *rule
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "gamma", "integrator", "damping"), list(bounded_cases()))
 def test_amplitudes_stay_bounded(ratio, gamma, integrator, damping):
     check_bounded(ratio, gamma, integrator, damping)
@@ -243,6 +247,13 @@ def test_motion_that_leaves_the_finite_numbers_is_named(basis):
 # ---- outcomes
 
 
+@pytest.mark.by_default(
+    "factors0-exponential",
+    "factors1-implicit_midpoint",
+    "factors2-implicit_euler",
+    "factors3-exponential",
+    "factors4-exponential",
+)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("factors", [(0.3, 0.0), (0.0, 0.02), (2.0, 0.01), (30.0, 0.0), (0.0, 3.0)])
 def test_decay_rate_is_what_the_slowest_mode_does(basis, integrator, factors):
@@ -269,6 +280,7 @@ def test_decay_rate_is_unknown_for_rigid_modes_and_full_models():
         assert model.decay_rate(STEP, Damping(3.0, 0.01)) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.by_default("exponential-53.0-factors0", "implicit_euler-60.0-factors2", "implicit_euler-100.0-factors3")
 @pytest.mark.parametrize(
     ("integrator", "gamma", "factors"),
     [
@@ -284,6 +296,7 @@ def test_cycles_are_named_under_either_damping(basis, integrator, gamma, factors
     assert motion.message.split("; ")[0] == "the motion does not settle although it is damped"
 
 
+@pytest.mark.by_default("exponential-47.0", "implicit_euler-44.0", "implicit_euler-49.0")
 @pytest.mark.parametrize(
     ("integrator", "gamma"),
     [("exponential", 44.0), ("exponential", 47.0), ("implicit_euler", 44.0), ("implicit_euler", 49.0)],
@@ -294,6 +307,7 @@ def test_slow_decay_is_no_cycle(basis, integrator, gamma):
     assert run(model, gamma, (0.2, 0.0), steps=6000, store_every=3).status == "completed"
 
 
+@pytest.mark.by_default("factors0-exponential", "factors1-implicit_midpoint", "factors5-implicit_euler")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize(
     "factors", [(0.0, 0.0), (0.02, 0.0), (0.5, 0.0), (0.0, 1e-3), (100.0, 0.0), (0.0, 10.0), (1000.0, 1.0)]
@@ -343,6 +357,7 @@ def test_winding_up_is_named_with_its_time(basis):
     assert run(model, 0.0, (1.0, 0.0), steps=30, start=start).status == "completed"
 
 
+@pytest.mark.by_default("50-0.3", "50-1.0", "60-1.5", "150-0.7")
 @pytest.mark.parametrize("ratio", [0.3, 0.7, 1.0, 1.5])
 @pytest.mark.parametrize("steps", [50, 60, 150])
 def test_motion_near_critical_damping_that_turns_once_is_no_cycle(basis, ratio, steps):

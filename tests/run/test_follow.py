@@ -188,6 +188,7 @@ def test_killed_followers_do_not_disturb_the_run(write, tmp_path):
     assert len(shown) > 2
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, tmp_path):
     scene = write(tmp_path, cells=40, frames=900)
     expected = ms.run_scene(scene, out=tmp_path / "whole").trajectory

@@ -116,7 +116,6 @@ def stopped_frames(scene, folder):
     [
         ("mwts", 150, 16, 2),
         pytest.param("ds", 60, 6, 3, marks=pytest.mark.slow),
-        pytest.param("mwts", 1000, 40, 4, marks=pytest.mark.slow),
     ],
 )
 def test_killed_runs_end_as_uninterrupted_ones(tmp_path, model, frames, cells, kills):
@@ -141,7 +140,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     finish(started(scene, tmp_path / "whole"))
     whole = time.perf_counter() - begin
     chance = np.random.default_rng(5)
-    for delay in 1.1 * whole * (np.arange(10) + chance.uniform(size=10)) / 10:  # one in each tenth
+    for delay in 1.1 * whole * (np.arange(6) + chance.uniform(size=6)) / 6:  # one in each sixth
         process = started(scene, tmp_path / "killed")
         time.sleep(delay)
         process.kill()
@@ -153,6 +152,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     assert_same(*results)
 
 
+@pytest.mark.by_default("options0", "options1", "options2", "options3", "options4", "options5", "options6", "options7")
 @pytest.mark.parametrize(
     "options",
     [

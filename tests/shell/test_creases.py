@@ -75,6 +75,7 @@ def test_a_loading_cycle_of_one_hinge_is_that_by_hand(material):
     assert np.ptp(expected[:, 0]) > 2.0 * LIMIT / k  # it yields both ways
 
 
+@pytest.mark.by_default("loads0-split folds", "loads1-hinges")
 @ENERGIES
 @pytest.mark.parametrize("loads", [(1.5,), (1.2, 1.9, 0.0, -1.4, 0.0, 1.7)])
 def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
@@ -196,6 +197,7 @@ def test_creases_that_do_not_yield_change_no_bit(material):
     assert moving[0].crease_angles.size == 0
 
 
+@pytest.mark.by_default("implicit-hinges", "sdirk2-hinges")
 @ENERGIES
 @pytest.mark.parametrize("rule", ["implicit", "sdirk2", "bdf2"])
 def test_motion_comes_to_a_rest_of_statics(material, rule):
@@ -214,6 +216,7 @@ def test_motion_comes_to_a_rest_of_statics(material, rule):
     assert np.abs(still.positions - run.positions[-1]).max() < 5e-3
 
 
+@pytest.mark.slow
 def test_explicit_steps_and_implicit_ones_yield_alike():
     shell = strip(ms.Material(stretch=200.0, shear=2.0, flexure=0.05, density=1.0), cells=(6, 1), clamped="x < 0.18")
     options = {"duration": 0.4, "gravity": (0.0, 0.0, -5.0)}
@@ -330,6 +333,7 @@ def test_modes_about_a_folded_state_are_those_of_its_folds(material):
     assert hinge < np.linalg.norm(shell.force(state.positions)[~shell.clamped], axis=1).max()
 
 
+@pytest.mark.slow
 def test_a_mechanism_is_not_called_an_equilibrium():
     """Without hardening a crease holds no more than its yield moment: a larger couple has no equilibrium."""
     shell = strip(HINGES, hardening=0.0, cells=(4, 1), clamped="x < 0.26")
@@ -372,6 +376,7 @@ def test_creases_in_free_flight_far_away_on_contacts_and_on_supports_that_turn()
     assert (np.diff(run.crease_heat) >= 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hardening", [0.0, 0.1])
 def test_a_moving_crease_keeps_the_balance_of_energy(hardening):
     """What the load has done moves, bends, is stored by hardening, or is heat."""

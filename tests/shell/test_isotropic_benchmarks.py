@@ -41,6 +41,7 @@ def trapezoidal(mesh, vertices):
     return vertices[order], shares
 
 
+@pytest.mark.by_default("union-jack")
 @pytest.mark.parametrize("family", FAMILIES)
 def test_heavy_elastica(family):
     mesh = flat_beam(length=0.3, width=0.05, cells=(48, 8), family=family)
@@ -98,6 +99,7 @@ def rolled(flat, radius):
     return np.column_stack([radius * np.sin(angle), flat[:, 1], radius * (1.0 - np.cos(angle))])
 
 
+@pytest.mark.by_default("union-jack-0.3-radii0", "union-jack-0.3-radii1", "equilateral-0.3-radii2")
 @pytest.mark.parametrize("radii", [(np.inf, 1.0), (2.0, 1.0), (1.0, -2.0)])
 @pytest.mark.parametrize("poisson", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("family", ["union-jack", "equilateral"])
@@ -146,6 +148,7 @@ def plate(family, cells, poisson):
     return mesh, Isotropic(1e9, poisson, 1e-3, 1000.0), unit
 
 
+@pytest.mark.by_default("union-jack", "delaunay")
 @pytest.mark.parametrize("family", FAMILIES)
 def test_simply_supported_plate(family):
     mesh, material, unit = plate(family, 24, 0.3)
@@ -163,6 +166,7 @@ def check_plate(family, supports, poisson, cells, tolerance):
     np.testing.assert_allclose(measured, DATA["plates"][f"{supports} {poisson:g}"], rtol=tolerance)
 
 
+@pytest.mark.by_default("union-jack-CFFF", "delaunay-CFFF", "equilateral-FFFF")
 @pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_plate_frequencies_at_24_cells(family, supports):
@@ -257,6 +261,7 @@ def sweep(points):
     return normal / np.linalg.norm(normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fold", "family"),
     [

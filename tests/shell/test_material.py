@@ -50,6 +50,13 @@ def physical_shell(mesh, poisson, **options):
 # ---- bending
 
 
+@pytest.mark.by_default(
+    "equilateral-cells2-direction2-3.0-2.6666666666666665-0.02",
+    "union-jack-cells3-direction3-2.5-2.4-0.03",
+    "union-jack-cells4-direction4-4.0-None-0.03",
+    "right-cells6-direction6-9.0-6.0-0.02",
+    "right-cells7-direction7-3.0-2.0-0.02",
+)
 @pytest.mark.parametrize(
     ("family", "cells", "direction", "wide", "narrow", "tolerance"),
     [
@@ -144,6 +151,7 @@ def test_material_without_hinges_is_refused():
 # ---- membrane
 
 
+@pytest.mark.by_default("0.3333333333333333")
 @pytest.mark.parametrize("poisson", POISSON)
 @given(xx=strain, yy=strain, xy=strain)
 @settings(deadline=None, max_examples=15)
@@ -154,6 +162,9 @@ def test_equilateral_springs_are_an_isotropic_sheet(poisson, xx, yy, xy):
         assert strain_energy(shell, tensor) == pytest.approx(exact, rel=1e-6, abs=1e-3)
 
 
+@pytest.mark.by_default(
+    "alternating-0.2", "equilateral-0.0", "union-jack-0.3333333333333333", "lloyd-0.0", "delaunay-0.0", "right-0.45"
+)
 @pytest.mark.parametrize("poisson", POISSON)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_mean_over_directions_is_exact_on_every_mesh(family, poisson):
@@ -170,6 +181,9 @@ def test_mean_over_directions_is_exact_on_every_mesh(family, poisson):
         assert mean == pytest.approx(plane_stress_energy(tensor, 1e6, poisson), rel=1e-6)
 
 
+@pytest.mark.by_default(
+    "alternating-0.0", "equilateral-0.3333333333333333", "union-jack-0.2", "lloyd-0.0", "delaunay-0.0", "right-0.45"
+)
 @pytest.mark.parametrize("poisson", POISSON)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_pulling_along_a_named_direction_meets_youngs_modulus(family, poisson):

@@ -61,6 +61,7 @@ def test_large_bends_without_a_snap_are_not_called_one(fold):
     assert not buckles(shell, shell.gravity_force((0.0, 0.0, -30.0)))
 
 
+@pytest.mark.by_default("lma--70.0-True-", "mwts--20.0-False-[motion]\\nduration = 0.1\\n")
 @pytest.mark.parametrize("motion", ["", "[motion]\nduration = 0.1\n"])
 @pytest.mark.parametrize(
     ("model", "gravity", "told"), [("mwts", -70.0, True), ("lma", -70.0, True), ("mwts", -20.0, False)]

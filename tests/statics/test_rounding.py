@@ -124,6 +124,7 @@ def test_a_mesh_without_digits_for_its_shape_is_refused():
         ms.TriangleMesh(mesh.vertices + np.array([2e9, 0.0, 0.0]), mesh.faces)
 
 
+@pytest.mark.by_default("0.01-1.0", "0.01-5.0", "0.001-1e-06", "0.0001-0.001")
 @pytest.mark.parametrize("gamma", [1e-6, 1e-3, 1.0, 5.0])
 @pytest.mark.parametrize("thickness", [1e-2, 1e-3, 1e-4])
 def test_sheets_up_to_ten_thousand_times_longer_than_thick_are_balanced(thickness, gamma):

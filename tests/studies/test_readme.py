@@ -59,6 +59,7 @@ for name, study in studies().items():
 """
 
 
+@pytest.mark.slow
 def test_a_model_of_another_package_changes_no_committed_page():
     """Findings and tables name the models of the result, not those that are registered where they are read."""
     subprocess.run([sys.executable, "-c", PLUGGED], cwd=readme.FOLDER.parent, check=True, timeout=120)

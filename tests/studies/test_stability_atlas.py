@@ -140,6 +140,7 @@ def rows_of():
     return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
 
 
+@pytest.mark.by_default("rigid", "lma", "mwts", "mwts-consistent", "reduced-rsw", "rsw", "coarse-ds", "ds", "springs")
 @pytest.mark.parametrize("name", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
     """A new model or integrator that scenes know fails here until the atlas has it."""

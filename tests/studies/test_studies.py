@@ -148,6 +148,7 @@ def test_curves_that_cannot_be_drawn_are_refused(tmp_path, values):
         draw_curves([Panel([Curve([1, 2], values, "a", "k")], "t", "x", "y", log=True)], tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_studies_and_figures_are_imported_without_any_extra():
     program = """
 import importlib, sys

@@ -79,6 +79,7 @@ def test_the_stiffness_of_one_triangle():
     np.testing.assert_allclose(found, numbers(derived_triangle(3)), rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_one_pair():
     mesh = flat_mesh([*CORNERS, ACROSS], [[0, 1, 2], [1, 0, 3]])
     pair = np.array([[0, 1]]), np.array([[2, 2]])

@@ -37,6 +37,7 @@ def energy(basis, q):
     return float(0.5 * basis.eigenvalues @ q**2)
 
 
+@pytest.mark.by_default("ModalWarping-8.0", "RotationStrain-3.0")
 @pytest.mark.parametrize("gravity", [0.5, 3.0, 8.0])
 @pytest.mark.parametrize("build", [ms.ModalWarping, ms.RotationStrain])
 def test_a_position_that_a_load_reaches_is_met_with_no_more_energy_than_the_load_took(basis, tip, build, gravity):

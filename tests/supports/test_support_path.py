@@ -67,6 +67,7 @@ def test_inertial_loads_keep_a_free_particle_straight():
     np.testing.assert_allclose(load[0], acceleration, rtol=1e-4)
 
 
+@pytest.mark.by_default("rotation")
 @pytest.mark.parametrize("kind", ["translation", "rotation"])
 def test_modal_models_and_discrete_shells_agree_for_small_motion(kind):
     shell = strip()

@@ -187,6 +187,7 @@ def sabotage(tmp_path, monkeypatch):
     return tmp_path / "log"
 
 
+@pytest.mark.slow
 def test_a_case_that_kills_its_process_does_not_end_the_sweep(write, tmp_path, sabotage, monkeypatch):
     file = write('"model.modes" = [2, 3, 4, 5]')
     result = ms.run_sweep(file, out=tmp_path / "out", workers=1)
@@ -201,6 +202,7 @@ def test_a_case_that_kills_its_process_does_not_end_the_sweep(write, tmp_path, s
     assert (again.computed, again.counts()) == (2, {"converged": 4})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sabotage")
 def test_a_case_that_takes_too_long_is_given_up(write, tmp_path):
     result = ms.run_sweep(write('"model.modes" = [6]'), out=tmp_path / "out", workers=1, time_limit=0.5)

@@ -51,6 +51,7 @@ def test_a_report_has_the_cases_of_the_sweep(report, write, tmp_path):
         assert (row[4], row[5]) == (f"{case['displacement']:.5g}", f"{case['error']:.5g}")
 
 
+@pytest.mark.slow
 def test_a_second_report_computes_nothing_and_is_the_same(report, write, tmp_path, monkeypatch):
     file = write(GRAVITIES)
     assert report(file.name) == 0

@@ -49,6 +49,7 @@ def test_committed_files_are_what_the_generator_writes(tmp_path):
     assert {path.name: path.read_bytes() for path in paths} == committed()
 
 
+@pytest.mark.slow
 def test_generation_does_not_depend_on_the_hash_seed():
     code = "import json\nfrom modalshell.symbolic.generator import generate_all\nprint(json.dumps(generate_all()))"
     environment = os.environ | {"PYTHONHASHSEED": "4242"}
@@ -59,6 +60,7 @@ def test_generation_does_not_depend_on_the_hash_seed():
     assert {name: source.encode("utf-8") for name, source in fresh.items()} == committed()
 
 
+@pytest.mark.by_default("stretch-1", "shear-0")
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", NAMES)
 def test_closed_form_gradient_is_the_derivative_of_the_measure(all_energies, name, seed):
@@ -79,6 +81,7 @@ def test_fold_angle_is_the_atan2_of_the_paper(all_energies):
         assert abs(evaluated(energy.measure - textbook, point)) < sp.Float(10) ** (4 - DIGITS)
 
 
+@pytest.mark.by_default("stretch", "shear")
 @pytest.mark.parametrize("name", NAMES)
 def test_second_derivatives_are_symmetric(all_energies, name):
     energy = all_energies[name]
@@ -93,6 +96,7 @@ def test_second_derivatives_are_symmetric(all_energies, name):
             assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
 
 
+@pytest.mark.by_default("stretch-0", "shear-0")
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", NAMES)
 def test_split_of_the_second_variation_adds_up(all_energies, name, seed):
