@@ -29,7 +29,7 @@ LARGE = ("creature", "v_beam_stiff")
 
 BEAM = (
     'name = "beam"\n'
-    + beam_text("{cells}", "x < 0.13")
+    + beam_text("{cells}", "x < 0.17")
     + """{path}
 [loads]
 gravity = [0.0, 0.0, -4.0]
