@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from modalshell.core.cost import count_products, count_read
@@ -63,14 +65,20 @@ class ReducedEnergy:
         count_read(self._vectors.nbytes)
         return total, np.asarray(gradient.ravel() @ self._vectors)
 
+    @cached_property
+    def rounding(self) -> Array:
+        """Forces (r,) that the rounding of positions alone leaves: eps times the stiffness at rest times ``|x|``."""
+        _, _, data = self.energy.energy_gradient_hessian(self._slots, self._pattern, self._rest, EXACT, None)
+        forces = self._product(data) * self._rest.reshape(-1, 1)
+        return np.asarray(np.finfo(np.float64).eps * np.linalg.norm(forces, axis=0))
+
     def hessian(
         self, z: Array, geometric: int = EXACT, stresses: list[Array] | None = None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient (r,) and Hessian ``U^T K U`` (r, r); options as for a shell's Hessian."""
         x, pattern = self.positions(z), self._pattern
         total, gradient, data = self.energy.energy_gradient_hessian(self._slots, pattern, x, geometric, stresses)
-        product = np.empty_like(self._vectors)
-        multiply(pattern.indptr, pattern.indices, data, self._vectors, product)
+        product = self._product(data)
         reduced = self._vectors.T @ product - pattern.internal_form(data, self._vectors)
         count_products((data.size + self._vectors.size) * self.size)
         return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
@@ -79,3 +87,9 @@ class ReducedEnergy:
         """Stress of every element after ``step`` (r,) by the measures linearised at ``z`` (mixed Newton)."""
         x, moved = self.positions(z), (self._vectors @ step).reshape(-1, 3)
         return self.energy.linear_stresses(x, moved)
+
+    def _product(self, data: Array) -> Array:
+        """``K U`` (3k, r) of a Hessian's entries."""
+        product = np.empty_like(self._vectors)
+        multiply(self._pattern.indptr, self._pattern.indices, data, self._vectors, product)
+        return product

@@ -54,3 +54,7 @@ class ReducedPotential(DenseProblem):
         share = 1.0 if reach is None else min(1.0, reach / max(self.edge_change(direction), 1e-300))
         step = share * direction
         return x + step, self.energy.predicted_stresses(x, step), share
+
+    def rounding(self, x: Array, hessian: Array, length: float) -> float:
+        """Size of the residual that the rounding of positions leaves."""
+        return self.measure(self.energy.rounding)
