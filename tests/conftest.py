@@ -133,7 +133,8 @@ def pytest_collection_modifyitems(config, items):
         named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
         if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
-    collecting.leave_to_the_long_run(items, partial=any("[" in argument for argument in config.args))
+    some = any("[" in argument for argument in config.args) or config.getoption("lf", default=False)
+    collecting.leave_to_the_long_run(items, partial=some or config.getoption("stepwise", default=False))
     if hasattr(config, "workerinput"):  # studies take longest, then files of many or slow tests: first, to end together
         sizes: Counter[str] = Counter()
         for item in items:

@@ -8,6 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.core.cost import count_products, count_read
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceChange
@@ -124,7 +125,7 @@ class ModalWarping(UnstretchedModel):
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
         return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
 
-    @cached_property
+    @property
     def _pushed(self) -> Array:
         """Modal data of all vertices in one row."""
         return self._frame.modal_data.reshape(-1)
@@ -211,7 +212,12 @@ class ModalWarping(UnstretchedModel):
 
 
 def _force_of(modal: Array, rows: Array, q: Array) -> Array:
-    """Modal force (m,) of a load in rows, at q."""
+    """Modal force (m,) of a load in rows, at q; OptionError where the sizes of these are not of the modes."""
+    q = np.ascontiguousarray(q, dtype=np.float64)  # the kernel reads them as they lie in memory
+    if 2 * rows.size * q.size != modal.size:
+        raise OptionError(
+            f"q and load must be of the basis's modes and vertices (got {q.shape} and {rows.size} numbers)"
+        )
     count_read(modal.nbytes)
     force = np.empty(q.size)
     push_frame(modal, rows, POWERS, q, np.empty(ROWS), force)

@@ -22,6 +22,8 @@ from modalshell.shell.damping import Damping
 _SEEN, _EARLY, _LATER = 8, 64, 19
 """Steps from one look at the motion's size to the next, of this many early ones, and of later ones, of which no period
 is likely to be a multiple."""
+SEEN_FROM = "seen_from"
+"""Name in a checkpoint of the coordinates from which the motion's size is measured, where another model goes on."""
 _COHERENT = 0.5 * np.pi
 """Error of an oscillation over the sum of what its steps add: their errors have one sign along its orbit, of which the
 coordinates show the mean of a cosine."""
@@ -88,8 +90,10 @@ class StepErrors:
     def arrays(self) -> dict[str, Array]:
         """Everything that :meth:`restore` needs."""
         numbers = [self.error, self._largest, self.halvings, self._gained, self._moved, self._steps, self._known]
-        sizes = {"errors": np.array([*numbers, self._size, self._shape], dtype=np.float64), "seen_from": self._start}
-        return {**sizes, "peaks": self.peaks.copy()}
+        errors = np.array([*numbers, self._size, self._shape], dtype=np.float64)
+        # Nothing where it is the motion's start, which is known.
+        seen_from = np.empty(0) if self._start is self._first.coordinates else self._start.copy()
+        return {"errors": errors, "peaks": self.peaks.copy(), SEEN_FROM: seen_from}
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Go on from :meth:`arrays`."""
@@ -98,7 +102,8 @@ class StepErrors:
         )
         self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
         self.peaks = np.array(arrays["peaks"])
-        self._start = np.array(arrays.get("seen_from", self._start))
+        if arrays[SEEN_FROM].size:
+            self._start = np.array(arrays[SEEN_FROM])
 
     def are_known(self, dt: float) -> bool:
         """Whether the model's rule knows the error of a step of ``dt`` [s] at the start."""

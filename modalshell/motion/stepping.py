@@ -19,7 +19,7 @@ from modalshell.loads import Loading
 from modalshell.loads.work import dead_work
 from modalshell.models import Model
 from modalshell.models.base.setup import MotionSetup
-from modalshell.motion.step_error import StepErrors, Tolerance
+from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
@@ -242,6 +242,7 @@ class Motion:
         for state in (rest, self.model.as_coarse(rest)):
             for part, array in state.arrays().items():
                 found.get(f"{_STATE}{part}", set()).add(array.shape)
+        found[SEEN_FROM] |= found[f"{_STATE}coordinates"]
         return found
 
     def restore(self, arrays: dict[str, Array]) -> None:

@@ -98,8 +98,9 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
         assert energies[75:].max() < energies[:75].max() + 0.1 * scale
 
 
+@pytest.mark.parametrize("gamma", [1.0, 20.0])  # of which the second one asks for a second force in every step
 @pytest.mark.parametrize("cells", [(20, 4), CELLS])
-def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells):
+def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells, gamma):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)
     basis = ms.solve_modes(ms.Shell(mesh, MATERIALS["plate"], clamped=mesh.vertices[:, 0] < 1e-9), 6)
     found = []
@@ -109,10 +110,24 @@ def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells):
             parts = model.dead_force
             model.dead_force = lambda load, parts=parts: parts(load)._replace(step=None)
         dt = 1.0 / (3.3 * basis.frequencies[1])
-        run = Motion(model, model.shell.loading(gravity(basis, 20.0)), dt=dt, damping=(0.5, 0.0))
+        run = Motion(model, model.shell.loading(gravity(basis, gamma)), dt=dt, damping=(0.5, 0.0))
         for _ in range(40):
             run.advance()
         found.append(run.snapshot())
     assert found[0].keys() == found[1].keys()
     for name, array in found[0].items():
         assert np.array_equal(array, found[1][name]), name
+
+
+def test_a_force_reads_coordinates_however_they_lie_in_memory():
+    model = ms.ModalWarping(basis_of("plate"))
+    load = model.shell.gravity_force(gravity(model.basis, 10.0))
+    many = np.stack([bent(model, np.random.default_rng(seed), 1.0) for seed in range(3)], axis=1)
+    for k in range(3):
+        np.testing.assert_array_equal(model.modal_force(many[:, k], load), model.modal_force(many[:, k].copy(), load))
+    whole = np.zeros(6, dtype=np.int64)
+    np.testing.assert_array_equal(model.modal_force(whole, load), model.modal_force(whole.astype(float), load))
+    with pytest.raises(ms.OptionError, match="modes and vertices"):
+        model.modal_force(many[:4, 0], load)
+    with pytest.raises(ms.OptionError, match="modes and vertices"):
+        model.modal_force(many[:, 0], load[:300])
