@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
 from modalshell.core.checks import checked_kind, checked_number, shown
-from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.errors import MaterialError, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Load
@@ -214,13 +214,14 @@ class _Misfit:
         if np.array_equal(parameters, self._parameters) and (self._measured.exact or not exact):
             return self._differences
         constants = dict(zip(self._names, self.constants(parameters).tolist(), strict=True))
-        material = with_constants(self._shell.material, constants)
         try:
+            material = with_constants(self._shell.material, constants)
             shell = self._shell.with_material(material)
             self._differences, self.state = self._measured.misfit(shell, self._names, exact=exact)
-        except SolverError as error:
+        except (SolverError, MaterialError) as error:
             values = ", ".join(f"{name} = {value:.4g}" for name, value in constants.items())
-            raise SolverError(f"at {values}: {error}") from error
+            mend = "; begin nearer, or leave one of them as it is" if isinstance(error, MaterialError) else ""
+            raise SolverError(f"at {values}: {error}{mend}") from error
         self._parameters, self.material = parameters.copy(), material
         self.evaluations += 1
         return self._differences

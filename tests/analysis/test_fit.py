@@ -222,3 +222,13 @@ def test_constants_of_hinges_are_found_too():
     seen = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY).positions
     found = ms.fit(shell.with_material(replace(PLAIN, flexure=0.2)), "flexure", seen, gravity=GRAVITY)
     assert found.values["flexure"] == pytest.approx(PLAIN.flexure, rel=1e-4)
+
+
+def test_a_search_that_leaves_the_stable_sheets_says_where():
+    sheet = ms.Orthotropic(young=(1e7, 1e6), shear=1e6, poisson=2.9, thickness=4e-3, density=60.0)
+    shell = ms.Shell(ms.sheet(length=1.0, width=0.8, cells=(6, 6)), sheet, "x < 0.01")
+    loads = [ms.PointForce([48], (0.0, 0.0, 0.02))]
+    seen = ms.DiscreteShell(shell).equilibrium(loads=loads).positions
+    guess = shell.with_material(replace(sheet, young=(4e7, 1e6), poisson=5.9))
+    with pytest.raises(ms.SolverError, match=r"at young_1 = .*, poisson = .* begin nearer"):
+        ms.fit(guess, ["young_1", "poisson"], seen, loads=loads)
