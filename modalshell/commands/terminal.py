@@ -49,9 +49,17 @@ def converted(kind: Any, tokens: Sequence[Token]) -> Any:
         tokens = [_bundled(token) if token.keyword is None else token for token in tokens]
     if int in (kind, *get_args(kind)):
         for token in tokens:
-            if "." in token.value and token.value.replace(".", "", 1).isdigit() and float(token.value) % 1.0:
+            if _is_fraction(token.value):
                 raise ValueError(f"must be a whole number (got {token.value})")
     return convert(kind, tokens)
+
+
+def _is_fraction(text: str) -> bool:
+    """Whether a text is a number, but no whole one."""
+    try:
+        return float(text) % 1.0 != 0.0  # so are infinity and NaN, whose rest is NaN
+    except ValueError:
+        return False
 
 
 def _bundled(token: Token) -> Token:

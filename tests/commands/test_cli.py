@@ -121,6 +121,10 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
         (("simulate", "LEAF", "--modes", "0"), "--modes must be"),
         (("simulate", "LEAF", "--modes", "2.5"), "--modes: must be a whole number (got 2.5)"),
         (("modes", "LEAF", "--component", "0.5"), "--component: must be a whole number (got 0.5)"),
+        (("simulate", "LEAF", "--modes", "2.5e0"), "--modes: must be a whole number (got 2.5e0)"),
+        (("simulate", "LEAF", "--modes", "2_5.5"), "--modes: must be a whole number (got 2_5.5)"),
+        (("simulate", "LEAF", "--modes", "-2.5"), "--modes: must be a whole number (got -2.5)"),
+        (("simulate", "LEAF", "--modes", "inf"), "--modes: must be a whole number (got inf)"),
         (
             ("simulate", "LEAF", "--clamp", "x < 0.1", "--duration", "0.1", "--still", "0.2"),
             "from 0 to 0.1 s (got 0.2)",
