@@ -39,6 +39,10 @@ def say(*lines: object, sep: str = " ") -> None:
     print(*(printable(str(line)) for line in lines), sep=sep)
 
 
+_INPUTS = (None, "--scene", "--data")
+"""Keywords of files that are read; what has none is, too."""
+
+
 def converted(kind: Any, tokens: Sequence[Token]) -> Any:
     """The value of a parameter of some type.
 
@@ -46,7 +50,7 @@ def converted(kind: Any, tokens: Sequence[Token]) -> Any:
     for a fraction of a whole number, which would be rounded.
     """
     if Path in (kind, *get_args(kind)):
-        tokens = [_bundled(token) if token.keyword is None else token for token in tokens]
+        tokens = [_bundled(token) if token.keyword in _INPUTS else token for token in tokens]
     if int in (kind, *get_args(kind)):
         for token in tokens:
             if _is_fraction(token.value):

@@ -155,6 +155,8 @@ def test_bundled_meshes_and_scenes_are_found_from_any_folder(capsys, tmp_path, m
     status, _, err = run(capsys, "path", "studies/scenes/flat_beam.toml")
     assert status == 2
     assert "has no path of equilibria" in err
+    status, _, err = run(capsys, "report", "none.npz", "--scene", "studies/scenes/flat_beam.toml")
+    assert (status, "none.json" in err, "studies" in err) == (2, True, False), err
     status, _, err = run(capsys, "repair", "meshes/none.obj", "--out", "leaf2.ply")
     assert "meshes/none.obj: no such file" in err
     assert run(capsys, "page", "--drape", "--out", "studies/scenes/leaf.html")[0] == 0
