@@ -180,11 +180,8 @@ def fit(
     for name, value in fitted.values.items():
         low, high = fitted.intervals[name]
         say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
-    residual = (
-        f"{100 * fitted.residual:.3g} %"
-        if fitted.state is None
-        else f"{fitted.residual:.3g} {declared.unit_system.length}"
-    )
+    length = declared.unit_system.length
+    residual = f"{100 * fitted.residual:.3g} %" if fitted.state is None else f"{fitted.residual:.3g} {length}"
     say(f"residual: {residual} (root mean square); {fitted.evaluations} shells were solved")
     if out is not None:
         content = {"values": fitted.values, "intervals": fitted.intervals, "confidence": confidence}

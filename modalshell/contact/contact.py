@@ -154,7 +154,7 @@ class Contact(ReadOnlyArrays):
     def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
         """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).
 
-        Those ``inset`` [m] below the surface do not hide what lies on it; thin bodies are drawn half as deep as they are.
+        Those ``inset`` [m] below the surface, or half the depth of a thin body, do not hide what lies on it.
         """
         vertices, triangles = self._surface(corners, inset)
         if self.motion is None:

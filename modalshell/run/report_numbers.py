@@ -58,9 +58,10 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
     """All numbers of a report, in the units of the scene.
 
     Keys: ``mesh``, ``mass``, ``outcome``, ``message``, ``displacement`` and ``stress`` (each with its value, place and
-    time; the stress is None without a thickness), ``load`` and ``reactions`` with their ``balance`` (None in motion; the
-    reactions of models other than DS are a text that says why there are none), ``frequencies``, ``buckling`` (the lowest factor of the load by linear theory, or why there is none), and
-    ``warnings``, texts of what frequencies and buckling warned of.
+    time; the stress is None without a thickness), ``load`` and ``reactions`` with their ``balance`` (None in motion;
+    reactions of models other than DS are a text that says why there are none), ``frequencies``, ``buckling`` (the
+    lowest factor of the load by linear theory, or why there is none), and ``warnings``, texts of what frequencies and
+    buckling warned of.
     """
     warned: list[str] = []
     numbers: dict[str, Any] = {

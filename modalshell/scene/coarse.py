@@ -72,14 +72,14 @@ def _generated(
     factor = _COARSENINGS[0] if triangles is None else float(np.sqrt(count / triangles))
     chosen = cells or coarse_cells(given.cells, factor)
     made = msgspec.structs.replace(given, cells=chosen).build()
-    if len(made.faces) > count and cells is triangles is None:
+    if len(made.faces) > count and cells is None and triangles is None:
         chosen, made = given.cells, shell.mesh
     if (found := len(made.faces)) > count:
         if cells is not None:
             raise OptionError(f"cells must make at most the {count} triangles of the shell (got {cells}, {found})")
         raise OptionError(
-            f"triangles must be fewer, or left out: the nearest cells, {chosen}, make {found}, more than the {count} of "
-            f"the shell (got {triangles})"
+            f"triangles must be fewer, or left out: the nearest cells, {chosen}, make {found}, more than the {count} "
+            f"of the shell (got {triangles})"
         )
     mesh = drawn_to_supports(shell, made)
     return CoarseMesh(mesh, f"{chosen[0]}x{chosen[1]}", _own(material, mesh), options or {"cells": tuple(chosen)})

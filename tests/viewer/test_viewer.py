@@ -376,7 +376,7 @@ def test_the_arrow_of_gravity_is_as_long_in_all_units(scene_file):
     for change, more in (((), ""), ((("-9.81", "-9.81e-6"),), units)):
         viewer = DesktopViewer(ViewSession(ms.load_scene(scene_file(*change, more=more))), off_screen=True)
         lengths.append(np.ptp(viewer._stage._arrow.points, axis=0)[2])
-        titles = [widget.GetRepresentation().GetTitleText() for widget in viewer._stage.plotter.slider_widgets]
+        titles = [widget.GetRepresentation().GetTitleText() for widget in viewer._stage.plotter.widgets.slider_widgets]
         assert f"gravity x [{'m/ms^2' if units == more else 'm/s^2'}]" in titles
         viewer._stage.close()
     assert lengths[0] == pytest.approx(0.5 * 0.35, rel=1e-6)
