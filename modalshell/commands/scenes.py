@@ -129,11 +129,13 @@ def path(
     with progress(f"{scene.stem} points") as on_step:
         followed = scene_path(declared, on_step, **changed)
     say(f"{declared.name}: {followed.outcome.with_message(followed.message)}, {len(followed.factors)} points")
+    units = declared.require_shell().unit_system
     for number, one in enumerate([followed, *followed.branches]):
         begin = "" if one is followed else f"branch {number}: "
         for kind, index, factor in one.events:
-            say(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    say(*write_path(followed, out, declared.name, declared.require_shell().unit_system), sep="\n")
+            moved = f"{one.displacements[index]:.6g} {units.length}"
+            say(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {moved}")
+    say(*write_path(followed, out, declared.name, units), sep="\n")
     end_with(followed.outcome)
 
 
@@ -178,7 +180,8 @@ def fit(
     for name, value in fitted.values.items():
         low, high = fitted.intervals[name]
         say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
-    residual = f"{100 * fitted.residual:.3g} %" if fitted.state is None else f"{fitted.residual:.3g} m"
+    length = declared.unit_system.length
+    residual = f"{100 * fitted.residual:.3g} %" if fitted.state is None else f"{fitted.residual:.3g} {length}"
     say(f"residual: {residual} (root mean square); {fitted.evaluations} shells were solved")
     if out is not None:
         content = {"values": fitted.values, "intervals": fitted.intervals, "confidence": confidence}

@@ -39,6 +39,10 @@ def say(*lines: object, sep: str = " ") -> None:
     print(*(printable(str(line)) for line in lines), sep=sep)
 
 
+_INPUTS = (None, "--scene", "--data")
+"""Keywords of files that are read; what has none is, too."""
+
+
 def converted(kind: Any, tokens: Sequence[Token]) -> Any:
     """The value of a parameter of some type.
 
@@ -46,12 +50,20 @@ def converted(kind: Any, tokens: Sequence[Token]) -> Any:
     for a fraction of a whole number, which would be rounded.
     """
     if Path in (kind, *get_args(kind)):
-        tokens = [_bundled(token) if token.keyword is None else token for token in tokens]
+        tokens = [_bundled(token) if token.keyword in _INPUTS else token for token in tokens]
     if int in (kind, *get_args(kind)):
         for token in tokens:
-            if "." in token.value and token.value.replace(".", "", 1).isdigit() and float(token.value) % 1.0:
+            if _is_fraction(token.value):
                 raise ValueError(f"must be a whole number (got {token.value})")
     return convert(kind, tokens)
+
+
+def _is_fraction(text: str) -> bool:
+    """Whether a text is a number, but no whole one."""
+    try:
+        return float(text) % 1.0 != 0.0  # so are infinity and NaN, whose rest is NaN
+    except ValueError:
+        return False
 
 
 def _bundled(token: Token) -> Token:

@@ -59,10 +59,11 @@ def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
 
 
 def _plain(value: float, digits: int) -> str:
-    """A number to some digits, never by powers of ten."""
-    if not value > 0.0:
-        return "0"
-    return f"{float(f'{value:.{digits}g}'):,.{max(0, digits - 1 - math.floor(math.log10(value)))}f}"
+    """A number to some digits, by powers of ten only below a thousandth."""
+    rounded = float(f"{value:.{digits}g}")
+    if not 1e-3 <= rounded < math.inf:
+        return f"{rounded:.{digits}g}"
+    return f"{rounded:,.{max(0, digits - 1 - math.floor(math.log10(rounded)))}f}"
 
 
 def _missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:

@@ -70,6 +70,8 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
     left_out: dict[str, str] = {}
     most = case.shell.unknowns.count
     counts = sorted({count for count in modes if count <= most})
+    if not counts and tuple(modes) == MODES:  # nobody asked for these
+        counts = [most]
     if not counts:
         raise OptionError(
             f"modes must have a count of at most {most}, the free unknowns of the shell (got {shown(modes)})"

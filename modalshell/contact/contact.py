@@ -154,7 +154,7 @@ class Contact(ReadOnlyArrays):
     def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
         """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).
 
-        Those ``inset`` [m] below the surface do not hide what lies on it.
+        Those ``inset`` [m] below the surface, or half the depth of a thin body, do not hide what lies on it.
         """
         vertices, triangles = self._surface(corners, inset)
         if self.motion is None:
@@ -163,6 +163,7 @@ class Contact(ReadOnlyArrays):
 
     def _surface(self, corners: Array, inset: float) -> tuple[Array, Index]:
         vertices, triangles = self.collider.surface(corners)
+        inset = min(inset, 0.5 * self.collider.smallest_radius)
         for _ in range(6 if inset else 0):  # corners lie on up to three faces, and may be moved between them first
             gap, normal, _ = self.collider.gap(vertices)
             vertices = vertices - np.maximum(gap + inset, 0.0)[:, None] * normal

@@ -15,6 +15,7 @@ from modalshell.core.checks import checked_number
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.export import load_trajectory
 from modalshell.files.archive import Field, check_arrays
 from modalshell.files.atomic_io import read_record
@@ -27,6 +28,7 @@ _SHELL_FIELDS = {
     "faces": Field("iu", ("T", 3)),
     "held": Field("b", ("n",)),
     "gravity": Field("f", (3,)),
+    "unit_system": Field("U", (3,)),
 }
 _FRAME_FIELDS = {"time": Field("f"), "positions": Field("f", ("n", 3))}
 """What a followed run has stored of its shell, and of every frame."""
@@ -65,6 +67,8 @@ class RunFollower:
     rest_positions, faces, held, gravity
         The shell at rest (n, 3) [m], its triangles (T, 3), which vertices are held (n,), and gravity (3,) [m/s^2]. A
         run that was finished before it was followed has stored neither supports nor gravity.
+    units : UnitSystem
+        Of the run's numbers.
     restarts : int
         How often the run was restarted while it was followed.
 
@@ -89,7 +93,7 @@ class RunFollower:
         self.outcome: Outcome | None = None
         self.index, self.time, self.restarts = -1, 0.0, 0
         self.positions, self.rest_positions, self.gravity = np.empty((0, 3)), np.empty((0, 3)), np.zeros(3)
-        self.faces, self.held = np.empty((0, 3), np.int64), np.empty(0, bool)
+        self.faces, self.held, self.units = np.empty((0, 3), np.int64), np.empty(0, bool), SI
         self._find()
 
     def close(self) -> None:
@@ -131,7 +135,7 @@ class RunFollower:
         state: str = self.state
         if state == "finished" and self.outcome is not None:
             state += f": {self.outcome.with_message(self.message)}"
-        parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} s", state]
+        parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} {self.units.time}", state]
         return "; ".join([*parts, "restarted"] if self.restarts else parts)
 
     def _look(self, path: Path) -> None:
@@ -165,7 +169,9 @@ class RunFollower:
             )
         if reader.generation != self._generation:
             self._begin(reader.generation, reader.identity)
-            self._take_shell(**reader.constants)
+            constants = dict(reader.constants)
+            self.units = UnitSystem.from_array(constants.pop("unit_system"))
+            self._take_shell(**constants)
         self._show(reader.index, reader.record["time"], reader.record["positions"])
 
     def _look_at_results(self, path: Path) -> None:
@@ -190,6 +196,7 @@ class RunFollower:
         except FileFormatError:
             return False
         self._begin(path, identity)
+        self.units = run.units
         self._take_shell(run.rest_positions, run.faces, np.zeros(len(run.rest_positions), bool), np.zeros(3))
         self._show(len(run.times) - 1, run.times[-1], run.positions[-1])
         return True
@@ -236,6 +243,7 @@ def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
         return f"a frame must have {' and '.join(_FRAME_FIELDS)}"
     try:
         count = check_arrays(_SHELL_FIELDS, constants)["n"]
+        UnitSystem.from_array(constants["unit_system"])
         check_arrays(_FRAME_FIELDS, {name: np.asarray(record[name]) for name in _FRAME_FIELDS}, n=count)
     except ValueError as error:
         return str(error)

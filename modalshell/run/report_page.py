@@ -93,11 +93,13 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
             f"deepest of all frames {contact['deepest']:.2g} {length}",
         ))  # fmt: skip
     if numbers["load"] is not None:
+        answer = numbers["reactions"]
         rows += [
             ("Resultant of the load", f"{vector(numbers['load'])} {of('N')}"),
-            ("Resultant of the reactions", f"{vector(numbers['reactions'])} {of('N')}"),
-            ("Missing to their balance", f"{100 * numbers['balance']:.2g} % of the load"),
+            ("Resultant of the reactions", answer if isinstance(answer, str) else f"{vector(answer)} {of('N')}"),
         ]
+        if numbers["balance"] is not None:
+            rows.append(("Missing to their balance", f"{100 * numbers['balance']:.2g} % of the load"))
     found = numbers["frequencies"]
     shown = found if isinstance(found, str) else ", ".join(f"{value:.4g}" for value in found) + f" {of('1/s')}"
     rows.append(("Natural frequencies at rest", shown.replace("1/s", "Hz")))

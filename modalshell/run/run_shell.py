@@ -235,12 +235,13 @@ def _remarks(remarked: dict[str, int]) -> bytes:
 
 def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
     """Data for followers of the run in addition to its frames."""
-    shell = built.shell
+    shell, units = built.shell, built.scene.unit_system
     return {
         "rest_positions": np.asarray(shell.rest_positions, "<f8"),
         "faces": np.asarray(shell.mesh.faces, "<i8"),
         "held": np.asarray(shell.clamped, "?"),
         "gravity": np.asarray(built.gravity or (0.0, 0.0, 0.0), "<f8"),
+        "unit_system": np.array([units.length, units.mass, units.time]),
     }
 
 

@@ -34,7 +34,7 @@ def scene_coarse_mesh(
     cells: tuple[int, int] | None = None,
     triangles: int | None = None,
 ) -> CoarseMesh:
-    """A coarse mesh of the scene's surface, by default with cells twice as large.
+    """A coarse mesh of the scene's surface, by default with cells twice as large, or the shell's where those are few.
 
     A shape is generated with ``cells`` along and across, or with those that give about as many as
     ``triangles``. The mesh of a file is remeshed (extra ``remesh``), and so is a shape in ``triangles`` that must keep
@@ -67,17 +67,22 @@ def _generated(
     count = len(shell.mesh.faces)
     if triangles is not None and triangles >= count:
         raise OptionError(f"triangles must be fewer than the {count} of the shell (got {triangles})")
-    given_cells = cells is not None
-    if cells is None:
-        factor = _COARSENINGS[0] if triangles is None else float(np.sqrt(len(shell.mesh.faces) / triangles))
-        cells = coarse_cells(given.cells, factor)
-    made = msgspec.structs.replace(given, cells=cells).build()
-    if given_cells and len(made.faces) > count:
+    if cells is not None and cells[0] * cells[1] > count:  # a cell has a triangle or more
+        raise OptionError(f"cells must make at most the {count} triangles of the shell (got {cells}, which make more)")
+    factor = _COARSENINGS[0] if triangles is None else float(np.sqrt(count / triangles))
+    chosen = cells or coarse_cells(given.cells, factor)
+    made = msgspec.structs.replace(given, cells=chosen).build()
+    if len(made.faces) > count and cells is None and triangles is None:
+        chosen, made = given.cells, shell.mesh
+    if (found := len(made.faces)) > count:
+        if cells is not None:
+            raise OptionError(f"cells must make at most the {count} triangles of the shell (got {cells}, {found})")
         raise OptionError(
-            f"cells must make at most the {count} triangles of the shell (got {len(made.faces)}, {cells})"
+            f"triangles must be fewer, or left out: the nearest cells, {chosen}, make {found}, more than the {count} "
+            f"of the shell (got {triangles})"
         )
     mesh = drawn_to_supports(shell, made)
-    return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", _own(material, mesh), options or {"cells": cells})
+    return CoarseMesh(mesh, f"{chosen[0]}x{chosen[1]}", _own(material, mesh), options or {"cells": tuple(chosen)})
 
 
 def _own(material: MaterialTable, mesh: TriangleMesh) -> Material | Sheet | None:

@@ -13,14 +13,16 @@ from modalshell.supports import Clamp, Support
 def hinged_clamp_remark(mesh: TriangleMesh, supports: Sequence[Support]) -> str:
     """What is said of clamps that turn as hinges: hinges resist folding between triangles, and there is none beyond.
 
-    They are edges of one triangle whose ends are clamped, but belong to no triangle that is clamped as a whole. ""
+    They are edges of one triangle whose ends are clamped, but belong to no triangle that supports hold as a whole. ""
     without any.
     """
-    clamped, firm = np.zeros((2, len(mesh.vertices)), dtype=bool)
+    clamped, held, firm = np.zeros((3, len(mesh.vertices)), dtype=bool)
     for support in supports:
         if isinstance(support, Clamp):
             clamped |= support.vertices(mesh)
-    firm[mesh.faces[clamped[mesh.faces].all(axis=1)]] = True
+        if not support.ties and len(support.directions()) == 3:
+            held |= support.vertices(mesh)
+    firm[mesh.faces[held[mesh.faces].all(axis=1)]] = True
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
     count = int((clamped & ~firm)[rim].all(axis=1).sum())
     if not count:

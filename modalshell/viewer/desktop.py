@@ -86,10 +86,10 @@ class DesktopViewer(ShellWindow):
         self._last = time.perf_counter()
         plotter = self._stage.plotter
         self._names = list(models())
-        limit = session.gravity_limit
+        limit, unit = session.gravity_limit, session.units.of("m/s^2")
         for axis, letter in enumerate("xyz"):
             value = float(session.gravity[axis])
-            self._slider(self._pull(axis), (-limit, limit), value, f"gravity {letter}", axis, "%.1f")
+            self._slider(self._pull(axis), (-limit, limit), value, f"gravity {letter} [{unit}]", axis, "%.3g")
         span = (1.0, float(session.mode_limit))
         self._modes_slider = self._slider(
             lambda value: self._switch(session.name, round(value)), span, session.modes, "modes", 3, "%.0f", event="end"

@@ -270,7 +270,7 @@ class ViewSession:
 
     def _stop_diverged(self) -> None:
         self.playing, self.diverged = False, True
-        self.note = f"{Outcome.DIVERGED} at t = {self.time:.3g} s: reset, or take another model"
+        self.note = f"{Outcome.DIVERGED} at t = {self.time:.3g} {self.units.time}: reset, or take another model"
 
     def _look(self) -> None:
         """Take the positions, unless they are no shape any more."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.core.units import UnitSystem
 from modalshell.render import choose_backend
 from modalshell.render.backend import drawing_hint
 from modalshell.render.camera import frame_points
@@ -40,6 +41,8 @@ class Shown(Protocol):
     """Which vertices (n,) are held."""
     gravity: Array
     """Acceleration on every vertex (3,) [m/s^2]."""
+    units: UnitSystem
+    """Of these numbers."""
 
     def bodies(self) -> list[tuple[Array, NDArray[np.integer]]]:
         """Vertices [m] and triangles of the colliders, where they are now."""
@@ -100,7 +103,7 @@ class Stage:
         self._arrow_shape = np.array(self._arrow.points, dtype=np.float64)
         ambient, diffuse = reflectance(look)
         self._arrow_actor = self._add(self._arrow, color=_ARROW_COLOR, ambient=ambient, diffuse=diffuse)
-        self._gravity_limit = gravity_limit(self._shown.gravity)
+        self._gravity_limit = gravity_limit(self._shown.gravity, self._shown.units)
         self._place_camera()
 
     def _add(self, mesh: Any, **look: Any) -> Any:

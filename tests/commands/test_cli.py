@@ -121,6 +121,10 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
         (("simulate", "LEAF", "--modes", "0"), "--modes must be"),
         (("simulate", "LEAF", "--modes", "2.5"), "--modes: must be a whole number (got 2.5)"),
         (("modes", "LEAF", "--component", "0.5"), "--component: must be a whole number (got 0.5)"),
+        (("simulate", "LEAF", "--modes", "2.5e0"), "--modes: must be a whole number (got 2.5e0)"),
+        (("simulate", "LEAF", "--modes", "2_5.5"), "--modes: must be a whole number (got 2_5.5)"),
+        (("simulate", "LEAF", "--modes", "-2.5"), "--modes: must be a whole number (got -2.5)"),
+        (("simulate", "LEAF", "--modes", "inf"), "--modes: must be a whole number (got inf)"),
         (
             ("simulate", "LEAF", "--clamp", "x < 0.1", "--duration", "0.1", "--still", "0.2"),
             "from 0 to 0.1 s (got 0.2)",
@@ -151,6 +155,8 @@ def test_bundled_meshes_and_scenes_are_found_from_any_folder(capsys, tmp_path, m
     status, _, err = run(capsys, "path", "studies/scenes/flat_beam.toml")
     assert status == 2
     assert "has no path of equilibria" in err
+    status, _, err = run(capsys, "report", "none.npz", "--scene", "studies/scenes/flat_beam.toml")
+    assert (status, "none.json" in err, "studies" in err) == (2, True, False), err
     status, _, err = run(capsys, "repair", "meshes/none.obj", "--out", "leaf2.ply")
     assert "meshes/none.obj: no such file" in err
     assert run(capsys, "page", "--drape", "--out", "studies/scenes/leaf.html")[0] == 0

@@ -82,6 +82,23 @@ def test_young_is_found_from_a_tip_curve(capsys, tmp_path, curve, kind):
     assert found["intervals"]["young"][0] <= found["values"]["young"] <= found["intervals"]["young"][1]
 
 
+def test_a_fit_has_the_units_of_its_scene(capsys, tmp_path, curve, monkeypatch):
+    millimetres = {"length = 1.0": "length = 1000.0", "width = 0.1": "width = 100.0", "young = 2e6": "young = 2.0"}
+    millimetres |= {"thickness = 4e-3": "thickness = 4.0", "density = 60.0": "density = 60e-12", "0.01": "10.0"}
+    millimetres |= {"-1.0]": "-1000.0]", "[mesh]": '[units]\nlength = "mm"\nmass = "t"\n[mesh]'}
+    text = SCENE
+    for old, new in millimetres.items():
+        text = text.replace(old, new)
+    monkeypatch.setitem(globals(), "SCENE", text)
+    file = tmp_path / "tip.csv"
+    rows = [f"{factor},{1000.0 * z}" for factor, z in zip(FACTORS, curve[0][:, 2], strict=True)]
+    file.write_text("\n".join(["factor, z", *rows]))
+    status, out, err = command(capsys, tmp_path, "--data", str(file), "--wrt", "young", "--where", "x > 999.0")
+    assert status == 0, err
+    assert told(out) == pytest.approx(1.0, rel=1e-4)
+    assert re.search(r"residual: \S+ mm \(root mean square\)", out)
+
+
 def test_young_is_found_from_frequencies(capsys, tmp_path, curve):
     file = tmp_path / "modes.csv"
     file.write_text("\n".join(["frequency", *(f"{value}" if n != 2 else " " for n, value in enumerate(curve[1]))]))

@@ -160,6 +160,10 @@ def test_calculix_holds_turns_along_clamped_edges_alone():
     assert "BOUNDARY\nHELD,1,3\nTURNED,4,6\n" in text
     pinned = engine_case(ENGINES[0], ms.Shell(mesh, SHEET, supports=[ms.Pin((x < 1e-9) | corner)]), [])
     assert "BOUNDARY\nHELD,1,3\n" in calculix.deck(pinned).split("*")
+    apart = (y < -0.014) & ((x < 1e-9) | (x > 0.299)) | (y > 0.014) & (np.abs(x - 0.15) < 1e-9)
+    points = engine_case(ENGINES[0], ms.Shell(mesh, SHEET, apart), [])
+    assert points["clamped"]
+    assert "TURNED" not in calculix.deck(points)
 
 
 def test_an_adapter_reads_si_units_of_the_shell():

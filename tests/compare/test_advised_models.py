@@ -121,7 +121,17 @@ model = {name = "ds"}
 
 
 @pytest.mark.parametrize(
-    ("value", "digits", "shown"), [(17511.0, 3, "17,500"), (584.2, 2, "580"), (3.71, 2, "3.7"), (0.0123, 3, "0.0123")]
+    ("value", "digits", "shown"),
+    [
+        (17511.0, 3, "17,500"),
+        (584.2, 2, "580"),
+        (3.71, 2, "3.7"),
+        (9.996, 3, "10.0"),
+        (0.0123, 3, "0.0123"),
+        (1e-9, 3, "1e-09"),
+        (np.nan, 3, "nan"),
+        (np.inf, 2, "inf"),
+    ],
 )
 def test_rates_are_written_without_powers_of_ten(value, digits, shown):
     assert _plain(value, digits) == shown

@@ -280,6 +280,14 @@ def test_rungs_that_a_case_does_not_allow_are_named():
     assert found[-1].label == "DS"
 
 
+def test_a_shell_of_three_unknowns_is_compared_by_as_many_modes():
+    mesh = ms.flat_beam(length=0.2, width=0.2, cells=(1, 1))
+    shell = ms.Shell(mesh, ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), clamped=[0, 1, 2])
+    found, left_out = candidates(Case("x", shell, shell.gravity_force((0, 0, -1))))
+    assert {one.options["modes"] for one in found if "modes" in one.options} == {3}
+    assert left_out["more modes"] == "the shell has 3 free unknowns"
+
+
 @pytest.mark.slow
 def test_the_truth_of_a_physical_scene_is_shell_theory(scene_file):
     """And where it is calibrated, discrete shells; springs say why they are left out."""

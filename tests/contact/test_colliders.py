@@ -54,11 +54,25 @@ def test_every_collider_has_an_example():
     assert set(EXAMPLES) == set(COLLIDERS)
 
 
-@pytest.mark.parametrize("collider", [*EXAMPLES.values(), ms.Box((0.1, 0.0, 0.2), (0.5, 0.3, 0.2), (0.3, 0.1, -0.4))])
+THIN = [
+    ms.Box((0.1, 0.0, 0.2), (0.5, 0.3, 0.001), (0.3, 0.1, -0.4)),
+    ms.Cylinder((0.0, 0.0, -0.3), (0.0, 0.0, -0.298), 0.4),
+    ms.Cylinder((0.0, 0.0, -0.3), (0.1, 0.2, 0.3), 0.004),
+]
+
+
+@pytest.mark.parametrize(
+    "collider", [*EXAMPLES.values(), ms.Box((0.1, 0.0, 0.2), (0.5, 0.3, 0.2), (0.3, 0.1, -0.4)), *THIN]
+)
 def test_colliders_are_drawn_below_all_their_faces(collider):
+    """Thin ones at half their depth, and not turned inside out."""
     corners = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-    drawn = ms.Contact(collider).surfaces(corners, np.zeros(1), 0.01)[0][0]
-    assert collider.gap(drawn)[0].max() < -0.0099
+    drawn, triangles = ms.Contact(collider).surfaces(corners, np.zeros(1), 0.01)
+    assert collider.gap(drawn[0])[0].max() < -0.99 * min(0.01, 0.5 * collider.smallest_radius)
+    a, b, c = np.moveaxis(drawn[0][triangles], 1, 0)
+    before, after, last = np.moveaxis(collider.surface(corners)[0][triangles], 1, 0)
+    turned = np.sum(np.cross(b - a, c - a) * np.cross(after - before, last - before), axis=1)
+    assert turned.min() > -1e-15
 
 
 def test_a_mesh_of_a_ball_is_nearly_the_ball():

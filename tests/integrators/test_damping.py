@@ -77,3 +77,6 @@ def test_scenes_declare_measured_damping(scene_file):
     ):
         with pytest.raises(SceneError, match=told):
             damping(keys)
+    full = load_scene(scene_file(("duration = 1", "duration = 1\nmodal_damping = [0.1]"), ('"mwts"', '"ds"')))
+    with pytest.raises(SceneError, match=r"motion\.modal_damping: must be left out: DS has no modes"):
+        full.build().start_motion()

@@ -330,6 +330,22 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
     assert_shows(one, answer)
 
 
+def test_the_time_of_a_frame_is_in_the_units_of_the_run(write, follower, tmp_path):
+    scene, told = write(tmp_path, frames=2), []
+    scene.write_text(scene.read_text() + '[units]\nlength = "m"\nmass = "kg"\ntime = "ms"\n')
+    live = follower(tmp_path / "out" / "beam.frames")
+
+    def on_step(*_):
+        live.poll()
+        told.append(live.status())
+
+    ms.run_scene(scene, out=tmp_path / "out", on_step=on_step)
+    assert "t = 0.02 ms; running" in told[-1]
+    done = follower(tmp_path / "out")
+    done.wait(0.0)
+    assert "t = 0.02 ms; finished" in done.status()
+
+
 def test_a_record_of_an_unknown_status_is_no_run(finished, tmp_path):
     shutil.copytree(finished[0].parent / "out", tmp_path / "out")
     path = tmp_path / "out" / "beam.json"

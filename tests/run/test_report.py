@@ -126,6 +126,18 @@ def test_what_a_constraint_bears_is_not_called_missing(plate):
     assert (numbers["load"], numbers["balance"]) == (None, None)
 
 
+def test_reactions_are_told_of_answers_in_balance_alone(plate):
+    """Those of LMA would be of a membrane that its answer stretches."""
+    (plate / "modes.toml").write_text(PLATE.replace('"ds"', '"lma"'))
+    assert command("modes.toml") == 0
+    numbers = json.loads((plate / "results" / "modes_report.json").read_text())
+    assert numbers["load"][2] == pytest.approx(200.0 * 0.25, rel=1e-3)
+    assert (numbers["reactions"][:5], numbers["balance"]) == ("none:", None)
+    page = (plate / "results" / "modes_report.html").read_text()
+    assert "Resultant of the reactions" in page
+    assert "Missing to their balance" not in page
+
+
 def test_reactions_and_stresses_of_a_yielded_crease_are_those_of_its_fold(plate):
     text = (
         PLATE[: PLATE.index("[[supports]]")]

@@ -49,4 +49,6 @@ def test_rows_by_rows_and_supports_that_pin_are_told_apart(family):
     assert "4 edges" in hinged_clamp_remark(mesh, [ms.Clamp(row), ms.Clamp(end)])
     assert hinged_clamp_remark(mesh, [ms.Clamp(end)]) == ""
     assert hinged_clamp_remark(mesh, [ms.Pin(row)]) == ""
+    assert hinged_clamp_remark(mesh, [ms.Clamp(row), ms.Pin(x < 0.12)]) == ""
+    assert "4 edges" in hinged_clamp_remark(mesh, [ms.Clamp(row), ms.Fix(x < 0.12, "z")])
     assert hinged_clamp_remark(mesh, [ms.Clamp(np.arange(len(x)) == 0)]) == ""

@@ -13,6 +13,10 @@ from modalshell.scene.coarse import scene_coarse_meshes
 SHAPE = ('shape = "v_beam"\ncells = [12, 4]', 'shape = "v_beam"\ncells = [40, 8]')
 FILE = (SHAPE[0], 'file = "meshes/v_beam.obj"')
 
+SHEET = (
+    "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2",
+    "young = 1e6\npoisson = 0.3\nthickness = 0.01\ndensity = 20.0",
+)
 STIFF = ("stretch = 20.0\nshear = 20.0", "stretch = 2000.0\nshear = 2000.0")
 
 
@@ -45,12 +49,24 @@ def test_a_mesh_file_says_what_it_needs(scene_file, monkeypatch):
         (SHAPE, "triangles = 640", "model.triangles: must be fewer than the 640"),
         (FILE, "triangles = 640", "model.triangles: must be fewer than the 640"),
         (SHAPE, "triangles = 0", "model.triangles"),
-        (SHAPE, "cells = [44, 8]", "model.cells: must make at most the 640 triangles of the shell"),
+        (SHAPE, "cells = [44, 8]", "model.cells: must make at most the 640 triangles of the shell .*704"),
+        (SHAPE, "cells = [3000, 3000]", "model.cells: must make at most the 640 triangles of the shell .*make more"),
     ],
 )
 def test_sizes_that_do_not_fit_are_refused(scene_file, name, mesh, declared, said):
     with pytest.raises(ms.SceneError, match=said):
         ms.load_scene(scene_file(mesh, ('"mwts"', f'"{name}"\n{declared}'))).build()
+
+
+@pytest.mark.parametrize(("cells", "count"), [((2, 1), 4), ((3, 1), 6), ((2, 2), 8), ((10, 3), 60)])
+def test_a_coarse_shell_of_few_cells_is_no_finer_than_the_shell(scene_file, cells, count):
+    shape = (SHAPE[0], f'shape = "flat_beam"\ncells = [{cells[0]}, {cells[1]}]')
+    assert coarse_faces(ms.load_scene(scene_file(shape, SHEET, ('"mwts"', '"coarse-ds"')))) <= count
+    more = ms.load_scene(scene_file(shape, SHEET, ('"mwts"', f'"coarse-ds"\ntriangles = {count - 1}')))
+    with pytest.raises(
+        ms.SceneError, match=r"model\.triangles: must be fewer, or left out: the nearest cells, .* make"
+    ):
+        more.build()
 
 
 def test_a_mesh_file_is_remeshed(scene_file):
@@ -61,11 +77,7 @@ def test_a_mesh_file_is_remeshed(scene_file):
     shell = scene.build_shell()
     found = scene_coarse_meshes(scene.mesh, scene.material, shell)
     assert [mesh.options["triangles"] for mesh in found] == [160, 71, 40]
-    sheet = (
-        "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2",
-        "young = 1e6\npoisson = 0.3\nthickness = 0.01\ndensity = 20.0",
-    )
-    theory = ms.load_scene(scene_file(FILE, sheet, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
+    theory = ms.load_scene(scene_file(FILE, SHEET, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
     assert isinstance(theory.build().model.coarse.shell.material, ms.Isotropic)
 
 

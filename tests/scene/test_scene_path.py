@@ -1,12 +1,18 @@
 """The path that a scene asks for, its table, and the command."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import beam_text
 
 import modalshell as ms
+from modalshell.commands import scenes
 from modalshell.commands.cli import main
 from modalshell.render.curves import path_curves
+from modalshell.run.path_files import scene_path
+from modalshell.statics.bifurcation import PathEvent
 
 LOADED = """[loads]
 gravity = [0.0, 0.0, -5.0]
@@ -47,6 +53,15 @@ def test_the_command_writes_numbers_and_pictures(scene, tmp_path, capsys):
         assert (out / name).stat().st_size > 1000
     assert not run("path", file, "--out", out, "--until", 0.5)
     assert np.load(out / "beam_path.npz")["factors"][-1] == 0.5
+
+
+def test_the_command_tells_events_in_the_units_of_the_scene(scene, tmp_path, capsys, monkeypatch):
+    def with_event(*given, **more):
+        return replace(scene_path(*given, **more), events=[PathEvent("limit", 1, 0.1)])
+
+    monkeypatch.setattr(scenes, "scene_path", with_event)
+    assert not run("path", scene("[path]\nuntil = 0.1\n", more='[units]\nlength = "mm"\n'), "--out", tmp_path / "out")
+    assert re.search(r"limit at a load factor of 0\.1, displacement \S+ mm\n", capsys.readouterr().out)
 
 
 def test_watched_vertices_come_from_a_file(scene, tmp_path):

@@ -363,3 +363,21 @@ def test_a_still_scene_moves_in_real_time_in_its_own_units(scene_file):
     play(session, 3)
     assert session.time == pytest.approx(100.0)
     assert "t = 100.00 ms" in session.status()
+    session._stop_diverged()
+    assert "diverged at t = 100 ms" in session.note
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_arrow_of_gravity_is_as_long_in_all_units(scene_file):
+    from modalshell.viewer.desktop import DesktopViewer
+
+    units = '[units]\nlength = "m"\nmass = "kg"\ntime = "ms"\n'
+    lengths = []
+    for change, more in (((), ""), ((("-9.81", "-9.81e-6"),), units)):
+        viewer = DesktopViewer(ViewSession(ms.load_scene(scene_file(*change, more=more))), off_screen=True)
+        lengths.append(np.ptp(viewer._stage._arrow.points, axis=0)[2])
+        titles = [widget.GetRepresentation().GetTitleText() for widget in viewer._stage.plotter.widgets.slider_widgets]
+        assert f"gravity x [{'m/ms^2' if units == more else 'm/s^2'}]" in titles
+        viewer._stage.close()
+    assert lengths[0] == pytest.approx(0.5 * 0.35, rel=1e-6)
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)

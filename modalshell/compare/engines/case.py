@@ -79,8 +79,8 @@ def _refuse_clamps_inside(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
     fixed: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
     if count := int((inside & ~fixed[mesh.edge_faces].any(axis=1)).sum()):
         raise OptionError(
-            f"engines whose vertices have no turns clamp boundaries and triangles (got {count} clamped edges inside "
-            "the sheet): clamp two rows of vertices there"
+            "this engine can clamp edges of the boundary and whole triangles only, as its vertices do not turn (got "
+            f"{count} clamped edges inside the sheet): clamp two rows of vertices there"
         )
 
 

@@ -339,7 +339,9 @@ class Model(ABC):
     def check_step(self, dt: float, damping: Damping) -> None:
         """Raise OptionError if this model cannot step by ``dt``, or with this ``damping``."""
         if damping.ratios:
-            raise OptionError(f"{self.name} has no modes to damp one by one: leave out ratios, or take a modal model")
+            raise OptionError(
+                f"ratios must be left out: {self.name} has no modes to damp one by one; or take a modal model"
+            )
 
 
 def probes(modes: Array) -> Array:

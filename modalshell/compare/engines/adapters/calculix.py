@@ -42,11 +42,12 @@ def deck(case: dict[str, Any]) -> str:
         ",".join(str(node) for node in [row, *(1 + node for node in nodes)]) for row, nodes in enumerate(elements, 1)
     ]
     lines += ["*NSET,NSET=HELD", *(f"{node + 1}," for node in held)]
-    lines += ["*NSET,NSET=TURNED", *(f"{node + 1}," for node in turned)]
+    if turned:  # isolated vertices are on no clamped edge
+        lines += ["*NSET,NSET=TURNED", *(f"{node + 1}," for node in turned)]
     lines += ["*NSET,NSET=SEEN", *(f"{node + 1}," for node in range(count))]
     lines += ["*MATERIAL,NAME=SHEET", "*ELASTIC", f"{case['young']:.12g},{case['poisson']:.12g}"]
     lines += ["*DENSITY", f"{case['density']:.12g}", "*SHELL SECTION,ELSET=SHELL,MATERIAL=SHEET"]
-    lines += [f"{case['thickness']:.12g}", "*BOUNDARY", "HELD,1,3", *["TURNED,4,6"] * case["clamped"]]
+    lines += [f"{case['thickness']:.12g}", "*BOUNDARY", "HELD,1,3", *["TURNED,4,6"] * bool(case["clamped"] and turned)]
     if case.get("modes"):
         lines += ["*STEP", "*FREQUENCY", f"{case['modes']}", "*END STEP"]
     for load in case["loads"]:
