@@ -79,7 +79,7 @@ def test_pictures_and_flocks_that_do_not_fit_are_refused(little, tmp_path):
         """
         mesh = {file = "meshes/leaf.obj"}
         material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
-        supports = {clamped = "x < 0.01"}
+        supports = {clamped = "x < 0.1"}
         model = {name = "mwts", modes = 2}
         motion = {duration = 1.0}
         flock = {count = 100000, radius = 50.0, camera = {position = [0.0, -100.0, 0.0]}}

@@ -65,7 +65,7 @@ integrators.modal.exponential_kernels.predict d2 d1 d1 d1 d2
 shell.kernels.split_folds.add_fold_curvatures d2 l2 d1 i3 l1 d1
 loads.work.dead_work d2 d2 rd2
 kernels.push.push_frame d1 d1 d1 d1 d1 d1
-models.reduction.warp_step.warp_step d1 d1 d1 b d2 d d d d1 d1 d1 d1 d2 d1
+models.reduction.warp_step_kernels.warp_step d1 d1 d1 b d2 d d d d1 d1 d1 d1 d2 d1
 kernels.frame.warp_frame d3 d2 d1 d2 d2
 """
 """Kernels of an ``Isotropic`` shell's modes, equilibrium, motion by modal warping and film, with their arguments.

@@ -1,4 +1,4 @@
-"""The modal force of modal warping on packed numbers [choi2007, eq. 20; theory 2, eq. 8].
+"""The modal force of modal warping on SIMD vectors [choi2007, eq. 20; theory 2, eq. 8].
 
 On the modal data of :mod:`modalshell.kernels.frame`, and a load in the same order: rows of x, y and z of 128 vertices,
 padded with zeros. The rotation is within 1e-15 of that of its rotation vector up to a whole turn, as is a frame's.

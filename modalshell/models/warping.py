@@ -20,7 +20,7 @@ from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.sampled_change import as_tile, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
-from modalshell.models.reduction.warp_step import warp_step
+from modalshell.models.reduction.warp_step_kernels import warp_step
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.statics.modal_balance import balance

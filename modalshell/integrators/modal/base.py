@@ -34,7 +34,7 @@ class DeadForce(NamedTuple):
         What tells cheaply how it changes over a short way, if anything does.
     step : callable, optional
         A whole step of the exponential rule under it in one call, if there is one, with the arguments of
-        :func:`~modalshell.models.reduction.warp_step.warp_step` from ``c`` on.
+        :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on.
     """
 
     at: Force
