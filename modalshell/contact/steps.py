@@ -190,7 +190,7 @@ class TouchingSteps:
             friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
             rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
-            if not rest.converged:
+            if not rest.converged or self.now.crossed(problem.origin, rest.point):
                 begin, held = problem.origin.copy(), problem.shell.clamped
                 begin[held] = first[held]  # where supports have moved to
                 among = self.layers is not None

@@ -293,3 +293,20 @@ def test_a_patch_led_by_a_constraint_over_a_floor_moves_as_one_led_by_supports()
     # Held vertices have no gap of their own: a patch that is led into the floor is told of.
     assert "constraints lead vertices into contact 0" in led(-1.0).message
     assert "supports lead vertices into contact 0" in moved(-1.0).message
+
+
+def test_a_thin_shelf_is_not_passed_in_a_step():
+    """A step whose minimum lies on its other side is taken again from where it began."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    sheet = ms.Isotropic(young=1e6, poisson=0.3, thickness=5e-3, density=1000.0)
+    half = 1e-3
+    shelf = ms.Contact(ms.Box((0.6, 0.0, -0.199 - half), (0.3, 0.15, half)))
+    model = ms.DiscreteShell(ms.Shell(mesh, sheet, clamped="x < 1e-3"))
+    run = ms.simulate(
+        model, duration=0.22, dt=1 / 480, gravity=(0.0, 0.0, -9.81), damping=(0.5, 0.001), contacts=[shelf]
+    )
+    assert run.status == "completed"
+    x, z = run.positions[..., 0], run.positions[..., 2]
+    over = (x > 0.31) & (x < 0.89)
+    assert not (over[:-1] & over[1:] & (z[:-1] > -0.2) & (z[1:] < -0.2)).any()
+    assert run.in_contact.any()
