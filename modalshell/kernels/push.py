@@ -112,3 +112,15 @@ def change_by_sample(known, sampled, change):  # type: ignore[no-untyped-def]
         off += (sampled[mode] - known[mode]) ** 2
         whole += known[mode] ** 2
     return off <= ALIKE**2 * whole
+
+
+@_kernel
+def push_change(modal, rows, powers, q, near, known):  # type: ignore[no-untyped-def]
+    """Change (m,) of the modal force from q, where it is ``known``, to ``near`` (m,) by a sample of vertices.
+
+    And whether that serves; see :func:`change_by_sample`. The arguments are those of :func:`push_frame`.
+    """
+    forces, work, places = np.empty((2, q.size)), np.empty(ROWS), (q, near)
+    for side in range(2):  # one call of the long kernel, which is compiled where it is called
+        push_frame(modal, rows, powers, places[side], work, forces[side])
+    return forces[1], change_by_sample(known, forces[0], forces[1])

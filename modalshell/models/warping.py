@@ -13,7 +13,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
-from modalshell.kernels.push import POWERS, ROWS, change_by_sample, load_rows, push_frame
+from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_frame
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
@@ -226,8 +226,9 @@ def _force_of(modal: Array, rows: Array, q: Array) -> Array:
 
 def _change_of(modal: Array, rows: Array, q: Array, near: Array, known: Array) -> Array | None:
     """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of vertices, or None."""
-    sampled, change = _force_of(modal, rows, q), _force_of(modal, rows, near)
-    return change if change_by_sample(known, sampled, change) else None
+    count_read(2 * modal.nbytes)
+    change, serves = push_change(modal, rows, POWERS, q, near, known)
+    return change if serves else None
 
 
 def _step(modal: Array, rows: Array, change: ForceChange | None, *step: Any) -> None:
