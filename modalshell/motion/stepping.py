@@ -242,7 +242,9 @@ class Motion:
         for state in (rest, self.model.as_coarse(rest)):
             for part, array in state.arrays().items():
                 found.get(f"{_STATE}{part}", set()).add(array.shape)
-        found[SEEN_FROM] |= found[f"{_STATE}coordinates"]
+        kinds = found[f"{_STATE}coordinates"]
+        if len(kinds) > 1:
+            found[SEEN_FROM] |= kinds
         return found
 
     def restore(self, arrays: dict[str, Array]) -> None:

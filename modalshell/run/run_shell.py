@@ -285,7 +285,7 @@ def _snapshot(record: Any) -> dict[str, Array]:
     found = {name.removeprefix(_SNAPSHOT): record[name] for name in names if name.startswith(_SNAPSHOT)}
     for name in found:
         if f"{_EXTENT}{name}" in names:
-            shape = [length for length in record[f"{_EXTENT}{name}"] if length > 0]
+            shape = [length for length in record[f"{_EXTENT}{name}"] if length > 0] or [0]
             found[name] = found[name][: math.prod(shape)].reshape(shape)
     return found
 
@@ -293,7 +293,8 @@ def _snapshot(record: Any) -> dict[str, Array]:
 def _stored(snapshot: dict[str, Array], record: np.dtype[Any]) -> dict[str, Any]:
     """The arrays of :meth:`Motion.snapshot` as values of a ``record``.
 
-    An array that may come to have several shapes has room for the largest, and its own, (a, 0) or (a, b), with it.
+    An array that may come to have several shapes has room for the largest, and its own with it: (a, 0) or (a, b), and
+    (0, 0) where it is empty.
     """
     values: dict[str, Any] = {}
     for name, array in snapshot.items():
