@@ -102,8 +102,8 @@ class StepErrors:
         )
         self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
         self.peaks = np.array(arrays["peaks"])
-        if arrays[SEEN_FROM].size:
-            self._start = np.array(arrays[SEEN_FROM])
+        seen_from = np.array(arrays[SEEN_FROM])
+        self._start = seen_from if seen_from.size else self._first.coordinates
 
     def are_known(self, dt: float) -> bool:
         """Whether the model's rule knows the error of a step of ``dt`` [s] at the start."""
