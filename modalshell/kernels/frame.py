@@ -55,9 +55,8 @@ THIRD_SINGLE = tuple(np.float32(c) for c in (
 ))
 # fmt: on
 
-# Not "nnan" nor "ninf": coordinates that are not finite must come out as such. Nor "reassoc": a kernel that others call
-# exists in several copies, each optimised again, and would round by which of them was loaded first.
-FASTMATH = {"contract", "nsz", "arcp"}
+# Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
+FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
 _kernel = njit(error_model="numpy", fastmath=FASTMATH)
 
 

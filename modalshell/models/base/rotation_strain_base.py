@@ -97,13 +97,24 @@ class TurnedTriangles(UnstretchedModel):
     def dead_force(self, load: Array) -> DeadForce:
         """See :meth:`ModalShape.dead_force`; it tells its change by a sample of the triangles, of many."""
         adjoint = self._face(load)
-        sample = self._sample_of(adjoint) if len(self._modal) * TILE >= LEAST else None
-        change = None if sample is None else partial(_change_of, adjoint.constant, *sample)
+        change = partial(self._change_of, adjoint) if len(self._modal) * TILE >= LEAST else None
         return DeadForce(partial(self._force_of, adjoint), change)
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
+
+    def _change_of(self, adjoint: LoadAdjoint, q: Array, near: Array, known: Array) -> Array | None:
+        """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of triangles; or None."""
+        sample = self._sample_of(adjoint)  # chosen where it is asked for first: that takes as long as some frames
+        if sample is None:
+            return None
+        modal, gradients = sample
+        count_read(2 * modal.nbytes)
+        work, sampled, change = np.empty(kernel.WORK), adjoint.constant.copy(), adjoint.constant.copy()
+        kernel.potential(modal, gradients, q, work, sampled)
+        kernel.potential(modal, gradients, near, work, change)
+        return change if change_by_sample(known, sampled, change) else None
 
     def _sample_of(self, adjoint: LoadAdjoint) -> tuple[Array, Array] | None:
         """Modal data of some triangles and a load's derivatives there, times what each stands for; None of few; kept.
@@ -183,12 +194,3 @@ class TurnedTriangles(UnstretchedModel):
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
-
-
-def _change_of(constant: Array, modal: Array, gradients: Array, q: Array, near: Array, known: Array) -> Array | None:
-    """Change (m,) of a modal force from q, where it is ``known``, to ``near`` by a sample of triangles, or None."""
-    count_read(2 * modal.nbytes)
-    work, sampled, change = np.empty(kernel.WORK), constant.copy(), constant.copy()
-    kernel.potential(modal, gradients, q, work, sampled)
-    kernel.potential(modal, gradients, near, work, change)
-    return change if change_by_sample(known, sampled, change) else None
