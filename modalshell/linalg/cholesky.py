@@ -18,6 +18,7 @@ from modalshell.kernels.packed import LANES
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS, SINGLE_BLAS
 from modalshell.linalg.conjugate_gradients import Preconditioner, Rows, Stop, solve_near
+from modalshell.linalg.known_analyses import known_analysis
 from modalshell.linalg.ordering import best_elimination, row_lists
 from modalshell.linalg.triangular_solves import solve
 
@@ -99,6 +100,11 @@ class CholeskyAnalysis:
         self.panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
         begins = analysis.entry_places(*pattern, order, self.panels, sources, places)[first_panel]
         self._entries = multifrontal.Entries(sources, places, begins)
+
+    @classmethod
+    def known(cls, matrix: sps.csc_array, *, once: bool = False) -> CholeskyAnalysis:
+        """The analysis of the pattern of ``matrix``, that of an earlier matrix where one had the same."""
+        return known_analysis(f"cholesky, once: {once}", matrix, lambda: cls(matrix, once=once))
 
     def factorise(self, matrix: sps.csc_array, *, single: bool = False, signed: bool = False) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive.

@@ -89,12 +89,21 @@ def eliminated(graph: sps.csr_array, order: Index) -> Elimination:
 
 
 def minimum_degree(graph: sps.csr_array) -> Index:
-    """Minimum-degree order (n,) of a graph, by SuperLU."""
+    """Minimum-degree order (n,) of a graph, by SuperLU.
+
+    SuperLU tells its order with a factor alone. An incomplete factor that drops all it may takes a fifth of the time.
+    """
     degrees = np.diff(graph.indptr).astype(np.float64)
     ones = sps.csc_matrix((np.ones(graph.nnz), graph.indices, graph.indptr), shape=graph.shape)
     definite = sps.csc_matrix(sps.diags(2.0 * degrees + 1.0, format="csc") - ones)
-    options = {"SymmetricMode": True}
-    factor = spla.splu(definite, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    factor = spla.spilu(
+        definite,
+        drop_tol=1.0,
+        fill_factor=1.0,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
     return np.argsort(factor.perm_c).astype(np.int64)
 
 

@@ -21,6 +21,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.packed import LANES, load, load_first, spread, store, total
 from modalshell.linalg.cholesky import symmetric_block_graph
+from modalshell.linalg.known_analyses import known_analysis
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 # Rows start, and are padded with zeros, at multiples of LANES. Sums stand in packed registers, as in `packed.dot`, and
@@ -219,7 +220,12 @@ class ProfileAnalysis:
         place = np.empty_like(self.order)
         place[self.order] = np.arange(self.order.size)
         self.position = (self.block * place[:, None] + np.arange(self.block)).ravel()
-        self._pattern = matrix.indptr, matrix.indices
+        self._pattern = matrix.indptr.copy(), matrix.indices.copy()  # those of a shared matrix may be sorted later
+
+    @classmethod
+    def known(cls, matrix: sps.csc_array) -> ProfileAnalysis:
+        """The analysis of the pattern of ``matrix``, that of an earlier matrix where one had the same."""
+        return known_analysis("profile", matrix, lambda: cls(matrix))
 
     @property
     def entries(self) -> int:

@@ -345,7 +345,7 @@ class Factoriser:
 
     def _analysed(self, matrix: sps.csc_array) -> CholeskyAnalysis:
         if self._analysis is None:
-            self._analysis = CholeskyAnalysis(matrix, once=self._use == "solve")
+            self._analysis = CholeskyAnalysis.known(matrix, once=self._use == "solve")
         return self._analysis
 
     def symmetric(self, matrix: sps.csc_array) -> Factor:
@@ -376,7 +376,7 @@ class Factoriser:
             return "superlu" if size < _SMALL else "cholesky"
         if size > _LONG:
             return "cholesky"
-        self._profile = self._profile or ProfileAnalysis(matrix)
+        self._profile = self._profile or ProfileAnalysis.known(matrix)
         return "profile" if self._profile.products <= slender else "cholesky"
 
     def _by_profile(self, matrix: sps.csc_array) -> Factor:
