@@ -45,3 +45,9 @@ def known_analysis(kind: str, matrix: sps.csc_array, make: Callable[[], Analysis
         while len(_known) > _KEPT or sum(entries for entries, _ in _known.values()) > _ENTRIES:
             _known.popitem(last=False)
     return made
+
+
+def forget_analyses() -> None:
+    """Forget all that is known, as timings from the start ask for."""
+    with _lock:
+        _known.clear()
