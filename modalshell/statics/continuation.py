@@ -11,7 +11,7 @@ from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bifurcation import branch_end
-from modalshell.statics.mixed_newton import CONTINUED, GOAL
+from modalshell.statics.mixed_newton import CONTINUED, GOAL, STALLED_SOON
 from modalshell.statics.newton import Matrix, NewtonResult, Problem, is_minimum, mixed_newton
 
 _LOAD_STEPS = 200
@@ -116,7 +116,9 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
                 stuck = True
                 continue
             problem, goal = whole.loaded(target), GOAL if target == 1.0 else whole.path_goal
-            result = mixed_newton(problem, guess, scale, limit=CONTINUED, goal=goal, stresses=stresses)
+            result = mixed_newton(
+                problem, guess, scale, limit=CONTINUED, stalled=STALLED_SOON, goal=goal, stresses=stresses
+            )
             iterations += result.iterations
             if not is_minimum(problem, result, exactly=target == 1.0):
                 stuck = not steps.refuse()

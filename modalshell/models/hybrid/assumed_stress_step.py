@@ -15,7 +15,7 @@ from modalshell.kernels.packed import LANES, dot, load, load_first, spread, stor
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles, write_products
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import ALL_CHECKED, DESCENT, MOST, STALLED, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _operation = _options | UNCOUNTED
@@ -324,6 +324,6 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
         reduced, z, outer, push, begin, stresses, strains, slopes, np.empty(count), unused, slots, way,
         np.array([scale, 0.0, 0.0, np.inf]),
     )  # fmt: skip
-    found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST, STALLED, DESCENT))
     seen = 0.5 * dot(strains, 0, strains, 0, modes)
     return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations
