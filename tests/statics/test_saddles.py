@@ -98,3 +98,16 @@ def test_a_jump_on_the_way_from_rest_is_named():
     assert answer.converged
     assert f"ends at a limit point at {limit / 70.0:.4g} of the load" in answer.message
     assert not ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -35.0)).message
+
+
+@pytest.mark.slow
+def test_a_thin_fold_that_crumples_at_its_clamp_comes_to_rest():
+    """A beam of paper in V shape under fifty times its bending stiffness over its area: over 150 steps downhill."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(30, 6), family="alternating")
+    paper = ms.Isotropic(young=1e6, poisson=0.3, thickness=1e-3, density=200.0)
+    shell = ms.Shell(mesh, paper, clamped=mesh.vertices[:, 0] < 1e-9)
+    rigidity = 1e6 * 1e-3**3 / 12.0 / (1.0 - 0.3**2)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -50.0 * rigidity / 0.2))
+    assert answer.converged
+    assert answer.stable
+    assert answer.positions[:, 2].min() < -0.7
