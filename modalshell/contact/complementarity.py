@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 
 _SWEEPS = 30
 """Sweeps of Gauss-Seidel before sets are tried again."""
@@ -38,30 +38,44 @@ def _sweep(columns, gaps, forces, most, accuracy):  # type: ignore[no-untyped-de
 
 @_kernel
 def _balanced(matrix, gaps, chosen, size, forces):  # type: ignore[no-untyped-def]
-    """Forces (k,) that close the ``size`` chosen gaps, by Cholesky; False where the matrix is not definite."""
-    lower, right = np.empty((size, size)), np.empty(size)
+    """Forces (k,) that close the ``size`` chosen gaps, by Cholesky; False where the matrix is not definite.
+
+    Rows of the factor's transpose are taken from all that follow, each one number after the other.
+    """
+    upper, right = np.empty((size, size)), np.empty(size)
     for a in range(size):
-        row = matrix[chosen[a]]
-        rest = -gaps[chosen[a]]
-        for b in range(a):
-            value = row[chosen[b]]
-            for c in range(b):
-                value -= lower[a, c] * lower[b, c]
-            lower[a, b] = value / lower[b, b]
-            rest -= lower[a, b] * right[b]
-        pivot = row[chosen[a]]
-        for c in range(a):
-            pivot -= lower[a, c] * lower[a, c]
-        if not pivot > 0.0:
-            return False
-        lower[a, a] = np.sqrt(pivot)
-        right[a] = rest / lower[a, a]
+        right[a] = -gaps[chosen[a]]
+        for b in range(a, size):
+            upper[a, b] = matrix[chosen[b], chosen[a]]
+    if not _eliminated(upper, right):
+        return False
     forces[:] = 0.0
     for a in range(size - 1, -1, -1):
         value = right[a]
         for c in range(a + 1, size):
-            value -= lower[c, a] * forces[chosen[c]]
-        forces[chosen[a]] = value / lower[a, a]
+            value -= upper[a, c] * forces[chosen[c]]
+        forces[chosen[a]] = value / upper[a, a]
+    return True
+
+
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+def _eliminated(upper, right):  # type: ignore[no-untyped-def]
+    """Factorise ``upper`` (s, s), a matrix above its diagonal, and solve for ``right`` (s,) by the factor, in place."""
+    size = right.size
+    for c in range(size):
+        row = upper[c]
+        if not row[c] > 0.0:
+            return False
+        pivot = np.sqrt(row[c])
+        row[c] = pivot
+        right[c] /= pivot
+        for b in range(c + 1, size):
+            row[b] /= pivot
+        for a in range(c + 1, size):
+            below, factor = upper[a], row[a]
+            right[a] -= factor * right[c]
+            for b in range(a, size):
+                below[b] -= row[b] * factor
     return True
 
 

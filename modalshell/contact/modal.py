@@ -9,12 +9,13 @@ a vertex makes it regular. It is the residual compliance ``K^-1 - Phi Lambda^-1 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
+from modalshell.contact import warp_kernels
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import common_normal, gaps_of
@@ -47,8 +48,8 @@ Rows = Callable[[Array, Index], Array]
 """Derivatives (k, 3, m) of some vertices' positions by the coordinates (m,)."""
 Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
 """Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
-Shape = tuple[Array, Array, Array, bool]
-"""Positions at rest (n, 3), modes and modal rotations (3n, m), and whether these turn the modes."""
+Shape = tuple[Array, Array, Array]
+"""Positions at rest (n, 3), modes and modal rotations (3n, m), none where these do not turn the modes."""
 
 
 @final
@@ -70,7 +71,7 @@ class ModalContacts:
     turns : bool or callable
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
-        Of warps in closed form, whose frames are compiled: positions at rest, modes, rotations, and ``turns``.
+        Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
 
     Attributes
     ----------
@@ -98,7 +99,9 @@ class ModalContacts:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
         self._near = near
-        self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
+        self._shape, self._spin = shape, np.empty((0, basis.modes.shape[0]))
+        if turns is True:
+            self._spin = np.ascontiguousarray(basis.rotations.T)
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
@@ -106,6 +109,8 @@ class ModalContacts:
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
         self._taken: tuple[tuple[Array, Index, Array], Array, Array] | None = None
         self._turned: tuple[Array, Array] | None = None
+        self._spun = np.empty(0, np.int64), np.empty((basis.count, 0))
+        self._kept: Any = None
 
     @property
     def asks(self) -> bool:
@@ -171,15 +176,25 @@ class ModalContacts:
         return gaps
 
     def turns(self, q: Array) -> Array:
-        """Rotation vectors (n, 3) [rad] of the vertices at q."""
+        """Rotation vectors (n, 3) [rad] of the vertices at q; (0, 3) where they do not turn."""
         if not self._turning:
             return _NO_TURNS
         kept = self._turned
         if kept is not None and kept[0] is q:
             return kept[1]
-        turns = self._turning(q) if callable(self._turning) else np.asarray(self._spin @ q).reshape(-1, 3)
+        turns = self._turning(q) if callable(self._turning) else np.asarray(q @ self._spin).reshape(-1, 3)
         self._turned = q, turns
         return turns
+
+    def turns_of(self, q: Array, vertices: Index) -> Array:
+        """Those (k, 3) of some vertices."""
+        if callable(self._turning) or not self._turning:
+            return self.turns(q)[vertices] if self._turning else _NO_TURNS
+        known, rows = self._spun
+        if known is not vertices and not np.array_equal(known, vertices):
+            rows = self._spin.reshape(q.size, -1, 3)[:, vertices].reshape(q.size, 3 * vertices.size)
+            self._spun = vertices, rows
+        return np.asarray(q @ rows).reshape(-1, 3)
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
@@ -221,36 +236,47 @@ class ModalContacts:
         reach = kernels.reach_of(q, start, self._reach)
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
-        touching, size, shapes = self.touching, self.touching.size, self.shapes
-        near = min(reach, _NEAR * size)
-        limits = near, CANDIDATES, shapes.most, _SETTLED * size, _MOVED * size, 1e-12 * size
+        size, most = self.touching.size, self.shapes.most
+        limits = min(reach, _NEAR * size), CANDIDATES, most, _SETTLED * size, _MOVED * size, 1e-12 * size
         step = free, compliance, start
         for _ in range(_RENEWED):
+            kept = self._gathered(None)
             while True:
-                rows_of = touching.vertices, touching.contact_of, shapes.places, shapes.blocks
-                found = kernels.press(self._shape, rows_of, self._bodies, step, (gaps, pushes, local), limits)
-                if found[2].size:
+                found = warp_kernels.press(kept, self._bodies, step, (gaps, pushes, local), limits)
+                if found[1].size:
                     break
-                shapes.slots(touching.vertices[found[0]])
-            _, slots, q, pushes, forces, energy, solved = found
-            base, shape, after, least = self._ended(q, slots, forces)
+                kept = self._gathered(found[0])
+            _, q, pushes, forces, energy, solved = found
+            base, shape, after, least = self._ended(q, kept[2], forces)
             if not solved or least >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
         return Pressed(q, shape, pushes, bool(solved and least >= -limits[3]), base, energy, None, after)
+
+    def _gathered(self, rows: Index | None) -> Any:
+        """What compiled frames read of candidates (k,), or of those of the last frame; see :func:`gather`."""
+        shapes, vertices = self.shapes, self.touching.vertices
+        if rows is None and self._kept is not None and self._kept[0] == shapes.begun:
+            return self._kept[1]
+        if rows is None:
+            rows = np.empty(0, np.int64)
+        slots = shapes.slots(vertices[rows])
+        kept = warp_kernels.gather(self._shape, (vertices, self.touching.contact_of), rows, slots, shapes.blocks)
+        self._kept = shapes.begun, kept
+        return kept
 
     def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
-        touching, store, turns, base = self.touching, self.shapes.store, self.turns(q), self._positions(q)
-        local = np.empty(base.shape)
+        touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
+        local, turns = np.empty(base.shape), self.turns(q) if callable(self._turning) else _NO_TURNS
         if self._bodies is not None:
             rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
-            least = kernels.ended(store, slots, forces, turns, base, rows, self._bodies, local, gaps)
+            least = kernels.ended(pushed, self._spin, q, turns, base, rows, self._bodies, local, gaps)
             return base, local, gaps, least
-        kernels.local_shape(store, slots, forces, turns, local)
+        kernels.local_shape(*pushed, self.turns(q), local)
         gaps = touching.distances(base + local)
         return base, local, gaps, float(gaps.min())
 
@@ -350,22 +376,21 @@ class ModalContacts:
         if begin.positions is not None:
             points = begin.positions[vertices]
         gap, normals = self._begun(points, begin.local, rows)
-        along = moves[:, 0] if moves.shape[1] == 1 else (normals[:, None, :] @ moves)[:, 0]
-        slots, symmetric = self.shapes.slots(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns(q)
+        (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
+        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns_of(q, vertices)
         frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
         square = rows.size, rows.size
-        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))
-        rows_by.row_problem(along, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
+        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, (3, rows.size)))
+        rows_by.row_problem(moves, frame, given, turns, between, compliance, problem)
         turned, expected, reached = np.empty(normals.shape), np.empty(rows.size), np.empty(rows.size)
-        place, near = (vertices, contact_of, slots, self.shapes.blocks), self._near
+        place, near = (contact_of, between), self._near
         for left in reversed(range(corrections)):
             after = np.empty(q.size)
             energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
             # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
             few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
             if few and near is not None:
-                ended, turns = near(after, vertices, None)[0], self.turns(after)
+                ended, turns = near(after, vertices, None)[0], self.turns_of(after, vertices)
                 off = rows_by.row_reached(place, ended, turned, forces, turns, self._bodies, reached)
             else:
                 base, local, gaps, least = self._ended(after, slots, turned)

@@ -159,18 +159,18 @@ class FreeContactMotion(ModalPressedMotion):
         vertices, shapes = pressing.touching.vertices[rows], pressing.shapes
         gap, normals, _ = pressing.touching.gaps(at.base + flight.in_world(at), rows)
         moves, compliance = flight.moves(at, vertices), flight.compliance(at)
-        normals, slots = flight.in_frames(at, vertices, normals), shapes.slots(vertices)
+        normals, (slots, between) = flight.in_frames(at, vertices, normals), shapes.between(vertices)
         along, forces, count = np.einsum("ki,kim->km", normals, moves), pushes[rows], moves.shape[2]
         square = rows.size, rows.size
-        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, normals.shape))
+        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, (3, rows.size)))
         slope, stiffness, held = np.zeros(count), None, at.push
         if rubbing is not None:
             slope, stiffness = flight.rubbed(at, *rubbing)
             softer = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
             compliance, held = np.asarray(0.5 * (softer + softer.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
-        turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
-        rows_by.row_problem(along, frame, given, turns, shapes.blocks, slots, compliance, problem)
+        turns = pressing.turns_of(self._model.frames.elastic(at.state.coordinates), vertices)
+        rows_by.row_problem(along[:, None], frame, given, turns, between, compliance, problem)
         turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
         for _ in range(_CORRECTIONS):
             out = unused, turned, expected
