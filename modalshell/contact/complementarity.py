@@ -61,21 +61,28 @@ def _balanced(matrix, gaps, chosen, size, forces):  # type: ignore[no-untyped-de
 @njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 def _eliminated(upper, right):  # type: ignore[no-untyped-def]
     """Factorise ``upper`` (s, s), a matrix above its diagonal, and solve for ``right`` (s,) by the factor, in place."""
-    size = right.size
-    for c in range(size):
-        row = upper[c]
-        if not row[c] > 0.0:
+    for a in range(right.size):
+        own, c, value = upper[a, a:], 0, right[a]
+        while c + 4 <= a:  # four rows at a time, in their order: as many times less is read and written
+            one, two, three, four = upper[c, a:], upper[c + 1, a:], upper[c + 2, a:], upper[c + 3, a:]
+            f, g, h, e = one[0], two[0], three[0], four[0]
+            for b in range(own.size):
+                own[b] = (((own[b] - one[b] * f) - two[b] * g) - three[b] * h) - four[b] * e
+            value = (((value - f * right[c]) - g * right[c + 1]) - h * right[c + 2]) - e * right[c + 3]
+            c += 4
+        while c < a:
+            one = upper[c, a:]
+            f = one[0]
+            for b in range(own.size):
+                own[b] -= one[b] * f
+            value -= f * right[c]
+            c += 1
+        if not own[0] > 0.0:
             return False
-        pivot = np.sqrt(row[c])
-        row[c] = pivot
-        right[c] /= pivot
-        for b in range(c + 1, size):
-            row[b] /= pivot
-        for a in range(c + 1, size):
-            below, factor = upper[a], row[a]
-            right[a] -= factor * right[c]
-            for b in range(a, size):
-                below[b] -= row[b] * factor
+        pivot = np.sqrt(own[0])
+        own[0], right[a] = pivot, value / pivot
+        for b in range(1, own.size):
+            own[b] /= pivot
     return True
 
 

@@ -36,20 +36,20 @@ def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
 @_plain
 def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
     """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them."""
-    count = own.shape[1]
-    one, two, three = own[0], own[1], own[2]
-    for a in range(count):
-        x, y, z, row = one[a], two[a], three[a], out[a]
+    for a in range(own.shape[1]):
+        x, y, z, row = own[0, a], own[1, a], own[2, a], out[a, a:]
         for axis in range(3):
-            along, by_x, by_y, by_z = own[axis], between[0, axis, a], between[1, axis, a], between[2, axis, a]
+            along, by_x = own[axis, a:], between[0, axis, a, a:]
+            by_y, by_z = between[1, axis, a, a:], between[2, axis, a, a:]
             if axis == 0:
-                for b in range(a, count):
+                for b in range(row.size):
                     row[b] = along[b] * (x * by_x[b] + y * by_y[b] + z * by_z[b])
             else:
-                for b in range(a, count):
+                for b in range(row.size):
                     row[b] += along[b] * (x * by_x[b] + y * by_y[b] + z * by_z[b])
-        for b in range(a, count):
-            out[b, a] = row[b]
+        below = out[a:, a]
+        for b in range(row.size):
+            below[b] = row[b]
 
 
 @_plain
@@ -60,18 +60,18 @@ def response(across, compliance, out):  # type: ignore[no-untyped-def]
     """
     size, count = across.shape
     for a in range(count):
-        row, k = out[a], 0
+        row, k = out[a, : a + 1], 0
         while k + 4 <= size:
             one, two, three, four = across[k], across[k + 1], across[k + 2], across[k + 3]
             f, g, h = one[a] * compliance[k], two[a] * compliance[k + 1], three[a] * compliance[k + 2]
             e = four[a] * compliance[k + 3]
-            for b in range(a + 1):
+            for b in range(row.size):
                 row[b] = (((row[b] + f * one[b]) + g * two[b]) + h * three[b]) + e * four[b]
             k += 4
         while k < size:
             one = across[k]
             f = one[a] * compliance[k]
-            for b in range(a + 1):
+            for b in range(row.size):
                 row[b] += f * one[b]
             k += 1
     trace = 0.0
@@ -85,27 +85,23 @@ def response(across, compliance, out):  # type: ignore[no-untyped-def]
     return loaded
 
 
-@_plain
-def _add_shapes(own, first, store, slot, push, least):  # type: ignore[no-untyped-def]
-    """Add a part, from the number ``first`` on, of what a ``push`` (3,) [N] in a slot presses in to ``own``."""
+@njit(error_model="numpy", fastmath={"contract"}, **UNCOUNTED)
+def _add_rows(own, first, store, slots, axis, amounts):  # type: ignore[no-untyped-def]
+    """Add a part of some shapes along an axis, from the number ``first`` on, times ``amounts`` (k,), to ``own``."""
+    last, k = first + own.size, 0
     # Parts of rows, not of the matrix: the compiler packs what it knows to be one number after the other.
-    one, two, three = store[slot, 0], store[slot, 1], store[slot, 2]
-    one, two = one[first : first + own.size], two[first : first + own.size]
-    three = three[first : first + own.size]
-    a, b, c = push[0], push[1], push[2]
-    if min(abs(a), abs(b), abs(c)) > least:
+    while k + 4 <= slots.size:
+        one, two = store[slots[k], axis, first:last], store[slots[k + 1], axis, first:last]
+        three, four = store[slots[k + 2], axis, first:last], store[slots[k + 3], axis, first:last]
+        a, b, c, d = amounts[k], amounts[k + 1], amounts[k + 2], amounts[k + 3]
         for j in range(own.size):
-            own[j] += a * one[j] + b * two[j] + c * three[j]
-        return
-    if abs(a) > least:
+            own[j] = (((own[j] + a * one[j]) + b * two[j]) + c * three[j]) + d * four[j]
+        k += 4
+    while k < slots.size:
+        one, a = store[slots[k], axis, first:last], amounts[k]
         for j in range(own.size):
             own[j] += a * one[j]
-    if abs(b) > least:
-        for j in range(own.size):
-            own[j] += b * two[j]
-    if abs(c) > least:
-        for j in range(own.size):
-            own[j] += c * three[j]
+        k += 1
 
 
 @_kernel
@@ -114,13 +110,19 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
 
     ``store`` (s, 3, 3n) are the shapes.
     """
-    flat = out.reshape(-1)
+    flat, counts = out.reshape(-1), np.zeros(3, np.int64)
+    chosen, amounts = np.empty((3, slots.size), np.int64), np.empty((3, slots.size))
     least = _NONE * np.abs(pushes).max() if pushes.size else 0.0
+    for axis in range(3):
+        for k in range(slots.size):
+            if abs(pushes[k, axis]) > least:
+                chosen[axis, counts[axis]], amounts[axis, counts[axis]] = slots[k], pushes[k, axis]
+                counts[axis] += 1
     for first in range(0, flat.size, _PART):
         own = flat[first : first + _PART]
         own[:] = 0.0
-        for k in range(slots.size):
-            _add_shapes(own, first, store, slots[k], pushes[k], least)
+        for axis in range(3):
+            _add_rows(own, first, store, chosen[axis, : counts[axis]], axis, amounts[axis])
     if turns.size:
         rotate(turns, out, 1.0, out)
 
@@ -132,10 +134,16 @@ def turns_at(spin, q, turns):  # type: ignore[no-untyped-def]
         own = turns[first : first + _PART]
         for i in range(own.size):
             own[i] = 0.0
-        for mode in range(q.size):
-            amount, row = q[mode], spin[mode, first : first + own.size]
+        last, mode = first + own.size, 0
+        while mode + 2 <= q.size:
+            a, b, one, two = q[mode], q[mode + 1], spin[mode, first:last], spin[mode + 1, first:last]
             for i in range(own.size):
-                own[i] += amount * row[i]
+                own[i] = (own[i] + a * one[i]) + b * two[i]
+            mode += 2
+        if mode < q.size:
+            a, one = q[mode], spin[mode, first:last]
+            for i in range(own.size):
+                own[i] += a * one[i]
 
 
 @_kernel
@@ -172,14 +180,14 @@ def reach_of(before, after, size):  # type: ignore[no-untyped-def]
 @_kernel
 def between_slots(blocks, slots):  # type: ignore[no-untyped-def]
     """Blocks of some slots (k,) by axes: of the force, of the displacement, and slots of both (3, 3, k, k)."""
-    count = slots.size
-    out = np.empty((3, 3, count, count))
-    for a in range(count):
-        for b in range(count):
-            s, t = np.uint64(slots[a]), np.uint64(slots[b])
-            for i in range(3):
-                for j in range(3):
-                    out[i, j, a, b] = blocks[s, t, i, j]
+    out = np.empty((3, 3, slots.size, slots.size))
+    for a in range(slots.size):
+        block = blocks[slots[a]]
+        for i in range(3):
+            for j in range(3):
+                row = out[i, j, a]
+                for b in range(slots.size):
+                    row[b] = block[np.uint64(slots[b]), i, j]
     return out
 
 

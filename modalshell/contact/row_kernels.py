@@ -3,7 +3,7 @@
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_at
+from modalshell.contact.gap_kernels import gap_and_normal
 from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
@@ -17,7 +17,7 @@ def gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals):
     for i in range(vertices.size):
         v, c = vertices[i], contact_of[i]
         x, y, z = points[i, 0] + local[v, 0], points[i, 1] + local[v, 1], points[i, 2] + local[v, 2]
-        gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
+        gap[i] = gap_and_normal(bodies, c, x, y, z, normals[i])
 
 
 @_kernel
@@ -123,7 +123,7 @@ def row_reached(place, points, pushes, forces, turns, bodies, gaps):  # type: ig
             c1, c2, _ = coefficients(w[0], w[1], w[2])
             a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
         x, y, z = points[i, 0] + a, points[i, 1] + b, points[i, 2] + c
-        gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
+        gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
     return row_off(gaps, forces)
 
 

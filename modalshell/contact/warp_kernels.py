@@ -3,7 +3,7 @@
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_at
+from modalshell.contact.gap_kernels import gap_and_normal
 from modalshell.contact.modal_kernels import between_slots, candidates, local_at, residual_compliance, response, turned
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.rotations import coefficients, slopes
@@ -67,7 +67,7 @@ def _linearised(kept, bodies, q, local, frame):  # type: ignore[no-untyped-def]
             x, y, z = turned(w[0, i], w[1, i], w[2, i], c2, c3, x, y, z)
         x, y, z = rest[0, i] + x + local[0, i], rest[1, i] + y + local[1, i], rest[2, i] + z + local[2, i]
         at[0, i], at[1, i], at[2, i] = x, y, z
-        gap[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
+        gap[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
         a, b, c = n[0], n[1], n[2]
         normals[0, i], normals[1, i], normals[2, i] = a, b, c
         if turns:
@@ -116,7 +116,7 @@ def _reached(kept, bodies, q, local, begin, frame):  # type: ignore[no-untyped-d
             a, b, c = turned(w[0, i], w[1, i], w[2, i], c1, c2, a, b, c)
         local[0, i], local[1, i], local[2, i] = a, b, c
         x, y, z = rest[0, i] + x + a, rest[1, i] + y + b, rest[2, i] + z + c
-        gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
+        gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
         move = max(move, abs(x - begin[0, i]), abs(y - begin[1, i]), abs(z - begin[2, i]))
     return move
 
