@@ -109,7 +109,7 @@ class ModalContacts:
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
         self._taken: tuple[tuple[Array, Index, Array], Array, Array] | None = None
         self._turned: tuple[Array, Array] | None = None
-        self._spun = np.empty(0, np.int64), np.empty((basis.count, 0))
+        self._spun = np.empty(0, np.int64), np.empty((len(self._spin), 0))
         self._kept: Any = None
 
     @property
@@ -187,14 +187,19 @@ class ModalContacts:
         return turns
 
     def turns_of(self, q: Array, vertices: Index) -> Array:
-        """Those (k, 3) of some vertices."""
-        if callable(self._turning) or not self._turning:
-            return self.turns(q)[vertices] if self._turning else _NO_TURNS
-        known, rows = self._spun
+        """Those (k, 3) of some vertices; (0, 3) where they do not turn."""
+        by_modes, turns = self._turning_of(q, vertices)
+        return np.asarray(q @ by_modes).reshape(-1, 3) if len(by_modes) else turns
+
+    def _turning_of(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Turns (m, 3k) of some vertices in each mode, kept of the last ones; or, without modes, those (k, 3) at q."""
+        known, by_modes = self._spun
+        if not len(self._spin):
+            return by_modes, self.turns(q)[vertices] if self._turning else _NO_TURNS
         if known is not vertices and not np.array_equal(known, vertices):
-            rows = self._spin.reshape(q.size, -1, 3)[:, vertices].reshape(q.size, 3 * vertices.size)
-            self._spun = vertices, rows
-        return np.asarray(q @ rows).reshape(-1, 3)
+            by_modes = self._spin.reshape(q.size, -1, 3)[:, vertices].reshape(q.size, 3 * vertices.size)
+            self._spun = vertices, by_modes
+        return by_modes, _NO_TURNS
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
@@ -353,17 +358,6 @@ class ModalContacts:
             kept = self._taken = asked, points, np.ascontiguousarray(moves)
         return kept[1:]
 
-    def _begun(self, points: Array, local: Array, rows: Index) -> tuple[Array, Array]:
-        """Gaps (k,) [m] and normals (k, 3) of rows whose vertices are at ``points`` (k, 3), with local moves (n, 3)."""
-        touching, vertices = self.touching, self.touching.vertices[rows]
-        if self._bodies is None:
-            place = local.copy()
-            place[vertices] += points
-            return touching.gaps(place, rows)[:2]
-        gap, normals = np.empty(rows.size), np.empty((rows.size, 3))
-        rows_by.gaps_and_normals(self._bodies, vertices, touching.contact_of[rows], points, local, gap, normals)
-        return gap, normals
-
     def _newton(
         self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int, at: Array
     ) -> Pressed:
@@ -375,23 +369,30 @@ class ModalContacts:
         begun_anew = self._taken is not known
         if begin.positions is not None:
             points = begin.positions[vertices]
-        gap, normals = self._begun(points, begin.local, rows)
         (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns_of(q, vertices)
-        frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
-        square = rows.size, rows.size
-        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, (3, rows.size)))
-        rows_by.row_problem(moves, frame, given, turns, between, compliance, problem)
-        turned, expected, reached = np.empty(normals.shape), np.empty(rows.size), np.empty(rows.size)
-        place, near = (contact_of, between), self._near
+        forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self._turning_of(q, vertices)
+        count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
+        problem = tuple(np.empty(shape) for shape in ((count,) * 2, (count,) * 2, (count, q.size), count, (3, count)))
+        if self._bodies is not None:
+            given = q, free, forces
+            rows_by.row_begin(self._bodies, place, points, moves, given, turning, compliance, problem)
+        else:
+            x = begin.local.copy()
+            x[vertices] += points
+            frame = *touching.gaps(x, rows)[:2], vertices, begin.local
+            turns = self.turns_of(q, vertices)
+            rows_by.row_problem(moves, frame, (free - q, forces), turns, between, compliance, problem)
+        turned, expected, reached = np.empty((count, 3)), np.empty(count), np.empty(count)
         for left in reversed(range(corrections)):
             after = np.empty(q.size)
             energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
             # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
             few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
             if few and near is not None:
-                ended, turns = near(after, vertices, None)[0], self.turns_of(after, vertices)
-                off = rows_by.row_reached(place, ended, turned, forces, turns, self._bodies, reached)
+                if not len(self._spin):
+                    turning = self._turning_of(after, vertices)
+                ended, bodies = near(after, vertices, None)[0], self._bodies
+                off = rows_by.row_reached(place, ended, turned, forces, turning, after, bodies, reached)
             else:
                 base, local, gaps, least = self._ended(after, slots, turned)
                 reached, off = gaps[rows], rows_by.row_off(gaps[rows], forces)

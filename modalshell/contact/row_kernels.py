@@ -4,7 +4,7 @@ import numpy as np
 
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_and_normal
-from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned
+from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned, turns_at
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
@@ -18,6 +18,32 @@ def gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals):
         v, c = vertices[i], contact_of[i]
         x, y, z = points[i, 0] + local[v, 0], points[i, 1] + local[v, 1], points[i, 2] + local[v, 2]
         gap[i] = gap_and_normal(bodies, c, x, y, z, normals[i])
+
+
+@_kernel
+def _turned_by(turning, q):  # type: ignore[no-untyped-def]
+    """Rotation vectors (k, 3) [rad] of candidates at q: by ``turning`` (m, 3k), or given ones (0, 3) or (k, 3)."""
+    by_modes, turns = turning
+    if by_modes.shape[0] == 0:
+        return turns
+    found = np.empty((by_modes.shape[1] // 3, 3))
+    turns_at(by_modes, q, found.reshape(-1))
+    return found
+
+
+@_kernel
+def row_begin(bodies, place, points, moves, given, turning, compliance, out):  # type: ignore[no-untyped-def]
+    """A :func:`row_problem` of candidates at ``points`` (k, 3) [m] without what is beyond the modes.
+
+    ``place`` are their vertices, contacts, displacements (n, 3) [m] beyond the modes, and the shapes between them.
+    ``given`` are the coordinates (m,), those without contacts, and forces (k,) [N] before.
+    """
+    vertices, contact_of, local, between = place
+    q, free, forces = given
+    gap, normals = np.empty(vertices.size), np.empty((vertices.size, 3))
+    gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals)
+    frame, turns = (gap, normals, vertices, local), _turned_by(turning, q)
+    row_problem(moves, frame, (free - q, forces), turns, between, compliance, out)
 
 
 @_kernel
@@ -107,13 +133,14 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 
 
 @_kernel
-def row_reached(place, points, pushes, forces, turns, bodies, gaps):  # type: ignore[no-untyped-def]
+def row_reached(place, points, pushes, forces, turning, q, bodies, gaps):  # type: ignore[no-untyped-def]
     """Gaps (k,) [m] of candidates at ``points`` (k, 3) under ``pushes`` (k, 3) on them; how far [m] they are off.
 
-    ``place`` are their contacts, and the shapes (3, 3, k, k) between them. ``pushes`` [N] are in the axes at rest, in
-    which ``turns`` (k, 3) [rad] turn what these press in.
+    ``place`` and ``turning`` are as those of :func:`row_begin`. ``pushes`` [N] are in the axes at rest, in
+    which their turns at q turn what these press in.
     """
-    contact_of, between = place
+    _, contact_of, _, between = place
+    turns = _turned_by(turning, q)
     local, n = np.empty((3, contact_of.size)), np.empty(3)
     local_at(between, pushes, local)
     for i in range(contact_of.size):
