@@ -56,7 +56,7 @@ class LocalShapes:
         self.store, self.blocks = np.empty((0, 3, 3 * count), _KIND), np.empty((0, 0, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
         self.begun = 0
-        self._between = np.empty(0, np.int64), np.empty((3, 3, 0, 0))
+        self._between = (-1, b""), np.empty(0, np.int64), np.empty((3, 3, 0, 0))
 
     def slots(self, vertices: Index) -> Index:
         """Slots (k,) of vertices, whose shapes are found where they are not kept."""
@@ -72,10 +72,11 @@ class LocalShapes:
 
     def between(self, vertices: Index) -> tuple[Index, Array]:
         """Slots (k,) of vertices, and :func:`between_slots` of them; those of the last are kept."""
-        kept, begun, slots = self._between, self.begun, self.slots(vertices)
-        if begun != self.begun or not np.array_equal(kept[0], slots):
-            kept = self._between = slots, between_slots(self.blocks, slots)
-        return kept
+        key = self.begun, vertices.tobytes()
+        if self._between[0] != key:
+            slots = self.slots(vertices)
+            self._between = (self.begun, key[1]), slots, between_slots(self.blocks, slots)
+        return self._between[1:]
 
     def _add(self, missing: Index) -> None:
         used, vertices = self._vertices.size, np.concatenate([self._vertices, missing])

@@ -107,9 +107,9 @@ class ModalContacts:
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
-        self._taken: tuple[tuple[Array, Index, Array], Array, Array] | None = None
+        self._taken: tuple[bytes, Array, Array] | None = None
         self._turned: tuple[Array, Array] | None = None
-        self._spun = np.empty(0, np.int64), np.empty((len(self._spin), 0))
+        self._spun = b"", np.empty((len(self._spin), 0))
         self._kept: Any = None
 
     @property
@@ -193,12 +193,12 @@ class ModalContacts:
 
     def _turning_of(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Turns (m, 3k) of some vertices in each mode, kept of the last ones; or, without modes, those (k, 3) at q."""
-        known, by_modes = self._spun
+        (known, by_modes), key = self._spun, vertices.tobytes()
         if not len(self._spin):
             return by_modes, self.turns(q)[vertices] if self._turning else _NO_TURNS
-        if known is not vertices and not np.array_equal(known, vertices):
+        if known != key:
             by_modes = self._spin.reshape(q.size, -1, 3)[:, vertices].reshape(q.size, 3 * vertices.size)
-            self._spun = vertices, by_modes
+            self._spun = key, by_modes
         return by_modes, _NO_TURNS
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
@@ -236,9 +236,8 @@ class ModalContacts:
         before : tuple
             Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; and where derivatives were taken.
         """
-        local, pushes, at = before
-        start, q = begin[:2]
-        reach = kernels.reach_of(q, start, self._reach)
+        (local, pushes, at), start = before, begin[0]
+        reach = kernels.reach_of(begin[1], start, self._reach)
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
         size, most = self.touching.size, self.shapes.most
@@ -261,14 +260,14 @@ class ModalContacts:
     def _gathered(self, rows: Index | None) -> Any:
         """What compiled frames read of candidates (k,), or of those of the last frame; see :func:`gather`."""
         shapes, vertices = self.shapes, self.touching.vertices
-        if rows is None and self._kept is not None and self._kept[0] == shapes.begun:
-            return self._kept[1]
         if rows is None:
+            if self._kept is not None and self._kept[0] == shapes.begun:
+                return self._kept[1]
             rows = np.empty(0, np.int64)
         slots = shapes.slots(vertices[rows])
-        kept = warp_kernels.gather(self._shape, (vertices, self.touching.contact_of), rows, slots, shapes.blocks)
-        self._kept = shapes.begun, kept
-        return kept
+        rows_of = vertices, self.touching.contact_of
+        self._kept = shapes.begun, warp_kernels.gather(self._shape, rows_of, rows, slots, shapes.blocks)
+        return self._kept[1]
 
     def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
@@ -348,13 +347,12 @@ class ModalContacts:
 
     def _frame(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Positions (k, 3) [m] of some vertices at q (m,), and derivatives (k, d, m); those of the last are kept."""
-        asked = q, vertices, self._directions
-        kept = self._taken
-        if kept is None or not all(a is b or np.array_equal(a, b) for a, b in zip(kept[0], asked, strict=True)):
+        asked, kept = b"".join(part.tobytes() for part in (q, vertices, self._directions)), self._taken
+        if kept is None or kept[0] != asked:
             if self._near is None:
                 points, moves = self._positions(q)[vertices], self._directions @ self._rows(q, vertices)
             else:
-                points, moves = self._near(*asked)  # type: ignore[assignment]
+                points, moves = self._near(q, vertices, self._directions)  # type: ignore[assignment]
             kept = self._taken = asked, points, np.ascontiguousarray(moves)
         return kept[1:]
 
@@ -372,7 +370,8 @@ class ModalContacts:
         (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
         forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self._turning_of(q, vertices)
         count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
-        problem = tuple(np.empty(shape) for shape in ((count,) * 2, (count,) * 2, (count, q.size), count, (3, count)))
+        square, own = np.empty((2, count, count)), np.empty((3, count))
+        problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), own
         if self._bodies is not None:
             given = q, free, forces
             rows_by.row_begin(self._bodies, place, points, moves, given, turning, compliance, problem)
@@ -401,7 +400,6 @@ class ModalContacts:
             problem[3][:] += reached - expected
         if few and near is not None:
             base, local, gaps, least = self._ended(after, slots, turned)
-        move = float(np.abs(base[vertices] - points).max(initial=0.0))
-        pushes[rows] = forces
+        move = rows_by.row_ended(base, vertices, points, rows, forces, pushes)
         solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
         return Pressed(after, local, pushes, solved, base, energy, at, gaps)

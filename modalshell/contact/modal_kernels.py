@@ -161,11 +161,12 @@ def ended(pushed, spin, q, turns, base, rows_of, bodies, local, gaps):  # type: 
 
 
 @_kernel
-def implicit_euler(q, rates, force, compliance, eigenvalues, dt, free, ahead):  # type: ignore[no-untyped-def]
-    """Coordinates ``free`` (m,) after a step of implicit Euler, by G (m,), and those ``ahead`` by the rates alone."""
+def implicit_euler(q, rates, force, compliance, eigenvalues, dt, out):  # type: ignore[no-untyped-def]
+    """Rows of ``out`` (3, m): coordinates and rates after a step of implicit Euler, by G (m,), and ``q + dt rates``."""
     for k in range(q.size):
-        free[k] = q[k] + compliance[k] * (rates[k] / dt + force[k] - eigenvalues[k] * q[k])
-        ahead[k] = q[k] + dt * rates[k]
+        out[0, k] = q[k] + compliance[k] * (rates[k] / dt + force[k] - eigenvalues[k] * q[k])
+        out[1, k] = (out[0, k] - q[k]) / dt
+        out[2, k] = q[k] + dt * rates[k]
 
 
 @_kernel

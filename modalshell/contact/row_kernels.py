@@ -155,6 +155,19 @@ def row_reached(place, points, pushes, forces, turning, q, bodies, gaps):  # typ
 
 
 @_kernel
+def row_ended(end, vertices, points, rows, forces, pushes):  # type: ignore[no-untyped-def]
+    """Write forces (k,) to ``pushes`` (r,); how far [m] vertices at ``end`` (n, 3) are from ``points`` (k, 3)."""
+    move = 0.0
+    for i in range(vertices.size):
+        pushes[rows[i]] = forces[i]
+        for axis in range(3):
+            way = abs(end[vertices[i], axis] - points[i, axis])
+            if not way <= move:
+                move = way
+    return move
+
+
+@_kernel
 def row_off(gaps, forces):  # type: ignore[no-untyped-def]
     """How far [m] candidates are off their gaps (k,) [m], by forces (k,) [N] on them."""
     off = 0.0

@@ -203,8 +203,9 @@ class _Flight:
         self._dt, drag = when
         q, rates, frames = before.coordinates, before.rates, model.frames
         self._slower, self._give, self.count = 1.0 + drag * self._dt, compliance, 6 * len(frames.parts)
-        self._force, self._free, ahead = force, np.empty(q.size), np.empty(q.size)
-        kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, self._free, ahead)
+        self._force, ends = force, np.empty((3, q.size))
+        kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, ends)
+        self._free = ends[0]
         wrench = (frames.from_poses.T @ force[: frames.count]).reshape(-1, 2, 3)
         self._momenta = frames.momenta(q, rates, model.warped_positions) + self._dt * wrench
 
