@@ -1,5 +1,7 @@
 """Compiled: small complementarity problems, by an exact active set and projected Gauss-Seidel."""
 
+from typing import Any
+
 import numpy as np
 
 from modalshell.kernels.compiler import UNCOUNTED, njit
@@ -11,6 +13,8 @@ _SETS = 12
 _LONG = 400
 
 _kernel = njit(error_model="numpy", fastmath=False)
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
+_plain = njit(**_options)
 
 
 @_kernel
@@ -58,7 +62,7 @@ def _balanced(matrix, gaps, chosen, size, forces):  # type: ignore[no-untyped-de
     return True
 
 
-@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+@_plain
 def _eliminated(upper, right):  # type: ignore[no-untyped-def]
     """Factorise ``upper`` (s, s), a matrix above its diagonal, and solve for ``right`` (s,) by the factor, in place."""
     for a in range(right.size):

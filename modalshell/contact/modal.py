@@ -22,6 +22,7 @@ from modalshell.contact.gap_kernels import common_normal, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.contact.turning import Turning
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
 from modalshell.modes import Basis
@@ -38,7 +39,6 @@ _PASSES = 12
 """Linearisations of a frame at most."""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
-_NO_TURNS = np.empty((0, 3))
 _STILL = 1e-5
 """Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
 _RENEWED = 12
@@ -83,6 +83,8 @@ class ModalContacts:
         Whether a contact has friction.
     shapes : LocalShapes
         What the shell gives way beyond its modes.
+    spins : Turning
+        How its vertices turn.
     """
 
     def __init__(
@@ -97,19 +99,15 @@ class ModalContacts:
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
-        self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
+        self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
         self._near = near
-        self._shape, self._spin = shape, np.empty((0, basis.modes.shape[0]))
-        if turns is True:
-            self._spin = np.ascontiguousarray(basis.rotations.T)
+        self._shape = shape
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
         self._taken: tuple[bytes, Array, Array] | None = None
-        self._turned: tuple[Array, Array] | None = None
-        self._spun = b"", np.empty((len(self._spin), 0))
         self._kept: Any = None
 
     @property
@@ -174,32 +172,6 @@ class ModalContacts:
         gaps = np.empty(touching.vertices.size)
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
-
-    def turns(self, q: Array) -> Array:
-        """Rotation vectors (n, 3) [rad] of the vertices at q; (0, 3) where they do not turn."""
-        if not self._turning:
-            return _NO_TURNS
-        kept = self._turned
-        if kept is not None and kept[0] is q:
-            return kept[1]
-        turns = self._turning(q) if callable(self._turning) else np.asarray(q @ self._spin).reshape(-1, 3)
-        self._turned = q, turns
-        return turns
-
-    def turns_of(self, q: Array, vertices: Index) -> Array:
-        """Those (k, 3) of some vertices; (0, 3) where they do not turn."""
-        by_modes, turns = self._turning_of(q, vertices)
-        return np.asarray(q @ by_modes).reshape(-1, 3) if len(by_modes) else turns
-
-    def _turning_of(self, q: Array, vertices: Index) -> tuple[Array, Array]:
-        """Turns (m, 3k) of some vertices in each mode, kept of the last ones; or, without modes, those (k, 3) at q."""
-        (known, by_modes), key = self._spun, vertices.tobytes()
-        if not len(self._spin):
-            return by_modes, self.turns(q)[vertices] if self._turning else _NO_TURNS
-        if known != key:
-            by_modes = self._spin.reshape(q.size, -1, 3)[:, vertices].reshape(q.size, 3 * vertices.size)
-            self._spun = key, by_modes
-        return by_modes, _NO_TURNS
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
@@ -275,12 +247,12 @@ class ModalContacts:
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
         touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
-        local, turns = np.empty(base.shape), self.turns(q) if callable(self._turning) else _NO_TURNS
+        local, turns, spin = np.empty(base.shape), self.spins.unspun(q), self.spins.spin
         if self._bodies is not None:
             rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
-            least = kernels.ended(pushed, self._spin, q, turns, base, rows, self._bodies, local, gaps)
+            least = kernels.ended(pushed, spin, q, turns, base, rows, self._bodies, local, gaps)
             return base, local, gaps, least
-        kernels.local_shape(*pushed, self.turns(q), local)
+        kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
         return base, local, gaps, float(gaps.min())
 
@@ -332,7 +304,7 @@ class ModalContacts:
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
-        vertices, turns = self.touching.vertices[rows], self.turns(q)
+        vertices, turns = self.touching.vertices[rows], self.spins.vectors(q)
         normals = self.touching.gaps(base, rows)[1]
         own = np.array(normals)
         if turns.size:
@@ -368,7 +340,7 @@ class ModalContacts:
         if begin.positions is not None:
             points = begin.positions[vertices]
         (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
-        forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self._turning_of(q, vertices)
+        forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self.spins.parts(q, vertices)
         count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
         square, own = np.empty((2, count, count)), np.empty((3, count))
         problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), own
@@ -379,7 +351,7 @@ class ModalContacts:
             x = begin.local.copy()
             x[vertices] += points
             frame = *touching.gaps(x, rows)[:2], vertices, begin.local
-            turns = self.turns_of(q, vertices)
+            turns = self.spins.of(q, vertices)
             rows_by.row_problem(moves, frame, (free - q, forces), turns, between, compliance, problem)
         turned, expected, reached = np.empty((count, 3)), np.empty(count), np.empty(count)
         for left in reversed(range(corrections)):
@@ -388,8 +360,7 @@ class ModalContacts:
             # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
             few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
             if few and near is not None:
-                if not len(self._spin):
-                    turning = self._turning_of(after, vertices)
+                turning = self.spins.parts(after, vertices)
                 ended, bodies = near(after, vertices, None)[0], self._bodies
                 off = rows_by.row_reached(place, ended, turned, forces, turning, after, bodies, reached)
             else:

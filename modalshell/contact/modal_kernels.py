@@ -5,6 +5,8 @@ along axis i on the vertex of a slot, and ``blocks[slot, other]`` (3, 3), row i 
 of the other slots.
 """
 
+from typing import Any
+
 import numpy as np
 
 from modalshell.contact.gap_kernels import gaps_of
@@ -19,7 +21,8 @@ LOADED = 1e-9
 """Share of the mean diagonal that is added to it."""
 
 _kernel = njit(error_model="numpy", fastmath=False)
-_plain = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
+_plain = njit(**_options)
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
@@ -85,7 +88,7 @@ def response(across, compliance, out):  # type: ignore[no-untyped-def]
     return loaded
 
 
-@njit(error_model="numpy", fastmath={"contract"}, **UNCOUNTED)
+@njit(**_options | {"fastmath": {"contract"}})
 def _add_rows(own, first, store, slots, axis, amounts):  # type: ignore[no-untyped-def]
     """Add a part of some shapes along an axis, from the number ``first`` on, times ``amounts`` (k,), to ``own``."""
     last, k = first + own.size, 0
@@ -150,8 +153,8 @@ def turns_at(spin, q, turns):  # type: ignore[no-untyped-def]
 def ended(pushed, spin, q, turns, base, rows_of, bodies, local, gaps):  # type: ignore[no-untyped-def]
     """A :func:`local_shape` into ``local`` (n, 3), and ``gaps`` (r,) of all rows at ``base + local``; the least one.
 
-    ``pushed`` are the stored shapes, slots of these, and forces there. It is turned by ``spin`` (m, 3n) times q, or,
-    where there is none, by ``turns`` (n, 3).
+    ``pushed`` are the stored shapes, slots of these, and forces there. It is turned by ``spin`` (m, 3n) times q, or, if
+    there is none, by ``turns`` (n, 3).
     """
     if spin.shape[0]:
         turns = np.empty(base.shape)

@@ -1,5 +1,7 @@
 """Compiled: frames of warps in closed form that touch colliders, at their candidates alone (theory 13, eq. 7 and 8)."""
 
+from typing import Any
+
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
@@ -14,7 +16,8 @@ _PASSES = 6
 """Linearisations at most."""
 
 _kernel = njit(error_model="numpy", fastmath=False)
-_plain = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
+_plain = njit(**_options)
 
 
 @_plain
@@ -184,7 +187,8 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
             local[j, i] = before[2][vertices[i], j]
     q, solved, move, energy = begin.copy(), False, np.inf, 0.0
     gap, offset, expected, matrix = np.empty(count), np.empty(count), np.empty(count), np.empty((count, count))
-    normals, own, at, u, w = (np.empty((3, count)), np.empty((3, count)), np.empty((3, count)), np.empty((3, count)), np.empty((3, count)))
+    triples = np.empty((5, 3, count))
+    normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
     across, by = np.empty((q.size, count)), np.empty((6, count))
     for _ in range(_PASSES):
         _linearised(place, bodies, q, local, (gap, normals, own, across, at, u, w, by))

@@ -169,7 +169,7 @@ class FreeContactMotion(ModalPressedMotion):
             softer = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
             compliance, held = np.asarray(0.5 * (softer + softer.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
-        turns = pressing.turns_of(self._model.frames.elastic(at.state.coordinates), vertices)
+        turns = pressing.spins.of(self._model.frames.elastic(at.state.coordinates), vertices)
         rows_by.row_problem(along[:, None], frame, given, turns, between, compliance, problem)
         turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
         for _ in range(_CORRECTIONS):
@@ -179,7 +179,7 @@ class FreeContactMotion(ModalPressedMotion):
             if stiffness is not None:
                 push = push - slope - stiffness @ (compliance @ (push - held))
             end, local = flight.end(push, at.local), np.empty_like(at.local)
-            own = pressing.turns(self._model.frames.elastic(end.state.coordinates))
+            own = pressing.spins.vectors(self._model.frames.elastic(end.state.coordinates))
             kernels.local_shape(shapes.store, slots, turned, own, local)
             end = end._replace(local=local)
             gaps = pressing.gaps(end.base + flight.in_world(end))
