@@ -132,10 +132,11 @@ def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
     """
     rest, modes, rotations = shape
     count, size = rows.size, modes.shape[1]
-    vertices, contact_of = rows_of[0][rows], rows_of[1][rows]
+    vertices, contact_of = np.empty(count, np.int64), np.empty(count, np.int64)
     places, by_modes = np.empty((3, count)), np.empty((size, 3, count))
     by_turns = np.empty((size if rotations.size else 0, 3, count))
     for i in range(count):
+        vertices[i], contact_of[i] = rows_of[0][rows[i]], rows_of[1][rows[i]]
         for axis in range(3):
             places[axis, i] = rest[vertices[i], axis]
             for mode in range(size):
@@ -144,6 +145,33 @@ def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
                 for mode in range(size):
                     by_turns[mode, axis, i] = rotations[3 * vertices[i] + axis, mode]
     return rows, vertices, slots, between_slots(blocks, slots), (contact_of, places, by_modes, by_turns)
+
+
+@_plain
+def _same(one, other):  # type: ignore[no-untyped-def]
+    """Whether candidates (k,) are others."""
+    if one.size != other.size:
+        return False
+    for i in range(one.size):
+        if one[i] != other[i]:
+            return False
+    return True
+
+
+@_plain
+def _offsets(gap, normals, local, across, ways, offset):  # type: ignore[no-untyped-def]
+    """Gaps ``offset`` (k,) without forces, to first order, from those where displacements are ``local`` (3, k)."""
+    free, q = ways
+    for i in range(gap.size):
+        offset[i] = gap[i]
+    for j in range(3):
+        normal, shape = normals[j], local[j]
+        for i in range(gap.size):
+            offset[i] -= normal[i] * shape[i]
+    for k in range(q.size):
+        row, way = across[k], free[k] - q[k]
+        for i in range(gap.size):
+            offset[i] += row[i] * way
 
 
 @_kernel
@@ -177,7 +205,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
     free, compliance, begin = step
     near, most, inside, deep, far, accuracy = limits
     found = candidates(before[0], before[1], near, most, inside)
-    if not np.array_equal(found, rows):
+    if not _same(found, rows):
         return found, np.empty(0), np.empty(0), np.empty((0, 3)), 0.0, False
     count = rows.size
     forces, local, pushes = np.empty(count), np.empty((3, count)), np.empty((count, 3))
@@ -194,11 +222,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         _linearised(place, bodies, q, local, (gap, normals, own, across, at, u, w, by))
         residual_compliance(between, own, matrix)
         response(across, compliance, matrix)
-        offset[:] = gap
-        for j in range(3):
-            offset -= normals[j] * local[j]
-        for k in range(q.size):
-            offset += across[k] * (free[k] - q[k])
+        _offsets(gap, normals, local, across, (free, q), offset)
         for _ in range(_CORRECTIONS):
             complementary(matrix, offset, forces, accuracy, True)
             _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
