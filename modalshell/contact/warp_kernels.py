@@ -149,13 +149,11 @@ def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
 
 @_plain
 def _same(one, other):  # type: ignore[no-untyped-def]
-    """Whether candidates (k,) are others."""
-    if one.size != other.size:
-        return False
-    for i in range(one.size):
-        if one[i] != other[i]:
-            return False
-    return True
+    """Whether candidates (k,) are the same as others."""
+    same = one.size == other.size
+    for i in range(min(one.size, other.size)):
+        same = same and one[i] == other[i]
+    return same
 
 
 @_plain
