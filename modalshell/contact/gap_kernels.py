@@ -180,6 +180,17 @@ def gap_at(kind, numbers, x, y, z, normal):  # type: ignore[no-untyped-def]
     return gap
 
 
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def gap_and_normal(bodies, contact, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Gap [m] of a point from one of some packed contacts, and the ``normal`` (3,) there; planes at rest at once."""
+    kinds, numbers = bodies
+    if kinds[contact] != PLANE:
+        return gap_at(kinds[contact], numbers[contact], x, y, z, normal)
+    a, b, c = numbers[contact, _POSE], numbers[contact, _POSE + 1], numbers[contact, _POSE + 2]
+    normal[0], normal[1], normal[2] = a, b, c
+    return x * a + y * b + z * c - numbers[contact, _POSE + 3]
+
+
 @_kernel
 def gaps_of(bodies, vertices, contact_of, x, out):  # type: ignore[no-untyped-def]
     """Gaps ``out`` (r,) [m] of rows, each a vertex of positions x (n, 3) and a packed contact; the least one."""

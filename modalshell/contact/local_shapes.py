@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.contact.modal_kernels import between_slots
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Basis, Factoriser, condensed_factor
@@ -36,22 +37,26 @@ class LocalShapes:
 
     Attributes
     ----------
-    store : ndarray of float32, shape (s, 3, n, 3)
+    store : ndarray of float32, shape (s, 3, 3n)
         Displacements [m/N] under unit forces along each axis, of each slot.
     places : ndarray, shape (n,)
         Slot of each vertex, less than 0 for none.
     blocks : ndarray, shape (s, s, 3, 3)
-        Those at the vertices of all slots: ``blocks[a, b] = store[a][:, vertex of b]``.
+        Those at the vertices of all slots: ``blocks[a, b] = store[a]`` at the vertex of b.
     most : int
         Shapes that are kept at most.
+    begun : int
+        How often all were dropped.
     """
 
     def __init__(self, basis: Basis, least: int) -> None:
         self._basis, count = basis, len(basis.shell.rest_positions)
         self.places, self._vertices = np.full(count, -1, np.int64), np.empty(0, np.int64)
         self.most = max(least, min(_MOST, int(_KEPT / (36.0 * count))))
-        self.store, self.blocks = np.empty((0, 3, count, 3), _KIND), np.empty((0, 0, 3, 3))
+        self.store, self.blocks = np.empty((0, 3, 3 * count), _KIND), np.empty((0, 0, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
+        self.begun = 0
+        self._between = (-1, b""), np.empty(0, np.int64), np.empty((3, 3, 0, 0))
 
     def slots(self, vertices: Index) -> Index:
         """Slots (k,) of vertices, whose shapes are found where they are not kept."""
@@ -59,11 +64,19 @@ class LocalShapes:
         if places.size and places.min() < 0:
             missing = np.unique(vertices[places < 0])
             if missing.size + self._vertices.size > self.most:
-                self.places[:], self._vertices = -1, np.empty(0, np.int64)
+                self.places[:], self._vertices, self.begun = -1, np.empty(0, np.int64), self.begun + 1
                 missing = np.unique(vertices)
             self._add(missing)
             places = self.places[vertices]
         return places
+
+    def between(self, vertices: Index) -> tuple[Index, Array]:
+        """Slots (k,) of vertices, and :func:`between_slots` of them; those of the last are kept."""
+        key = self.begun, vertices.tobytes()
+        if self._between[0] != key:
+            slots = self.slots(vertices)
+            self._between = (self.begun, key[1]), slots, between_slots(self.blocks, slots)
+        return self._between[1:]
 
     def _add(self, missing: Index) -> None:
         used, vertices = self._vertices.size, np.concatenate([self._vertices, missing])
@@ -74,13 +87,13 @@ class LocalShapes:
             self.store, self.blocks = store, blocks
         for slot in range(used, vertices.size):
             self.store[slot] = self._shape(int(vertices[slot]))
-        whole = self.store[: vertices.size]
+        whole = self.store[: vertices.size].reshape(vertices.size, 3, -1, 3)
         self.blocks[:used, used : vertices.size] = whole[:used][:, :, missing].transpose(0, 2, 1, 3)
         self.blocks[used : vertices.size, : vertices.size] = whole[used:][:, :, vertices].transpose(0, 2, 1, 3)
         self.places[missing], self._vertices = np.arange(used, vertices.size), vertices
 
     def _shape(self, vertex: int) -> Array:
-        """Displacements (3, n, 3) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
+        """Displacements (3, 3n) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
         basis, shell = self._basis, self._basis.shell
         if self._solve is None:
             self._solve = _static_solver(basis)
@@ -89,7 +102,7 @@ class LocalShapes:
         whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
         modes, eigenvalues = basis.modes[:, basis.rigid_modes :], basis.eigenvalues[basis.rigid_modes :]
         by_modes = modes @ ((modes.T @ loads) / eigenvalues[:, None])
-        return np.asarray((whole - by_modes).T.reshape(3, -1, 3))
+        return np.asarray((whole - by_modes).T)
 
 
 def _static_solver(basis: Basis) -> Callable[[Array], Array]:

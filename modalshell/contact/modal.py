@@ -9,18 +9,20 @@ a vertex makes it regular. It is the residual compliance ``K^-1 - Phi Lambda^-1 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
+from modalshell.contact import warp_kernels
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import common_normal, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.contact.turning import Turning
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
 from modalshell.modes import Basis
@@ -37,7 +39,6 @@ _PASSES = 12
 """Linearisations of a frame at most."""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
-_NO_TURNS = np.empty((0, 3))
 _STILL = 1e-5
 """Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
 _RENEWED = 12
@@ -47,8 +48,8 @@ Rows = Callable[[Array, Index], Array]
 """Derivatives (k, 3, m) of some vertices' positions by the coordinates (m,)."""
 Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
 """Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
-Shape = tuple[Array, Array, Array, bool]
-"""Positions at rest (n, 3), modes and modal rotations (3n, m), and whether these turn the modes."""
+Shape = tuple[Array, Array, Array]
+"""Positions at rest (n, 3), modes and modal rotations (3n, m), none where these do not turn the modes."""
 
 
 @final
@@ -70,7 +71,7 @@ class ModalContacts:
     turns : bool or callable
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
-        Of warps in closed form, whose frames are compiled: positions at rest, modes, rotations, and ``turns``.
+        Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
 
     Attributes
     ----------
@@ -82,6 +83,8 @@ class ModalContacts:
         Whether a contact has friction.
     shapes : LocalShapes
         What the shell gives way beyond its modes.
+    spins : Turning
+        How its vertices turn.
     """
 
     def __init__(
@@ -96,16 +99,16 @@ class ModalContacts:
         shape: Shape | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
-        self._basis, self._positions, self._rows, self._turning = basis, positions, rows, turns
+        self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
         self._near = near
-        self._shape, self._spin = shape, np.asfortranarray(basis.rotations)
+        self._shape = shape
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
-        self._taken: tuple[tuple[Array, Index, Array], Array, Array] | None = None
-        self._turned: tuple[Array, Array] | None = None
+        self._taken: tuple[bytes, Array, Array] | None = None
+        self._kept: Any = None
 
     @property
     def asks(self) -> bool:
@@ -170,17 +173,6 @@ class ModalContacts:
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
-    def turns(self, q: Array) -> Array:
-        """Rotation vectors (n, 3) [rad] of the vertices at q."""
-        if not self._turning:
-            return _NO_TURNS
-        kept = self._turned
-        if kept is not None and kept[0] is q:
-            return kept[1]
-        turns = self._turning(q) if callable(self._turning) else np.asarray(self._spin @ q).reshape(-1, 3)
-        self._turned = q, turns
-        return turns
-
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
         near, kept = min(reach, _NEAR * self.touching.size), self.shapes.most
@@ -216,41 +208,51 @@ class ModalContacts:
         before : tuple
             Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; and where derivatives were taken.
         """
-        local, pushes, at = before
-        start, q = begin[:2]
-        reach = kernels.reach_of(q, start, self._reach)
+        (local, pushes, at), start = before, begin[0]
+        reach = kernels.reach_of(begin[1], start, self._reach)
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
-        touching, size, shapes = self.touching, self.touching.size, self.shapes
-        near = min(reach, _NEAR * size)
-        limits = near, CANDIDATES, shapes.most, _SETTLED * size, _MOVED * size, 1e-12 * size
+        size, most = self.touching.size, self.shapes.most
+        limits = min(reach, _NEAR * size), CANDIDATES, most, _SETTLED * size, _MOVED * size, 1e-12 * size
         step = free, compliance, start
         for _ in range(_RENEWED):
+            kept = self._gathered(None)
             while True:
-                rows_of = touching.vertices, touching.contact_of, shapes.places, shapes.blocks
-                found = kernels.press(self._shape, rows_of, self._bodies, step, (gaps, pushes, local), limits)
-                if found[2].size:
+                found = warp_kernels.press(kept, self._bodies, step, (gaps, pushes, local), limits)
+                if found[1].size:
                     break
-                shapes.slots(touching.vertices[found[0]])
-            _, slots, q, pushes, forces, energy, solved = found
-            base, shape, after, least = self._ended(q, slots, forces)
+                kept = self._gathered(found[0])
+            _, q, pushes, forces, energy, solved = found
+            base, shape, after, least = self._ended(q, kept[2], forces)
             if not solved or least >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
         return Pressed(q, shape, pushes, bool(solved and least >= -limits[3]), base, energy, None, after)
+
+    def _gathered(self, rows: Index | None) -> Any:
+        """What compiled frames read of candidates (k,), or of those of the last frame; see :func:`gather`."""
+        shapes, vertices = self.shapes, self.touching.vertices
+        if rows is None:
+            if self._kept is not None and self._kept[0] == shapes.begun:
+                return self._kept[1]
+            rows = np.empty(0, np.int64)
+        slots = shapes.slots(vertices[rows])
+        rows_of = vertices, self.touching.contact_of
+        self._kept = shapes.begun, warp_kernels.gather(self._shape, rows_of, rows, slots, shapes.blocks)
+        return self._kept[1]
 
     def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
-        touching, store, turns, base = self.touching, self.shapes.store, self.turns(q), self._positions(q)
-        local = np.empty(base.shape)
+        touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
+        local, turns, spin = np.empty(base.shape), self.spins.unspun(q), self.spins.spin
         if self._bodies is not None:
             rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
-            least = kernels.ended(store, slots, forces, turns, base, rows, self._bodies, local, gaps)
+            least = kernels.ended(pushed, spin, q, turns, base, rows, self._bodies, local, gaps)
             return base, local, gaps, least
-        kernels.local_shape(store, slots, forces, turns, local)
+        kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
         return base, local, gaps, float(gaps.min())
 
@@ -302,7 +304,7 @@ class ModalContacts:
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
-        vertices, turns = self.touching.vertices[rows], self.turns(q)
+        vertices, turns = self.touching.vertices[rows], self.spins.vectors(q)
         normals = self.touching.gaps(base, rows)[1]
         own = np.array(normals)
         if turns.size:
@@ -317,26 +319,14 @@ class ModalContacts:
 
     def _frame(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Positions (k, 3) [m] of some vertices at q (m,), and derivatives (k, d, m); those of the last are kept."""
-        asked = q, vertices, self._directions
-        kept = self._taken
-        if kept is None or not all(a is b or np.array_equal(a, b) for a, b in zip(kept[0], asked, strict=True)):
+        asked, kept = b"".join(part.tobytes() for part in (q, vertices, self._directions)), self._taken
+        if kept is None or kept[0] != asked:
             if self._near is None:
                 points, moves = self._positions(q)[vertices], self._directions @ self._rows(q, vertices)
             else:
-                points, moves = self._near(*asked)  # type: ignore[assignment]
+                points, moves = self._near(q, vertices, self._directions)  # type: ignore[assignment]
             kept = self._taken = asked, points, np.ascontiguousarray(moves)
         return kept[1:]
-
-    def _begun(self, points: Array, local: Array, rows: Index) -> tuple[Array, Array]:
-        """Gaps (k,) [m] and normals (k, 3) of rows whose vertices are at ``points`` (k, 3), with local moves (n, 3)."""
-        touching, vertices = self.touching, self.touching.vertices[rows]
-        if self._bodies is None:
-            place = local.copy()
-            place[vertices] += points
-            return touching.gaps(place, rows)[:2]
-        gap, normals = np.empty(rows.size), np.empty((rows.size, 3))
-        rows_by.gaps_and_normals(self._bodies, vertices, touching.contact_of[rows], points, local, gap, normals)
-        return gap, normals
 
     def _newton(
         self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int, at: Array
@@ -349,24 +339,30 @@ class ModalContacts:
         begun_anew = self._taken is not known
         if begin.positions is not None:
             points = begin.positions[vertices]
-        gap, normals = self._begun(points, begin.local, rows)
-        along = moves[:, 0] if moves.shape[1] == 1 else (normals[:, None, :] @ moves)[:, 0]
-        slots, symmetric = self.shapes.slots(vertices), compliance.ndim == 1
-        forces, pushes, turns = begin.pushes[rows], np.zeros(begin.pushes.size), self.turns(q)
-        frame, given = (gap, normals, vertices, begin.local), (free - q, forces)
-        square = rows.size, rows.size
-        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, q.size), rows.size, normals.shape))
-        rows_by.row_problem(along, frame, given, turns, self.shapes.blocks, slots, compliance, problem)
-        turned, expected, reached = np.empty(normals.shape), np.empty(rows.size), np.empty(rows.size)
-        place, near = (vertices, contact_of, slots, self.shapes.blocks), self._near
+        (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
+        forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self.spins.parts(q, vertices)
+        count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
+        square, own = np.empty((2, count, count)), np.empty((3, count))
+        problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), own
+        if self._bodies is not None:
+            given = q, free, forces
+            rows_by.row_begin(self._bodies, place, points, moves, given, turning, compliance, problem)
+        else:
+            x = begin.local.copy()
+            x[vertices] += points
+            frame = *touching.gaps(x, rows)[:2], vertices, begin.local
+            turns = self.spins.of(q, vertices)
+            rows_by.row_problem(moves, frame, (free - q, forces), turns, between, compliance, problem)
+        turned, expected, reached = np.empty((count, 3)), np.empty(count), np.empty(count)
         for left in reversed(range(corrections)):
             after = np.empty(q.size)
             energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
             # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
             few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
             if few and near is not None:
-                ended, turns = near(after, vertices, None)[0], self.turns(after)
-                off = rows_by.row_reached(place, ended, turned, forces, turns, self._bodies, reached)
+                turning = self.spins.parts(after, vertices)
+                ended, bodies = near(after, vertices, None)[0], self._bodies
+                off = rows_by.row_reached(place, ended, turned, forces, turning, after, bodies, reached)
             else:
                 base, local, gaps, least = self._ended(after, slots, turned)
                 reached, off = gaps[rows], rows_by.row_off(gaps[rows], forces)
@@ -375,7 +371,6 @@ class ModalContacts:
             problem[3][:] += reached - expected
         if few and near is not None:
             base, local, gaps, least = self._ended(after, slots, turned)
-        move = float(np.abs(base[vertices] - points).max(initial=0.0))
-        pushes[rows] = forces
+        move = rows_by.row_ended(base, vertices, points, rows, forces, pushes)
         solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
         return Pressed(after, local, pushes, solved, base, energy, at, gaps)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple
 
 from modalshell.core.typing import Array
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Pressed:
+class Pressed(NamedTuple):
     """Where contacts leave a modal shell.
 
     Attributes

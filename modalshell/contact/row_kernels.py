@@ -3,8 +3,8 @@
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_at
-from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, turned
+from modalshell.contact.gap_kernels import gap_and_normal
+from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned, turns_at
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
@@ -17,60 +17,97 @@ def gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals):
     for i in range(vertices.size):
         v, c = vertices[i], contact_of[i]
         x, y, z = points[i, 0] + local[v, 0], points[i, 1] + local[v, 1], points[i, 2] + local[v, 2]
-        gap[i] = gap_at(bodies[0][c], bodies[1][c], x, y, z, normals[i])
+        gap[i] = gap_and_normal(bodies, c, x, y, z, normals[i])
 
 
 @_kernel
-def row_problem(along, frame, given, turns, blocks, slots, compliance, out):  # type: ignore[no-untyped-def]
-    """Small problem of candidates whose slopes ``along`` (k, m) of the gaps are known.
+def _turned_by(turning, q):  # type: ignore[no-untyped-def]
+    """Rotation vectors (k, 3) [rad] of candidates at q: by ``turning`` (m, 3k), or given ones (0, 3) or (k, 3)."""
+    by_modes, turns = turning
+    if by_modes.shape[0] == 0:
+        return turns
+    found = np.empty((by_modes.shape[1] // 3, 3))
+    turns_at(by_modes, q, found.reshape(-1))
+    return found
+
+
+@_kernel
+def row_begin(bodies, place, points, moves, given, turning, compliance, out):  # type: ignore[no-untyped-def]
+    """A :func:`row_problem` of candidates at ``points`` (k, 3) [m] without what is beyond the modes.
+
+    ``place`` are their vertices, contacts, displacements (n, 3) [m] beyond the modes, and the shapes between them.
+    ``given`` are the coordinates (m,), those without contacts, and forces (k,) [N] before.
+    """
+    vertices, contact_of, local, between = place
+    q, free, forces = given
+    gap, normals = np.empty(vertices.size), np.empty((vertices.size, 3))
+    gaps_and_normals(bodies, vertices, contact_of, points, local, gap, normals)
+    frame, turns = (gap, normals, vertices, local), _turned_by(turning, q)
+    row_problem(moves, frame, (free - q, forces), turns, between, compliance, out)
+
+
+@_kernel
+def row_problem(moves, frame, given, turns, between, compliance, out):  # type: ignore[no-untyped-def]
+    """Small problem of candidates whose derivatives are known.
 
     Parameters
     ----------
-    along : ndarray, shape (k, m)
-        As above.
+    moves : ndarray, shape (k, 1 or 3, m)
+        Derivatives of the positions along the normal of all, or along the axes.
     frame : tuple
         Gaps (k,) [m], normals (k, 3), vertices (k,), and displacements (n, 3) [m] beyond the modes.
     given : tuple
         How far the coordinates without contacts are from those of the gaps (m,), and forces (k,) [N] before, about
         which the problem is softened: repeated problems close the gaps.
-    turns : ndarray, shape (n, 3)
-        Rotation vectors [rad] of vertices; (0, 3) where they do not turn.
-    blocks, slots : ndarray
-        Shapes beyond the modes.
+    turns : ndarray, shape (k, 3)
+        Rotation vectors [rad] of the candidates; (0, 3) where they do not turn.
+    between : ndarray, shape (3, 3, k, k)
+        Shapes beyond the modes at the candidates.
     compliance : ndarray, shape (m,) or (m, m)
         G.
     out : tuple
         Columns (k, k), compliance (k, k) beyond the modes, ``J G`` (k, m) and gaps (k,) [m] without forces; and the
-        normals (k, 3) in the axes at rest.
+        normals (3, k) in the axes at rest.
     """
     gap, normals, vertices, local = frame
     ahead, forces = given
-    count, size = along.shape
-    (columns, beyond, softened, offset, own), trace = out, 0.0
-    offset[:], own[:] = gap, normals
+    count, size = moves.shape[0], moves.shape[2]
+    columns, beyond, softened, offset, own = out
+    across = np.empty((size, count))
     for i in range(count):
-        n, v = normals[i], vertices[i]
+        n, v, value = normals[i], vertices[i], gap[i]
         for k in range(size):
-            offset[i] += along[i, k] * ahead[k]
-        offset[i] -= n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2]
+            slope = moves[i, 0, k]
+            if moves.shape[1] == 3:
+                slope = n[0] * slope + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
+            across[k, i] = slope
+            value += slope * ahead[k]
+        offset[i] = value - (n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2])
+        own[0, i], own[1, i], own[2, i] = n[0], n[1], n[2]
         if turns.size:
-            w = turns[v]
+            w = turns[i]
             c1, c2, _ = coefficients(w[0], w[1], w[2])
-            own[i, 0], own[i, 1], own[i, 2] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+            own[0, i], own[1, i], own[2, i] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
+    residual_compliance(between, own, beyond)
+    columns[:] = beyond
     if compliance.ndim == 1:
-        softened[:] = along * compliance
+        for i in range(count):
+            for k in range(size):
+                softened[i, k] = across[k, i] * compliance[k]
+        loaded = response(across, compliance, columns)
     else:
-        softened[:] = along @ np.ascontiguousarray(compliance.T)
-    residual_compliance(blocks, slots, own, beyond)
-    columns[:], across = beyond, np.ascontiguousarray(along.T)
-    for j in range(count):
-        for k in range(size):
-            for i in range(count):
-                columns[j, i] += softened[j, k] * across[k, i]
-        trace += columns[j, j]
+        softened[:] = np.ascontiguousarray(across.T) @ np.ascontiguousarray(compliance.T)
+        trace = 0.0
+        for j in range(count):
+            for k in range(size):
+                for i in range(count):
+                    columns[j, i] += softened[j, k] * across[k, i]
+            trace += columns[j, j]
+        loaded = LOADED * trace / max(count, 1)
+        for i in range(count):
+            columns[i, i] += loaded
     for i in range(count):
-        columns[i, i] += LOADED * trace / count
-        offset[i] -= LOADED * trace / count * forces[i]
+        offset[i] -= loaded * forces[i]
 
 
 @_kernel
@@ -85,7 +122,7 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
     q[:], expected[:] = free, offset
     for j in range(forces.size):
         for i in range(3):
-            pushes[j, i] = forces[j] * own[j, i]
+            pushes[j, i] = forces[j] * own[i, j]
         if forces[j] > 0.0:
             for k in range(q.size):
                 q[k] += softened[j, k] * forces[j]
@@ -96,24 +133,38 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 
 
 @_kernel
-def row_reached(place, points, pushes, forces, turns, bodies, gaps):  # type: ignore[no-untyped-def]
+def row_reached(place, points, pushes, forces, turning, q, bodies, gaps):  # type: ignore[no-untyped-def]
     """Gaps (k,) [m] of candidates at ``points`` (k, 3) under ``pushes`` (k, 3) on them; how far [m] they are off.
 
-    ``place`` are their vertices, contacts and slots, and the blocks of slots. ``pushes`` [N] are in the axes at rest,
-    in which ``turns`` (n, 3) [rad] turn what these press in.
+    ``place`` and ``turning`` are as those of :func:`row_begin`. ``pushes`` [N] are in the axes at rest, in
+    which their turns at q turn what these press in.
     """
-    vertices, contact_of, slots, blocks = place
-    local, n = np.empty(points.shape), np.empty(3)
-    local_at(blocks, slots, pushes, local)
-    for i in range(vertices.size):
-        a, b, c = local[i, 0], local[i, 1], local[i, 2]
+    _, contact_of, _, between = place
+    turns = _turned_by(turning, q)
+    local, n = np.empty((3, contact_of.size)), np.empty(3)
+    local_at(between, pushes, local)
+    for i in range(contact_of.size):
+        a, b, c = local[0, i], local[1, i], local[2, i]
         if turns.size:
-            w = turns[vertices[i]]
+            w = turns[i]
             c1, c2, _ = coefficients(w[0], w[1], w[2])
             a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
         x, y, z = points[i, 0] + a, points[i, 1] + b, points[i, 2] + c
-        gaps[i] = gap_at(bodies[0][contact_of[i]], bodies[1][contact_of[i]], x, y, z, n)
+        gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
     return row_off(gaps, forces)
+
+
+@_kernel
+def row_ended(end, vertices, points, rows, forces, pushes):  # type: ignore[no-untyped-def]
+    """Write forces (k,) to ``pushes`` (r,); how far [m] vertices at ``end`` (n, 3) are from ``points`` (k, 3)."""
+    move = 0.0
+    for i in range(vertices.size):
+        pushes[rows[i]] = forces[i]
+        for axis in range(3):
+            way = abs(end[vertices[i], axis] - points[i, axis])
+            if not way <= move:
+                move = way
+    return move
 
 
 @_kernel

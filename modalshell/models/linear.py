@@ -75,7 +75,7 @@ class LinearModal(ModalModel):
         return self._patch_rows(self.basis.modes, vertices)
 
     @cached_property
-    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+    def contact_shape(self) -> tuple[Array, Array, Array]:
         """See :attr:`Warp.contact_shape`."""
         return contact_shape(self.basis, turns=False)
 

@@ -16,6 +16,7 @@ from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels.frame import TILE
+from modalshell.kernels.packed import LANES
 from modalshell.loads.surface_kernels import APART
 from modalshell.models.base.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.models.reduction import rotation_strain_kernels as kernel
@@ -69,7 +70,7 @@ class RotationStrain(TurnedTriangles):
         self._green = np.empty((0, fit.rows - 1))
         self._places = np.full(len(basis.shell.rest_positions), -1, np.int64)
         self._spread: tuple[bytes, Array] | None = None
-        self._gathered: tuple[Index, Array] | None = None
+        self._gathered: tuple[bytes, Array] | None = None
         self._centres = np.array(centres).reshape(-1, 3, basis.count)
         height, foot, length = fit.sides.T
         shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
@@ -105,9 +106,10 @@ class RotationStrain(TurnedTriangles):
         if directions is None:
             return points, None
         columns, slots = self._by_triangle
-        right = np.empty((fit.rows, len(directions), q.size))
+        right = np.empty((fit.rows, len(directions), columns.shape[2]))
         kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right)
-        return points, (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, len(directions), q.size)
+        moves = (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, *right.shape[1:])
+        return points, moves[:, :, : q.size]
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; exact where supports hold vertices."""
@@ -119,8 +121,8 @@ class RotationStrain(TurnedTriangles):
 
     def _green_of(self, vertices: Index) -> Array:
         """Displacements (k, N) of some vertices per unit of each row of a right side; those of the last are kept."""
-        last = self._gathered
-        if last is not None and np.array_equal(last[0], vertices):
+        last, key = self._gathered, vertices.tobytes()
+        if last is not None and last[0] == key:
             return last[1]
         places = self._places[vertices]
         if places.size and places.min() < 0:
@@ -131,14 +133,16 @@ class RotationStrain(TurnedTriangles):
             self._green = np.concatenate([self._green, [self._fit.green(int(vertex)) for vertex in missing]])
             places = self._places[vertices]
         green = self._green[places]
-        self._gathered = vertices.copy(), green
+        self._gathered = key, green
         return green
 
     @cached_property
     def _by_triangle(self) -> tuple[Array, Index]:
-        """Turns and strains (T, 6, m), and rows of all triangles."""
+        """Turns and strains (T, 6, M) of all triangles, M modes that fill whole registers, and their rows."""
         columns = self.turns_and_strains(np.arange(len(self.shell.mesh.faces))).transpose(0, 2, 1)
-        return np.ascontiguousarray(columns), np.array(self._fit.slots)
+        filled = np.zeros((*columns.shape[:2], -(-self.basis.count // LANES) * LANES))
+        filled[:, :, : self.basis.count] = columns
+        return filled, np.array(self._fit.slots)
 
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""

@@ -95,7 +95,7 @@ class ModalWarping(UnstretchedModel):
         return (self.shell.rest_positions[vertices] + moved).mean(axis=0), rows.mean(axis=0)
 
     @cached_property
-    def contact_shape(self) -> tuple[Array, Array, Array, bool]:
+    def contact_shape(self) -> tuple[Array, Array, Array]:
         """See :attr:`Warp.contact_shape`."""
         return contact_shape(self.basis, turns=True)
 

@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, ModalStep, Step
-from modalshell.integrators.modal.exponential_kernels import correct, predict
+from modalshell.integrators.modal.exponential_kernels import correct, predict, stand_in
 from modalshell.integrators.modal.flow import flow, hardly_followed, outrun, turning_flow
 from modalshell.integrators.state import COST, MotionState
 
@@ -89,11 +89,11 @@ class Exponential(ModalIntegrator, key="exponential"):
 
     def stood_in_for(self, before: MotionState, after: MotionState, force: Array, h: float) -> MotionState:
         """``after`` a step of implicit Euler, its force kept, with the error of that step."""
-        gained, moved = after.rates - before.rates, after.coordinates - before.coordinates
-        error, none = 0.5 * h * gained, np.zeros_like(force)
-        cost = np.array([part @ part for part in (error, gained, moved)])
-        keeps = {"force": force, "gain": force - before.memory["force"], "curvature": none}
-        return MotionState(after.coordinates, after.rates, keeps | {"step": np.array([h]), COST: cost})
+        ends, cost, step = np.empty((2, force.size)), np.empty(3), np.empty(1)
+        step[0], ways = h, [(state.coordinates, state.rates) for state in (before, after)]
+        stand_in(h, *ways, force, before.memory["force"], ends, cost)
+        keeps = {"force": force, "gain": ends[0], "curvature": ends[1], "step": step, COST: cost}
+        return MotionState(after.coordinates, after.rates, keeps)
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step that keeps nothing: the force of the beginning and one predicted."""

@@ -43,3 +43,19 @@ def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-u
         moved += (out[0, k] - q[k]) ** 2
     cost[0], cost[1], cost[2] = error, gained, moved
     return missed, whole
+
+
+@njit(error_model="numpy", fastmath=False)
+def stand_in(h, before, after, pushed, kept, out, cost):  # type: ignore[no-untyped-def]
+    """Gain and curvature of the force, rows of ``out`` (2, m), and ``cost`` (3,) of a step of implicit Euler.
+
+    ``before`` and ``after`` are coordinates and rates (m,), ``pushed`` and ``kept`` the forces (m,) of both.
+    """
+    gained = moved = error = 0.0
+    for k in range(pushed.size):
+        gain = after[1][k] - before[1][k]
+        error += (0.5 * h * gain) ** 2
+        gained += gain**2
+        moved += (after[0][k] - before[0][k]) ** 2
+        out[0, k], out[1, k] = pushed[k] - kept[k], 0.0
+    cost[0], cost[1], cost[2] = error, gained, moved

@@ -159,18 +159,18 @@ class FreeContactMotion(ModalPressedMotion):
         vertices, shapes = pressing.touching.vertices[rows], pressing.shapes
         gap, normals, _ = pressing.touching.gaps(at.base + flight.in_world(at), rows)
         moves, compliance = flight.moves(at, vertices), flight.compliance(at)
-        normals, slots = flight.in_frames(at, vertices, normals), shapes.slots(vertices)
+        normals, (slots, between) = flight.in_frames(at, vertices, normals), shapes.between(vertices)
         along, forces, count = np.einsum("ki,kim->km", normals, moves), pushes[rows], moves.shape[2]
         square = rows.size, rows.size
-        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, normals.shape))
+        problem = tuple(np.empty(shape) for shape in (square, square, (rows.size, count), rows.size, (3, rows.size)))
         slope, stiffness, held = np.zeros(count), None, at.push
         if rubbing is not None:
             slope, stiffness = flight.rubbed(at, *rubbing)
             softer = np.linalg.solve(np.eye(count) + compliance @ stiffness, compliance)
             compliance, held = np.asarray(0.5 * (softer + softer.T), np.float64), held + slope
         frame, given = (gap, normals, vertices, at.local), (-compliance @ held, forces)
-        turns = pressing.turns(self._model.frames.elastic(at.state.coordinates))
-        rows_by.row_problem(along, frame, given, turns, shapes.blocks, slots, compliance, problem)
+        turns = pressing.spins.of(self._model.frames.elastic(at.state.coordinates), vertices)
+        rows_by.row_problem(along[:, None], frame, given, turns, between, compliance, problem)
         turned, expected, unused = np.empty(normals.shape), np.empty(rows.size), np.empty(count)
         for _ in range(_CORRECTIONS):
             out = unused, turned, expected
@@ -179,7 +179,7 @@ class FreeContactMotion(ModalPressedMotion):
             if stiffness is not None:
                 push = push - slope - stiffness @ (compliance @ (push - held))
             end, local = flight.end(push, at.local), np.empty_like(at.local)
-            own = pressing.turns(self._model.frames.elastic(end.state.coordinates))
+            own = pressing.spins.vectors(self._model.frames.elastic(end.state.coordinates))
             kernels.local_shape(shapes.store, slots, turned, own, local)
             end = end._replace(local=local)
             gaps = pressing.gaps(end.base + flight.in_world(end))
@@ -203,8 +203,9 @@ class _Flight:
         self._dt, drag = when
         q, rates, frames = before.coordinates, before.rates, model.frames
         self._slower, self._give, self.count = 1.0 + drag * self._dt, compliance, 6 * len(frames.parts)
-        self._force, self._free, ahead = force, np.empty(q.size), np.empty(q.size)
-        kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, self._free, ahead)
+        self._force, ends = force, np.empty((3, q.size))
+        kernels.implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, self._dt, ends)
+        self._free = ends[0]
         wrench = (frames.from_poses.T @ force[: frames.count]).reshape(-1, 2, 3)
         self._momenta = frames.momenta(q, rates, model.warped_positions) + self._dt * wrench
 

@@ -237,8 +237,9 @@ class ModalContactMotion(ModalPressedMotion):
             pressing.at(time)
             gaps = self._gaps(before, base)
         q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
-        free, ahead = np.empty(q.size), np.empty(q.size)
-        implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, free, ahead)
+        ends = np.empty((3, q.size))
+        implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, ends)
+        free, slow, ahead = ends
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
         pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
         memory = self._memory(pressed)
@@ -246,6 +247,5 @@ class ModalContactMotion(ModalPressedMotion):
             memory[TAKEN] = pressed.at
         if pressed.gaps is not None and not pressing.moving:
             self._ended = pressed.q, pressed.gaps
-        alone = MotionState(free, (free - q) / dt)
-        memory |= model.integrator.stood_in_for(before, alone, force, dt).memory
+        memory |= model.integrator.stood_in_for(before, MotionState(free, slow), force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions

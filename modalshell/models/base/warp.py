@@ -55,8 +55,8 @@ class Warp(ABC):
         return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
 
     @property
-    def contact_shape(self) -> tuple[Array, Array, Array, bool] | None:
-        """Positions at rest (n, 3), modes and rotations (3n, m), and whether these turn; None without a closed form."""
+    def contact_shape(self) -> tuple[Array, Array, Array] | None:
+        """Positions at rest (n, 3), modes, and rotations (3n, m) if they turn; None without a closed form."""
         return None
 
     @abstractmethod
@@ -64,8 +64,8 @@ class Warp(ABC):
         """The same model on another basis of its shell."""
 
 
-def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array, bool]:
+def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array]:
     """What compiled contacts need of a warp in closed form; see :attr:`Warp.contact_shape`."""
     own = [np.array(part, dtype=np.float64, order="C") for part in (basis.shell.rest_positions, basis.modes)]
     rotations = np.array(basis.rotations, dtype=np.float64, order="C") if turns else np.empty((0, basis.count))
-    return own[0], own[1], rotations, turns
+    return own[0], own[1], rotations

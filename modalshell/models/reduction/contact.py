@@ -101,8 +101,8 @@ def settle(
         compliance = np.linalg.inv(hessian)
         found = pressing.pressed_on(z - compliance @ gradient, compliance, state)
         moved, stresses, _ = problem.moved(z, found.q - z)
-        pressed = replace(found, q=moved)
-    pressed = replace(pressed, local=state.local)
+        pressed = found._replace(q=moved)
+    pressed = pressed._replace(local=state.local)
     return Settled(pressed, residual, count, bool(pressed.solved and residual <= goal))
 
 
@@ -199,7 +199,7 @@ class _PressedSteps(LoadedSteps):
         problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
         guess = start.origin + start.dt * start.rates
         stresses = self._model.energy.predicted_stresses(start.near, np.zeros_like(guess))
-        begin = replace(self.pressed, q=guess, positions=None)
+        begin = self.pressed._replace(q=guess, positions=None)
         found = settle(problem, self._pressing, begin, scale, self._goal, stresses)
         self.pressed = found.pressed
         return start.after(found.pressed.q), found.solved

@@ -28,6 +28,8 @@ import numpy as np
 
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import FASTMATH, TILE, polynomials
+from modalshell.kernels.packed import LANES, load, store
+from modalshell.kernels.packed import spread as spread_number
 from modalshell.kernels.rotations import coefficients
 
 WORK = 14 * TILE
@@ -335,33 +337,36 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
 @njit(error_model="numpy", fastmath=False)
 def spread_rows(modal, shape, columns, corners, q, directions, out):  # type: ignore[no-untyped-def]
-    """Derivatives ``out`` (N + 1, d, m) of the right side of :func:`spread` along directions (d, 3) by q (m,).
+    """Derivatives ``out`` (N + 1, d, M) of the right side of :func:`spread` along directions (d, 3) by q (m,).
 
-    ``columns`` (T, 6, m) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``.
+    ``columns`` (T, 6, M) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``. M
+    is m filled up to whole registers.
     """
-    out[:] = 0.0
-    work, slopes = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE))
-    ones, twos = np.empty(q.size), np.empty(q.size)
+    work, slopes, size = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE)), columns.shape[2]
+    numbers, sums = columns.reshape(-1), out.reshape(-1)
+    sums[:] = 0.0
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:
             _combine(modal, t // TILE, q, work)
             for d in range(directions.shape[0]):
                 _slopes(shape, t // TILE, directions[d], work, slopes[d])
-        own = columns[t]
-        at0, at1, at2 = out[np.uint64(corners[t, 0])], out[np.uint64(corners[t, 1])], out[np.uint64(corners[t, 2])]
         for d in range(directions.shape[0]):
             by = slopes[d]
-            a0, a1, a2, a3, a4, a5 = by[0, j], by[1, j], by[2, j], by[3, j], by[4, j], by[5, j]
-            b0, b1, b2, b4, b5 = by[6, j], by[7, j], by[8, j], by[10, j], by[11, j]
-            for k in range(q.size):
-                p0, p1, p2, p3, p4, p5 = own[0, k], own[1, k], own[2, k], own[3, k], own[4, k], own[5, k]
-                ones[k] = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
-                twos[k] = b0 * p0 + b1 * p1 + b2 * p2 + b4 * p4 + b5 * p5
-            first, second, third = at0[d], at1[d], at2[d]
-            for k in range(q.size):
-                second[k] += ones[k]
-            for k in range(q.size):
-                third[k] += twos[k]
-            for k in range(q.size):
-                first[k] -= ones[k] + twos[k]
+            a0, a1, a2 = spread_number(by[0, j]), spread_number(by[1, j]), spread_number(by[2, j])
+            a3, a4, a5 = spread_number(by[3, j]), spread_number(by[4, j]), spread_number(by[5, j])
+            b0, b1, b2 = spread_number(by[6, j]), spread_number(by[7, j]), spread_number(by[8, j])
+            b4, b5 = spread_number(by[10, j]), spread_number(by[11, j])
+            at0 = (corners[t, 0] * directions.shape[0] + d) * size
+            at1 = (corners[t, 1] * directions.shape[0] + d) * size
+            at2 = (corners[t, 2] * directions.shape[0] + d) * size
+            for k in range(0, size, LANES):
+                at = 6 * t * size + k
+                p0, p1, p2 = load(numbers, at), load(numbers, at + size), load(numbers, at + 2 * size)
+                p3, p4 = load(numbers, at + 3 * size), load(numbers, at + 4 * size)
+                p5 = load(numbers, at + 5 * size)
+                one = a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3 + a4 * p4 + a5 * p5
+                two = b0 * p0 + b1 * p1 + b2 * p2 + b4 * p4 + b5 * p5
+                store(sums, at1 + k, load(sums, at1 + k) + one)
+                store(sums, at2 + k, load(sums, at2 + k) + two)
+                store(sums, at0 + k, load(sums, at0 + k) - (one + two))

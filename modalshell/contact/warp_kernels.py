@@ -1,0 +1,269 @@
+"""Compiled: frames of warps in closed form that touch colliders, at their candidates alone (theory 13, eq. 7 and 8)."""
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.contact.complementarity import complementary
+from modalshell.contact.gap_kernels import gap_and_normal
+from modalshell.contact.modal_kernels import between_slots, candidates, local_at, residual_compliance, response, turned
+from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.rotations import coefficients, slopes
+
+_CORRECTIONS = 8
+"""Corrections of a linearisation by the gaps that it leads to, at most."""
+_PASSES = 6
+"""Linearisations at most."""
+
+_kernel = njit(error_model="numpy", fastmath=False)
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
+_plain = njit(**_options)
+
+
+@_plain
+def combined(parts, q, out):  # type: ignore[no-untyped-def]
+    """Displacements or turns ``out`` (3, k) at q of vertices with ``parts`` (m, 3, k) in each mode."""
+    for axis in range(3):
+        row = out[axis]
+        for i in range(row.size):
+            row[i] = 0.0
+        for mode in range(q.size):
+            part, amount = parts[mode, axis], q[mode]
+            for i in range(row.size):
+                row[i] += amount * part[i]
+
+
+@_plain
+def _slopes_of_gaps(modes, rotations, by, across):  # type: ignore[no-untyped-def]
+    """Slopes ``across`` (m, k) of the gaps, by turns and displacements along ``by`` (6, k)."""
+    a, b, c = by[3], by[4], by[5]
+    for mode in range(across.shape[0]):
+        row, x, y, z = across[mode], modes[mode, 0], modes[mode, 1], modes[mode, 2]
+        if rotations.size:
+            p, q, r = rotations[mode, 0], rotations[mode, 1], rotations[mode, 2]
+            one, two, three = by[0], by[1], by[2]
+            for i in range(row.size):
+                row[i] = one[i] * p[i] + two[i] * q[i]
+            for i in range(row.size):
+                row[i] += three[i] * r[i]
+        else:
+            for i in range(row.size):
+                row[i] = 0.0
+        for i in range(row.size):
+            row[i] += a[i] * x[i] + b[i] * y[i] + c[i] * z[i]
+
+
+@_kernel
+def _linearised(kept, bodies, q, local, frame):  # type: ignore[no-untyped-def]
+    """Gaps and their slopes at q, with displacements ``local`` (3, k) in the world beyond the modes."""
+    contact_of, rest, modes, rotations = kept
+    gap, normals, own, across, at, u, w, by = frame
+    n, out = np.empty(3), np.empty(3)
+    combined(modes, q, u)
+    turns = rotations.size > 0
+    if turns:
+        combined(rotations, q, w)
+    for i in range(gap.size):
+        x, y, z = u[0, i], u[1, i], u[2, i]
+        if turns:
+            c1, c2, c3 = coefficients(w[0, i], w[1, i], w[2, i])
+            x, y, z = turned(w[0, i], w[1, i], w[2, i], c2, c3, x, y, z)
+        x, y, z = rest[0, i] + x + local[0, i], rest[1, i] + y + local[1, i], rest[2, i] + z + local[2, i]
+        at[0, i], at[1, i], at[2, i] = x, y, z
+        gap[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
+        a, b, c = n[0], n[1], n[2]
+        normals[0, i], normals[1, i], normals[2, i] = a, b, c
+        if turns:
+            own[0, i], own[1, i], own[2, i] = turned(w[0, i], w[1, i], w[2, i], -c1, c2, a, b, c)
+            # Rt(w)^T n
+            by[3, i], by[4, i], by[5, i] = turned(w[0, i], w[1, i], w[2, i], -c2, c3, a, b, c)
+            warp_slope((w[0, i], w[1, i], w[2, i]), (u[0, i], u[1, i], u[2, i]), (a, b, c), (c1, c2, c3), out)
+            by[0, i], by[1, i], by[2, i] = out[0], out[1], out[2]
+        else:
+            own[0, i], own[1, i], own[2, i] = a, b, c
+            by[3, i], by[4, i], by[5, i] = a, b, c
+    _slopes_of_gaps(modes, rotations, by, across)
+
+
+@_kernel
+def warp_slope(w, u, n, factors, out):  # type: ignore[no-untyped-def]
+    """Derivative ``out`` (3,) by w of ``n . Rt(w) u``; ``factors`` are those of the rotation by w."""
+    c1, c2, c3 = factors
+    square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    d2, d3 = slopes(square, c1, c2, c3)
+    nw, uw = n[0] * w[0] + n[1] * w[1] + n[2] * w[2], u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+    nu = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
+    # n . (w x u) = w . (u x n), and n . (w x (w x u)) = (n . w)(u . w) - w^2 (n . u)
+    p, q, r = u[1] * n[2] - u[2] * n[1], u[2] * n[0] - u[0] * n[2], u[0] * n[1] - u[1] * n[0]
+    radial = d2 * (w[0] * p + w[1] * q + w[2] * r) + d3 * (nw * uw - square * nu)
+    out[0] = radial * w[0] + c2 * p + c3 * (n[0] * uw + u[0] * nw - 2.0 * nu * w[0])
+    out[1] = radial * w[1] + c2 * q + c3 * (n[1] * uw + u[1] * nw - 2.0 * nu * w[1])
+    out[2] = radial * w[2] + c2 * r + c3 * (n[2] * uw + u[2] * nw - 2.0 * nu * w[2])
+
+
+@_kernel
+def _reached(kept, bodies, q, local, begin, frame):  # type: ignore[no-untyped-def]
+    """Gaps (k,) at q with displacements (3, k) in the axes at rest, turned in place; and the move from ``begin``."""
+    contact_of, rest, modes, rotations = kept
+    gaps, u, w = frame
+    n, move, turns = np.empty(3), 0.0, rotations.size > 0
+    combined(modes, q, u)
+    if turns:
+        combined(rotations, q, w)
+    for i in range(gaps.size):
+        x, y, z = u[0, i], u[1, i], u[2, i]
+        a, b, c = local[0, i], local[1, i], local[2, i]
+        if turns:
+            c1, c2, c3 = coefficients(w[0, i], w[1, i], w[2, i])
+            x, y, z = turned(w[0, i], w[1, i], w[2, i], c2, c3, x, y, z)
+            a, b, c = turned(w[0, i], w[1, i], w[2, i], c1, c2, a, b, c)
+        local[0, i], local[1, i], local[2, i] = a, b, c
+        x, y, z = rest[0, i] + x + a, rest[1, i] + y + b, rest[2, i] + z + c
+        gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
+        move = max(move, abs(x - begin[0, i]), abs(y - begin[1, i]), abs(z - begin[2, i]))
+    return move
+
+
+@_kernel
+def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
+    """What :func:`press` reads of candidates (k,), whose slots are known: it serves as long as they stay.
+
+    ``shape`` are positions at rest (n, 3), modes and modal rotations (3n, m), none where these do not turn the modes.
+    """
+    rest, modes, rotations = shape
+    count, size = rows.size, modes.shape[1]
+    vertices, contact_of = np.empty(count, np.int64), np.empty(count, np.int64)
+    places, by_modes = np.empty((3, count)), np.empty((size, 3, count))
+    by_turns = np.empty((size if rotations.size else 0, 3, count))
+    for i in range(count):
+        vertices[i], contact_of[i] = rows_of[0][rows[i]], rows_of[1][rows[i]]
+        for axis in range(3):
+            places[axis, i] = rest[vertices[i], axis]
+            for mode in range(size):
+                by_modes[mode, axis, i] = modes[3 * vertices[i] + axis, mode]
+            if rotations.size:
+                for mode in range(size):
+                    by_turns[mode, axis, i] = rotations[3 * vertices[i] + axis, mode]
+    return rows, vertices, slots, between_slots(blocks, slots), (contact_of, places, by_modes, by_turns)
+
+
+@_plain
+def _same(one, other):  # type: ignore[no-untyped-def]
+    """Whether candidates (k,) are the same as others."""
+    same = one.size == other.size
+    for i in range(min(one.size, other.size)):
+        same = same and one[i] == other[i]
+    return same
+
+
+@_plain
+def _offsets(gap, normals, local, across, ways, offset):  # type: ignore[no-untyped-def]
+    """Gaps ``offset`` (k,) without forces, to first order, from those where displacements are ``local`` (3, k)."""
+    free, q = ways
+    for i in range(gap.size):
+        offset[i] = gap[i]
+    for j in range(3):
+        normal, shape = normals[j], local[j]
+        for i in range(gap.size):
+            offset[i] -= normal[i] * shape[i]
+    for k in range(q.size):
+        row, way = across[k], free[k] - q[k]
+        for i in range(gap.size):
+            offset[i] += row[i] * way
+
+
+@_kernel
+def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
+    """End of a frame: ``q = free + G J^T f`` with ``0 <= f _|_ gap >= 0`` at the candidates.
+
+    Each linearisation is corrected by the gaps that its end has, and taken again where that is far.
+
+    Parameters
+    ----------
+    kept : tuple
+        Of the candidates of the last frame, by :func:`gather`.
+    bodies : tuple
+        Packed contacts.
+    step : tuple
+        Coordinates (m,) without contacts, G (m,), and the coordinates to begin with.
+    before : tuple
+        Gaps (r,) [m] that choose the candidates, forces (r,) [N] and displacements (n, 3) [m] beyond the modes.
+    limits : tuple
+        Gap of a candidate, numbers of them and of those inside, gap that is none, move of a good linearisation, and
+        accuracy of the small problems [m].
+
+    Returns
+    -------
+    tuple
+        Candidates (k,), coordinates (m,), forces (r,) along the normals, and those on the candidates in the axes at
+        rest (k, 3), their elastic energy [J] beyond the modes, and whether the gaps met their tolerance. Coordinates
+        are empty where the candidates are others than those that are kept.
+    """
+    rows, vertices, _, between, place = kept
+    free, compliance, begin = step
+    near, most, inside, deep, far, accuracy = limits
+    found = candidates(before[0], before[1], near, most, inside)
+    if not _same(found, rows):
+        return found, np.empty(0), np.empty(0), np.empty((0, 3)), 0.0, False
+    count = rows.size
+    forces, local, pushes = np.empty(count), np.empty((3, count)), np.empty((count, 3))
+    for i in range(count):
+        forces[i] = before[1][rows[i]]
+        for j in range(3):
+            local[j, i] = before[2][vertices[i], j]
+    q, solved, move, energy = begin.copy(), False, np.inf, 0.0
+    gap, offset, expected, matrix = np.empty(count), np.empty(count), np.empty(count), np.empty((count, count))
+    triples = np.empty((5, 3, count))
+    normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
+    across, by = np.empty((q.size, count)), np.empty((6, count))
+    for _ in range(_PASSES):
+        _linearised(place, bodies, q, local, (gap, normals, own, across, at, u, w, by))
+        residual_compliance(between, own, matrix)
+        response(across, compliance, matrix)
+        _offsets(gap, normals, local, across, (free, q), offset)
+        for _ in range(_CORRECTIONS):
+            complementary(matrix, offset, forces, accuracy, True)
+            _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
+            local_at(between, pushes, local)
+            energy = 0.0
+            for i in range(count):
+                for j in range(3):
+                    energy += 0.5 * pushes[i, j] * local[j, i]
+            move = _reached(place, bodies, q, local, at, (gap, u, w))
+            worst = 0.0
+            for i in range(count):
+                worst = max(worst, abs(gap[i]) if forces[i] > 0.0 else -gap[i])
+            solved = worst <= deep
+            if solved or not worst < np.inf:
+                break
+            for i in range(count):
+                offset[i] += gap[i] - expected[i]
+        if (solved and move <= far) or not move < np.inf:
+            break
+    pushed = np.zeros(before[1].size)
+    for i in range(count):
+        pushed[rows[i]] = forces[i]
+    return rows, q, pushed, pushes, energy, solved and move <= far
+
+
+@_plain
+def _ended_small(matrix, offset, forces, step, own, out):  # type: ignore[no-untyped-def]
+    """Coordinates (m,), expected gaps (k,) and forces (k, 3) in the axes at rest by forces (k,) on the candidates."""
+    free, compliance, across = step
+    q, expected, pushes = out
+    for k in range(q.size):
+        row, value = across[k], free[k]
+        for i in range(forces.size):
+            if forces[i] > 0.0:
+                value += compliance[k] * row[i] * forces[i]
+        q[k] = value
+    for j in range(expected.size):
+        expected[j] = offset[j]
+    for i in range(forces.size):
+        force, row = forces[i], matrix[i]
+        pushed = force > 0.0
+        for j in range(3):
+            pushes[i, j] = force * own[j, i] if pushed else 0.0
+        if pushed:
+            for j in range(expected.size):
+                expected[j] += row[j] * force
