@@ -55,6 +55,7 @@ class _LastLoad:
     load: Array = field(default_factory=lambda: np.empty(0))
     push: Array = field(default_factory=lambda: np.empty(0))
     seen: bool = False
+    kept: Array = field(default_factory=lambda: np.empty(0))
 
 
 @final
@@ -106,15 +107,15 @@ class HybridStress(OnCoarse):
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         self._about()
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
-        size, modes = self._reduced.membrane.linear.shape
+        size, modes = trained.basis.shape[1], self._reduced.membrane.count
         hinges, bending = len(self._reduced.bending.hinges), self._reduced.bending
         self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
-        read = *self._reduced.membrane, bending.flat, bending.modes, bending.across
+        read = *self._reduced.membrane[:2], bending.flat, bending.modes, bending.across
         self._bytes = sum(part.nbytes for part in read)
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
-        self._last_load = PerThread(_LastLoad)
+        self._last_load = PerThread(partial(_LastLoad, kept=np.full(size + modes, np.nan)))
         little = 2.0 * SMALL * trained.energy if self.flight.count else None
         self._compliance = LinearCompliance(coarse, trained.basis, own, little)
 
@@ -217,7 +218,7 @@ class HybridStress(OnCoarse):
 
     def _sees_state(self, z: Array) -> bool:
         """The same, of any state."""
-        modes = self._reduced.membrane.linear.shape[1]
+        modes = self._reduced.membrane.count
         energy, strains, *_ = evaluate(self._reduced, z, np.zeros(modes))
         self._count(1)
         return self._sees(z, energy, 0.5 * float(strains[:modes] @ strains[:modes]))
@@ -343,7 +344,7 @@ class HybridStress(OnCoarse):
             return start.near, False
         begin = start.origin, start.rates, start.near, start.viscous_at
         factors = damping.mass_factor, damping.stiffness_factor
-        options = last.push, start.dt, *factors, _STEP_GOAL
+        options = last.push, start.dt, *factors, _STEP_GOAL, last.kept
         moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
         self._count(iterations + 2)
         count_solves(moved.size, iterations)

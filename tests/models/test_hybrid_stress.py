@@ -39,7 +39,7 @@ def distance(a, b, shell):
 
 
 def terms(reduced, z):
-    modes = reduced.membrane.linear.shape[1]
+    modes = reduced.membrane.count
     value, strains, _, gradient, _ = evaluate(reduced, z, np.zeros(modes))
     return value, gradient, strains[:modes]
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, load_first, spread, store, total
+from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles, write_products
+from modalshell.models.hybrid.bending_kernels import add_products, add_rows, couple, hinge_angles
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -22,134 +22,181 @@ _operation = _options | UNCOUNTED
 
 
 @njit(**_options)
-def _quadratic(form, z, stresses, strains, slopes, hessian):  # type: ignore[no-untyped-def]
-    """Write ``d_k`` and their slopes (m, K); add ``sum_k s_k B_k`` to the lower triangle of ``hessian``.
+def width_of(count):  # type: ignore[no-untyped-def]
+    """Length of a row of ``count`` numbers: a whole number of packed registers."""
+    return -(-count // LANES) * LANES
 
-    One pass over the numbers, which are what a step reads: sums run over the contiguous k.
-    """
-    linear, pairs = form.linear, form.pairs.reshape(-1)
-    count, modes = linear.shape
-    width = -(-modes // LANES) * LANES
-    rest = modes - (width - LANES)
-    products, known = np.zeros(count * width), np.zeros(width)
-    for k in range(modes):
-        known[k] = stresses[k]
-    place = 0
+
+@njit(**_options)
+def _quadratic(form, z, strains, slopes):  # type: ignore[no-untyped-def]
+    """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers."""
+    count, width = form.linear.shape
+    linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
+    products, values, place = np.zeros(count * width), np.zeros(width), 0
     for i in range(count):
-        here = spread(z[i])
-        for j in range(i + 1):
-            there, p, q, sums = spread(z[j]), i * width, j * width, spread(0.0)
+        here = spread_from(z, i)
+        for j in range(i):
+            there, p, q = spread_from(z, j), i * width, j * width
             for k in range(0, width, LANES):
-                numbers = load(pairs, place + k) if k + LANES <= modes else load_first(pairs, place + k, rest)
+                numbers = load(pairs, place + k)
                 store(products, p + k, load(products, p + k) + numbers * there)
-                if j < i:
-                    store(products, q + k, load(products, q + k) + numbers * here)
-                sums = sums + numbers * load(known, k)
-            hessian[i, j] += total(sums)
-            place += modes
-    for k in range(modes):
-        strains[k] = 0.0
+                store(products, q + k, load(products, q + k) + numbers * here)
+            place += width
+        for k in range(0, width, LANES):
+            at = i * width + k
+            store(products, at, load(products, at) + load(pairs, place + k) * here)
+        place += width
+    half = spread(0.5)
     for i in range(count):
-        for k in range(modes):
-            slope = products[i * width + k]
-            strains[k] += z[i] * (linear[i, k] + 0.5 * slope)
-            slopes[i, k] = linear[i, k] + slope
+        here = spread_from(z, i)
+        for k in range(0, width, LANES):
+            first, slope = load(linear, i * width + k), load(products, i * width + k)
+            store(values, k, load(values, k) + here * (first + half * slope))
+            store(products, i * width + k, first + slope)
+    for k in range(form.count):
+        strains[k] = values[k]
+        for i in range(count):
+            slopes[k * z.size + i] = products[i * width + k]
+
+
+@njit(**_options)
+def _add_stressed(form, stresses, width, hessian):  # type: ignore[no-untyped-def]
+    """Add ``sum_k s_k B_k`` to the lower triangle of ``hessian`` (width, width), which is flat."""
+    pairs, known, place = form.pairs.reshape(-1), np.zeros(form.linear.shape[1]), 0
+    for k in range(form.count):
+        known[k] = stresses[k]
+    for i in range(form.linear.shape[0]):
+        for j in range(i + 1):
+            sums = spread(0.0)
+            for k in range(0, known.size, LANES):
+                sums = sums + load(pairs, place + k) * load(known, k)
+            hessian[i * width + j] += total(sums)
+            place += known.size
 
 
 @njit(**_options)
 def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
-    """Write the stresses (K,) after ``step`` (m,), by the strains linearised where they are."""
+    """Write the stresses (K,) after ``step`` (width,), by the strains linearised where they are."""
+    width = step.size
     for k in range(stresses.size):
-        stresses[k] = strains[k]
-    for i in range(step.size):
-        for k in range(stresses.size):
-            stresses[k] += step[i] * slopes[i, k]
+        stresses[k] = strains[k] + dot(slopes, k * width, step, 0, width)
 
 
 @njit(**_options)
-def _add_squares(slopes, first, size, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the products of ``size`` slopes to the lower triangle of ``matrix`` (m, m)."""
-    count = matrix.shape[0]
-    width = -(-count // LANES) * LANES
-    turned, made = np.zeros(size * width), np.empty(width * width)
-    for i in range(count):
-        for k in range(size):
-            turned[k * width + i] = slopes[i, first + k]
-    write_products(turned, turned, width, True, made)
-    for i in range(count):
-        for j in range(i + 1):
-            matrix[i, j] += factor * made[i * width + j]
-
-
-@njit(**_options)
-def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Energy [J] of z; writes strains (K + H,), their slopes (m, K + H), the gradient and the Hessian's lower triangle.
+def energy_terms(reduced, z, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
+    """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
 
     Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
-    flat hinges' and what couples hinges. The Hessian takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and
-    leaves out the second derivatives of the angles and of the normals.
+    flat hinges' and what couples hinges, with the rows of ``others``.
     """
-    count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
-    flat, energy = bending.flat.reshape(-1), 0.0
-    for i in range(count):
-        for j in range(count):
-            hessian[i, j] = bending.flat[i, j]
-        bent = dot(flat, i * count, z, 0, count)
-        gradient[i] = bent
-        energy += 0.5 * z[i] * bent
-    _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
+    bending, first, width, energy = reduced.bending, reduced.membrane.count, z.size, 0.0
+    for i in range(width):
+        gradient[i] = 0.0
+    add_rows(bending.flat.reshape(-1), 0, z, 0, bending.flat.shape[0], gradient)
+    energy += 0.5 * dot(gradient, 0, z, 0, width)
+    _quadratic(reduced.membrane, z, strains, slopes)
     x = hinge_angles(bending, z, first, strains, slopes)
-    _add_squares(slopes, 0, strains.size, 1.0, hessian)
     energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
-    rows, width = slopes.reshape(-1), slopes.shape[1]
-    for i in range(count):
-        gradient[i] += dot(rows, i * width, strains, 0, strains.size)
+    add_rows(slopes, 0, strains, 0, strains.size, gradient)
     if bending.across.shape[0] > 0:
-        others = np.empty((bending.across.shape[0], count))
-        energy += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
-        add_coupled(slopes, first, others, 1.0, hessian)
+        energy += couple(bending, z, x, first, strains, slopes, others, gradient)
     return energy
 
 
 @njit(**_options)
+def _write_squares(bending, slopes, count, first, others, width, hessian):  # type: ignore[no-untyped-def]
+    """Write the Hessian of the flat hinges and half the squares of ``count`` strains, coupled from the ``first`` on.
+
+    Its lower triangle; the second derivatives of strains are left out, and of what couples hinges the normals'.
+    """
+    flat = bending.flat.reshape(-1)
+    for i in range(flat.size):
+        hessian[i] = flat[i]
+    for i in range(flat.size, hessian.size):
+        hessian[i] = 0.0
+    add_products(slopes, 0, slopes, 0, count, width, hessian)
+    coupled = bending.across.shape[0]
+    add_products(slopes, first, others, 0, coupled, width, hessian)
+    add_products(others, 0, slopes, first, coupled, width, hessian)
+
+
+@njit(**_options)
+def write_hessian(reduced, stresses, slopes, others, width, hessian):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the energy's Hessian, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given.
+
+    By what :func:`energy_terms` has written. The second derivatives of the angles and of the normals are left out.
+    """
+    first = reduced.membrane.count
+    _write_squares(reduced.bending, slopes, first + reduced.bending.angles.size, first, others, width, hessian)
+    _add_stressed(reduced.membrane, stresses, width, hessian)
+
+
+@njit(**_options)
 def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
-    """What :func:`energy_terms` finds: energy, strains, slopes, gradient and Hessian."""
-    count, modes = reduced.membrane.linear.shape
-    strains = np.empty(modes + reduced.bending.angles.size)
-    slopes, gradient, hessian = np.empty((count, strains.size)), np.empty(count), np.empty((count, count))
-    value = energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian)
+    """Energy, strains (K + H,), their slopes (K + H, m), gradient (m,), and the lower triangle of the Hessian (m, m).
+
+    Of coordinates z (m,); see :func:`energy_terms` and :func:`write_hessian`.
+    """
+    count, width, size = z.size, width_of(z.size), reduced.membrane.count + reduced.bending.angles.size
+    padded, slope, rows = np.zeros(width), np.empty(width), np.zeros(size * width)
+    strains, others, matrix = np.empty(size), np.zeros(reduced.bending.across.shape[0] * width), np.empty(width * width)
+    for i in range(count):
+        padded[i] = z[i]
+    value = energy_terms(reduced, padded, strains, rows, others, slope)
+    write_hessian(reduced, stresses, rows, others, width, matrix)
+    slopes, gradient, hessian = np.empty((size, count)), np.empty(count), np.empty((count, count))
+    for i in range(count):
+        gradient[i] = slope[i]
+        for j in range(count):
+            hessian[i, j] = matrix[i * width + j]
+        for k in range(size):
+            slopes[k, i] = rows[k * width + i]
     return value, strains, slopes, gradient, hessian
 
 
 @njit(**_options)
-def _solve_in_place(matrix, vector):  # type: ignore[no-untyped-def]
-    """Solve by ``L D L^T`` in place, no pivots exchanged; the number of negative pivots, or -1 where one is zero."""
-    count, negative = vector.size, 0
+def _solve_in_place(matrix, vector, count):  # type: ignore[no-untyped-def]
+    """Solve for the first ``count`` unknowns by ``L D L^T`` in place, no pivots exchanged.
+
+    Of ``matrix`` (width, width), which is flat, the lower triangle is read; ``vector`` (width,) has zeros beyond the
+    unknowns. Returns the number of negative pivots, or -1 where one is zero.
+    """
+    width, negative = vector.size, 0
     for i in range(count):
         for j in range(i):
-            matrix[j, i] = matrix[i, j]
-    for k in range(count):  # rows of D L^T above the diagonal, those of L below
-        pivot = matrix[k, k]
+            matrix[j * width + i] = matrix[i * width + j]
+        for j in range(count, width):
+            matrix[i * width + j] = 0.0
+    for k in range(count):  # rows of D L^T, from the diagonal on
+        row = k * width
+        pivot = matrix[row + k]
         if not 0.0 < abs(pivot) < np.inf:
             return -1
         negative += pivot < 0.0
         for i in range(k + 1, count):
-            scaled = matrix[k, i] / pivot
-            matrix[i, k] = scaled
-            for j in range(i, count):
-                matrix[i, j] -= scaled * matrix[k, j]
+            scaled = matrix[row + i] / pivot
             vector[i] -= scaled * vector[k]
-    for i in range(count):
-        vector[i] /= matrix[i, i]
-    for i in range(count - 1, 0, -1):
-        last = vector[i]
-        for k in range(i):
-            vector[k] -= matrix[i, k] * last
+            factor = spread(-scaled)
+            for j in range(i // LANES * LANES, width, LANES):
+                at = i * width + j
+                store(matrix, at, load(matrix, at) + factor * load(matrix, row + j))
+    for i in range(count - 1, -1, -1):
+        pivot, right = matrix[i * width + i], vector[i]
+        vector[i] = 0.0
+        for j in range(i // LANES * LANES, i):
+            matrix[i * width + j] = 0.0
+        begin, products = i // LANES * LANES, spread(0.0)
+        for j in range(begin, width, LANES):
+            products = products + load(matrix, i * width + j) * load(vector, j)
+        vector[i] = (right - total(products)) / pivot
     return negative
 
 
 class Step(NamedTuple):
-    """A step about ``origin`` (m,), ``outer`` (m, m) being its quadratic part: the problem of mixed Newton."""
+    """A step about ``origin`` (m,), ``outer`` being its quadratic part: the problem of mixed Newton.
+
+    Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.bending_kernels`.
+    """
 
     reduced: ReducedStress
     origin: Array
@@ -159,10 +206,12 @@ class Step(NamedTuple):
     stresses: Array
     strains: Array
     slopes: Array
+    others: Array
     gradient: Array
     hessian: Array
     slots: Array
     way: Array
+    at: Array
     numbers: Array
 
 
@@ -172,43 +221,52 @@ _SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
 
 @operation_of(Step, method.residual, **_operation)
 def _residual(p):  # type: ignore[no-untyped-def]
-    """Energy, strains, Hessian and out-of-balance force; its size."""
+    """Energy, strains and out-of-balance force; its size."""
     return _balance(p)
 
 
 @njit(**_options)
 def _balance(p):  # type: ignore[no-untyped-def]
-    p.numbers[_ENERGY] = energy_terms(p.reduced, p.x, p.stresses, p.strains, p.slopes, p.gradient, p.hessian)
-    count, outer, u = p.x.size, p.outer.reshape(-1), np.empty(p.x.size)
+    count, width, u = p.x.size, p.at.size, np.zeros(p.at.size)
     for i in range(count):
+        p.at[i] = p.x[i]
         u[i] = p.x[i] - p.origin[i]
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient)
+    add_rows(p.outer, 0, u, 0, count, p.gradient)
     for i in range(count):
-        p.gradient[i] += dot(outer, i * count, u, 0, count) - p.push[i]
-        p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i])
-    return np.sqrt(dot(p.gradient, 0, p.gradient, 0, count)) / p.numbers[_SCALE]
+        p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
+    return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
 
 
 @operation_of(Step, method.potential, **_operation)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    size, value = _balance(p), p.numbers[_ENERGY]
+    size, value, width = _balance(p), p.numbers[_ENERGY], p.at.size
     for i in range(p.x.size):
         move = p.x[i] - p.origin[i]
         for j in range(p.x.size):
-            value += 0.5 * move * p.outer[i, j] * (p.x[j] - p.origin[j])
+            value += 0.5 * move * p.outer[i * width + j] * (p.x[j] - p.origin[j])
         value -= move * p.push[i]
     return value, size
+
+
+@njit(**_options)
+def _assemble(p):  # type: ignore[no-untyped-def]
+    """Write the Hessian's lower triangle, the inertia's and the damping's with it, where the balance was asked for."""
+    width = p.at.size
+    write_hessian(p.reduced, p.stresses, p.slopes, p.others, width, p.hessian)
+    for i in range(p.outer.size):
+        p.hessian[i] += p.outer[i]
 
 
 @operation_of(Step, method.solve, **_operation)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction, into the array of the gradient."""
+    _assemble(p)
     for i in range(p.x.size):
-        for j in range(i + 1):
-            p.hessian[i, j] += p.outer[i, j]
-        p.hessian[i, i] += p.numbers[_DRAG]
+        p.hessian[i * p.at.size + i] += p.numbers[_DRAG]
         p.gradient[i] = -p.gradient[i]
-    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient)
+    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient, p.x.size)
     return p.numbers[_NEGATIVE] >= 0.0
 
 
@@ -239,19 +297,20 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.first_drag, **_operation)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Drag to begin with: a hundredth of the inertia, as coordinates have no size of their own."""
-    return 0.01 * p.outer[0, 0]
+    return 0.01 * p.outer[0]
 
 
 @operation_of(Step, method.point_downhill, **_options)
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find the direction in which the potential curves down most."""
     _balance(p)
-    count = p.x.size
+    _assemble(p)
+    count, width = p.x.size, p.at.size
+    whole = np.empty((count, count))
     for i in range(count):
         for j in range(i + 1):
-            p.hessian[i, j] += p.outer[i, j]
-            p.hessian[j, i] = p.hessian[i, j]
-    curvatures, ways = np.linalg.eigh(p.hessian)
+            whole[i, j] = whole[j, i] = p.hessian[i * width + j]
+    curvatures, ways = np.linalg.eigh(whole)
     size = np.sqrt(dot(p.x, 0, p.x, 0, count))
     for i in range(count):
         p.way[i] = size * ways[i, 0]
@@ -266,13 +325,32 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
+def _write_viscous(reduced, at, factor, outer):  # type: ignore[no-untyped-def]
+    """Write ``factor`` times the viscous matrix at coordinates ``at`` (width,) into ``outer``, flat: that of slopes."""
+    bending, width, modes = reduced.bending, at.size, reduced.viscous.count
+    size = modes + bending.angles.size
+    slopes, strains, none = np.zeros(size * width), np.empty(size), np.empty(width)
+    others = np.empty(bending.across.shape[0] * width)
+    _quadratic(reduced.viscous, at, strains, slopes)
+    x = hinge_angles(bending, at, modes, strains, slopes)
+    if bending.across.shape[0] > 0:
+        couple(bending, at, x, modes, strains, slopes, others, none)
+    _write_squares(bending, slopes, size, modes, others, width, outer)
+    for i in range(width):
+        for j in range(i + 1):
+            outer[i * width + j] *= factor
+            outer[j * width + i] = outer[i * width + j]
+
+
+@njit(**_options)
+def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
     ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
     Newton's method begins where the rates lead, with the stresses of that state. ``force`` (m,) is the load's; ``drag``
     [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for
-    discrete shells.
+    discrete shells. ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
+    they are the state without false strains. The end's are written there.
 
     Returns
     -------
@@ -286,44 +364,35 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
         Iterations.
     """
     z, rates, near, viscous_at = start
-    count, modes = reduced.membrane.linear.shape
-    further = reduced.viscous.linear.shape[1]
-    slopes = np.empty((count, max(modes, further) + reduced.bending.angles.size))
-    strains, unused, outer = np.empty(slopes.shape[1]), np.empty((count, count)), np.zeros((count, count))
+    count, width, modes = z.size, width_of(z.size), reduced.membrane.count
+    size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
+    outer, at = np.zeros(width * width), np.zeros(width)
     if viscosity > 0.0:
-        factor, bending = viscosity / dt, reduced.bending
-        _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
-        _add_squares(slopes, 0, further, factor, outer)
-        x = hinge_angles(bending, viscous_at, modes, strains, slopes)
-        _add_squares(slopes, modes, bending.angles.size, factor, outer)
-        if bending.across.shape[0] > 0:
-            others, none = np.empty((bending.across.shape[0], count)), np.zeros(count)
-            add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
-            add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
-            for j in range(i + 1):
-                outer[i, j] += factor * bending.flat[i, j]
-                outer[j, i] = outer[i, j]
-    push, begin, way, slots = np.empty(count), np.empty(count), np.empty(count), np.empty((2, count))
+            at[i] = viscous_at[i]
+        _write_viscous(reduced, at, viscosity / dt, outer)
+    push, begin, slots = np.empty(count), np.empty(count), np.empty((2, count))
+    known = True
     for i in range(count):
-        outer[i, i] += 1.0 / (dt * dt) + drag / dt
+        outer[i * width + i] += 1.0 / (dt * dt) + drag / dt
         push[i] = force[i] + rates[i] / dt
         begin[i] = z[i] + dt * rates[i]
-        slots[START, i] = near[i]
+        slots[START, i] = at[i] = near[i]
+        known &= kept[i] == near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
-    stresses = np.zeros(modes)
-    _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
+    strains, slopes, stresses = np.empty(size), np.zeros(size * width), np.empty(modes)
+    if not known:
+        _quadratic(reduced.membrane, at, strains, slopes)
     for k in range(modes):
-        stresses[k] = strains[k]
-    slopes, strains = (
-        np.empty((count, modes + reduced.bending.angles.size)),
-        np.empty(modes + reduced.bending.angles.size),
-    )
+        stresses[k] = kept[count + k] if known else strains[k]
     step = Step(
-        reduced, z, outer, push, begin, stresses, strains, slopes, np.empty(count), unused, slots, way,
-        np.array([scale, 0.0, 0.0, np.inf]),
+        reduced, z, outer, push, begin, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
+        np.empty(width * width), slots, np.empty(count), at, np.array([scale, 0.0, 0.0, np.inf]),
     )  # fmt: skip
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
-    seen = 0.5 * dot(strains, 0, strains, 0, modes)
-    return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations
+    for i in range(count):
+        kept[i] = at[i]
+    for k in range(modes):
+        kept[count + k] = strains[k]
+    return step.x, found.solved, step.numbers[_ENERGY], 0.5 * dot(strains, 0, strains, 0, modes), found.iterations

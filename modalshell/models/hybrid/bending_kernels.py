@@ -1,4 +1,7 @@
-"""Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them."""
+"""Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them.
+
+Vectors over coordinates are rows of a whole number of packed registers, ``width`` long and padded with zeros.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,15 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 
 @njit(**_options)
 def hinge_angles(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
-    count, modes = z.size, bending.modes.reshape(-1)
-    x = bending.rest.copy()
+    """Write the angles' changes and their slopes, times the roots of their weights, from the ``first`` row on.
+
+    ``z`` (width,) are the coordinates, ``slopes`` rows of that length, flat. Returns the hinges' positions.
+    """
+    width, modes = z.size, bending.modes.reshape(-1)
+    x, local = bending.rest.copy(), np.empty(9)
     for v in range(x.shape[0]):
         for axis in range(3):
-            x[v, axis] += dot(modes, (3 * v + axis) * count, z, 0, count)
-    local, row = np.empty(9), np.empty(count)
+            x[v, axis] += dot(modes, (3 * v + axis) * width, z, 0, width)
     for h in range(bending.hinges.shape[0]):
         a, b, c, d = bending.hinges[h]
         angle = first_derivatives(
@@ -29,15 +34,17 @@ def hinge_angles(bending, z, first, strains, slopes):  # type: ignore[no-untyped
             x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
             x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
         )  # fmt: skip
-        root = bending.roots[h]
+        root, row = bending.roots[h], (first + h) * width
         strains[first + h] = root * ((angle - bending.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
-        row[:] = 0.0
-        for axis in range(3):
-            p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-            for i in range(count):
-                row[i] += p * bending.modes[b, axis, i] + q * bending.modes[c, axis, i] + r * bending.modes[d, axis, i]
-                row[i] -= (p + q + r) * bending.modes[a, axis, i]
-        slopes[:, first + h] = row
+        for i in range(0, width, LANES):
+            slope = spread(0.0)
+            for axis in range(3):
+                p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
+                slope = slope + spread(p) * load(modes, (3 * b + axis) * width + i)
+                slope = slope + spread(q) * load(modes, (3 * c + axis) * width + i)
+                slope = slope + spread(r) * load(modes, (3 * d + axis) * width + i)
+                slope = slope - spread(p + q + r) * load(modes, (3 * a + axis) * width + i)
+            store(slopes, row + i, slope)
     return x
 
 
@@ -64,7 +71,7 @@ def _mean_normal(bending, x, h, way, normal):  # type: ignore[no-untyped-def]
 
 @njit(**_options)
 def _pull_normal(bending, x, h, pull, way, normal, length, forces):  # type: ignore[no-untyped-def]
-    """Add the gradient of ``pull . normal`` to the ``forces`` on a hinge's vertices."""
+    """Add the gradient of ``pull . normal`` to the ``forces`` (S * 3,) on a hinge's vertices."""
     a, b, c, d = bending.hinges[h]
     along = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2]
     for axis in range(3):
@@ -74,79 +81,84 @@ def _pull_normal(bending, x, h, pull, way, normal, length, forces):  # type: ign
         on_edge = way[j] * right - way[k] * left
         on_way = left * (x[b, k] - x[a, k]) - right * (x[b, j] - x[a, j])
         here, there = -on_way * bending.feet[h, 1], on_way * bending.feet[h, 3]
-        forces[c, axis] += here
-        forces[d, axis] += there
+        forces[3 * c + axis] += here
+        forces[3 * d + axis] += there
         on_edge -= bending.feet[h, 0] * here + bending.feet[h, 2] * there
-        forces[b, axis] += on_edge
-        forces[a, axis] -= on_edge + here + there
+        forces[3 * b + axis] += on_edge
+        forces[3 * a + axis] -= on_edge + here + there
 
 
 @njit(**_options)
-def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
-    """Add what couples bent hinges to the gradient, and write the ``others`` (H, m) that their slopes are coupled to.
+def couple(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
+    """Add what couples bent hinges to the ``gradient``; write the rows of ``others`` that their slopes are coupled to.
 
     Returns the energy. The normals' turning is in the gradient alone.
     """
-    count, value, across = z.size, 0.0, bending.across.reshape(-1)
-    forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
-    rows = np.ascontiguousarray(slopes[:, first : first + others.shape[0]].T)
-    for h in range(bending.hinges.shape[0]):
-        bent = strains[first + h]
+    width, value, across = z.size, 0.0, bending.across.reshape(-1)
+    modes, way, normal, pull = bending.modes.reshape(-1), np.empty(3), np.empty(3), np.empty(3)
+    forces = np.zeros(x.size)
+    for h in range(bending.across.shape[0]):
+        bent, row, over = strains[first + h], (first + h) * width, 3 * h * width
         length = _mean_normal(bending, x, h, way, normal)
         for axis in range(3):
-            pull[axis] = dot(across, (3 * h + axis) * count, z, 0, count)
+            pull[axis] = dot(across, over + axis * width, z, 0, width)
         flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
         for axis in range(3):
             pull[axis] *= bent
         _pull_normal(bending, x, h, pull, way, normal, length, forces)
-        others[h] = 0.0
-        for place in range(bending.starts[h], bending.starts[h + 1]):
-            other, factor = bending.others[place], bending.values[place]
-            coupled += factor * strains[first + other]
-            for i in range(count):
-                others[h, i] += 0.5 * factor * rows[other, i]
+        begin, end = bending.starts[h], bending.starts[h + 1]
+        for place in range(begin, end):
+            coupled += bending.values[place] * strains[first + bending.others[place]]
         value += bent * (0.5 * coupled + flat)
-        n, o, p = normal
-        for i in range(count):
-            turned = bending.across[h, 0, i] * n + bending.across[h, 1, i] * o + bending.across[h, 2, i] * p
-            others[h, i] += turned
-            gradient[i] += rows[h, i] * (coupled + flat) + bent * turned
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            for i in range(count):
-                gradient[i] += bending.modes[v, axis, i] * forces[v, axis]
+        for i in range(0, width, LANES):
+            turned, other = spread(0.0), spread(0.0)
+            for axis in range(3):
+                turned = turned + spread_from(normal, axis) * load(across, over + axis * width + i)
+            for place in range(begin, end):
+                other = other + spread_from(bending.values, place) * load(
+                    slopes, (first + bending.others[place]) * width + i
+                )
+            store(others, h * width + i, turned + spread(0.5) * other)
+            force = spread(coupled + flat) * load(slopes, row + i) + spread(bent) * turned
+            store(gradient, i, load(gradient, i) + force)
+    add_rows(modes, 0, forces, 0, forces.size, gradient)
     return value
 
 
 @njit(**_options)
-def write_products(left, right, width, lower, made):  # type: ignore[no-untyped-def]
-    """Write sums of products of rows of ``left`` and ``right`` of length ``width`` into ``made``, or its lower half."""
-    for i in range(0, width, 4):
-        for j in range(0, i + 4 if lower else width, LANES):
-            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for at in range(0, left.size, width):
-                row = load(right, at + j)
-                a = a + spread_from(left, at + i) * row
-                b = b + spread_from(left, at + i + 1) * row
-                c = c + spread_from(left, at + i + 2) * row
-                d = d + spread_from(left, at + i + 3) * row
-            store(made, i * width + j, a)
-            store(made, (i + 1) * width + j, b)
-            store(made, (i + 2) * width + j, c)
-            store(made, (i + 3) * width + j, d)
+def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
+    """Add ``count`` rows, of the length of ``out`` and from number ``begin`` on, times the factors from ``first`` on."""
+    width = out.size
+    for i in range(0, width, LANES):
+        a, b, at = load(out, i), spread(0.0), begin + i
+        for k in range(count // 2):
+            a = a + spread_from(factors, first + 2 * k) * load(rows, at)
+            b = b + spread_from(factors, first + 2 * k + 1) * load(rows, at + width)
+            at += 2 * width
+        if count % 2:
+            a = a + spread_from(factors, first + count - 1) * load(rows, at)
+        store(out, i, a + b)
 
 
 @njit(**_options)
-def add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
-    size, count = others.shape
-    width = -(-count // LANES) * LANES
-    left, right, made = np.zeros(size * width), np.zeros(size * width), np.empty(width * width)
-    for i in range(count):
-        for h in range(size):
-            left[h * width + i] = slopes[i, first + h]
-            right[h * width + i] = others[h, i]
-    write_products(left, right, width, False, made)
-    for i in range(count):
-        for j in range(i + 1):
-            matrix[i, j] += factor * (made[i * width + j] + made[j * width + i])
+def add_products(left, begin, right, start, count, width, matrix):  # type: ignore[no-untyped-def]
+    """Add products of ``count`` rows, from number ``begin`` of ``left`` and number ``start`` of ``right`` on.
+
+    To the lower triangle of ``matrix`` (width, width), which is flat, and beside it within blocks.
+    """
+    for i in range(0, width, 4):
+        for j in range(0, i + 4, LANES):
+            at, other = i * width + j, start * width + j
+            a, b = load(matrix, at), load(matrix, at + width)
+            c, d = load(matrix, at + 2 * width), load(matrix, at + 3 * width)
+            for k in range(begin * width + i, (begin + count) * width + i, width):
+                row = load(right, other)
+                a = a + spread_from(left, k) * row
+                b = b + spread_from(left, k + 1) * row
+                c = c + spread_from(left, k + 2) * row
+                d = d + spread_from(left, k + 3) * row
+                other += width
+            store(matrix, at, a)
+            store(matrix, at + width, b)
+            store(matrix, at + 2 * width, c)
+            store(matrix, at + 3 * width, d)

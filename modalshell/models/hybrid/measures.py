@@ -28,6 +28,8 @@ class Bending(NamedTuple):
     With the changes ``s`` of the bent hinges' angles times ``roots``, it is ``z . flat z / 2 + s . s / 2``, and where
     hinges are coupled, with ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
 
+    In a reduced energy all rows of the basis have zeros up to a whole number of packed registers.
+
     Attributes
     ----------
     flat : ndarray, shape (m, m)

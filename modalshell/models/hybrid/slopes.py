@@ -73,6 +73,6 @@ def forces_by_constants(
 
 
 def _gradient(reduced: ReducedStress, z: Array) -> Array:
-    modes = reduced.membrane.linear.shape[1]
+    modes = reduced.membrane.count
     strains = evaluate(reduced, z, np.zeros(modes))[1]
     return np.asarray(evaluate(reduced, z, strains[:modes])[3])
