@@ -17,8 +17,9 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.full import BDF2, FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.second_order import VIOLENT
 from modalshell.integrators.state import PRESSED, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -35,6 +36,7 @@ from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, s
 from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import SMALL, Trained, Training, train
+from modalshell.models.hybrid.whole_step import surface_of, whole_step
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.damping import Damping
@@ -115,6 +117,7 @@ class HybridStress(OnCoarse):
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
+        self._limits = _STEP_GOAL, VIOLENT, SMALL * trained.energy, trained.strain_limit
         self._last_load = PerThread(partial(_LastLoad, kept=np.full(size + modes, np.nan)))
         little = 2.0 * SMALL * trained.energy if self.flight.count else None
         self._compliance = LinearCompliance(coarse, trained.basis, own, little)
@@ -122,6 +125,7 @@ class HybridStress(OnCoarse):
     def _about(self) -> None:
         """Make what knows where the shells are."""
         self._shape = CoarseShape(self.coarse, self._basis, self._weighted)
+        self._surface = surface_of(measures_of(self.coarse.coarse.shell), self._basis)
         self._states = states_of(self._shape)
         self.flight = self._states.flight
 
@@ -306,6 +310,33 @@ class HybridStress(OnCoarse):
             return self.coarse.start_motion(given)
         return self.integrator.at_rest(q)
 
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under a ``load`` (n, 3) [N] that stays: mostly in one call."""
+        after = self._whole_step(state, dt, load, damping)
+        return super().step(state, dt, load, damping, held) if after is None else (after, True)
+
+    def _whole_step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> MotionState | None:
+        """A step of BDF2 after another one, the same as :meth:`march` takes; None where that has to take it."""
+        x, memory = state.coordinates, state.memory
+        if x.ndim != 1 or self.flight.count or type(self.integrator) is not BDF2 or not memory.get("order", (0.0,))[0]:
+            return None
+        last = self._last_seen(load)
+        if not last.seen:
+            return None
+        ends, moving = np.empty((5, x.size)), (x, state.rates, memory["move"], memory["gain"])
+        times, factors = (dt, memory["step"][0]), (damping.mass_factor, damping.stiffness_factor)
+        taken, iterations, energy, seen = whole_step(
+            self._reduced, self._surface, moving, last.push, times, factors, self._limits, last.kept, ends
+        )
+        self._count_steps(x.size, iterations)
+        coordinates, rates, move, gain, curvature = ends
+        if not taken or not (len(self._surface.edges) or self._sees(coordinates, energy, seen)):
+            return None
+        changes = {"move": move, "gain": gain, "curvature": curvature}
+        return MotionState(coordinates, rates, changes | {"step": np.array([dt]), "order": np.array([2.0])})
+
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
         if (reduced := self._taken_back(state)) is not None:
@@ -336,19 +367,28 @@ class HybridStress(OnCoarse):
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
         """Coordinates z (m,) after a step of implicit Euler; not solved where the trained model does not hold it."""
-        last = self._last_load()
-        if not np.array_equal(last.load, load):
-            down = self.coarse.restrict(load)
-            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, not self.refusal(down)
+        last = self._last_seen(load)
         if not last.seen:
             return start.near, False
         begin = start.origin, start.rates, start.near, start.viscous_at
         factors = damping.mass_factor, damping.stiffness_factor
         options = last.push, start.dt, *factors, _STEP_GOAL, last.kept
         moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
-        self._count(iterations + 2)
-        count_solves(moved.size, iterations)
+        self._count_steps(moved.size, iterations)
         return moved, bool(solved) and self._sees(moved, energy, seen)
+
+    def _last_seen(self, load: Array) -> _LastLoad:
+        """What is known of a load (n, 3) [N]."""
+        last = self._last_load()
+        if last.load.shape != load.shape or not (last.load == load).all():
+            down = self.coarse.restrict(load)
+            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, not self.refusal(down)
+        return last
+
+    def _count_steps(self, size: int, iterations: int) -> None:
+        """Count the work of a step on coordinates of this size."""
+        self._count(iterations + 2)
+        count_solves(size, iterations)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (m,) of the coordinates."""

@@ -85,14 +85,14 @@ def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Ar
     )
 
 
-def _padded(columns: Array) -> Array:
+def padded(columns: Array) -> Array:
     """An array (..., k) with zeros up to a whole number of packed registers."""
     missing = -columns.shape[-1] % LANES
     return np.concatenate([columns, np.zeros((*columns.shape[:-1], missing))], axis=-1)
 
 
 def _padded_bending(bending: Bending) -> Bending:
-    flat, modes, across = (_padded(part) for part in (bending.flat, bending.modes, bending.across))
+    flat, modes, across = (padded(part) for part in (bending.flat, bending.modes, bending.across))
     return bending._replace(flat=flat, modes=modes, across=across)
 
 
@@ -107,7 +107,7 @@ def _strain_measures(measures: Measures, columns: Array, tensions: Array) -> Qua
     for row in range(columns.shape[2]):  # products of all pairs at once would be large
         products = np.einsum("ex,exj->ej", across[:, :, row], across[:, :, : row + 1])
         pairs[rows == row] = products.T @ tensions
-    return Quadratic(_padded(linear), _padded(pairs), tensions.shape[1])
+    return Quadratic(padded(linear), padded(pairs), tensions.shape[1])
 
 
 def stress_modes(measures: Measures, leading: Array, snapshots: Array, count: int) -> Array:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sps
 
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
@@ -101,6 +102,11 @@ class Measures(ABC):
     @abstractmethod
     def energy(self, x: Array) -> float:
         """Energy of the membrane [J]."""
+
+    @property
+    def quadratic_membrane(self) -> tuple[Array, sps.csr_array] | None:
+        """Half squared lengths (E,) [m^2] at rest, and the matrix (E, E) of their changes, where that is the energy."""
+        return None
 
     @abstractmethod
     def tensions(self, modes: Array) -> Array:
