@@ -13,7 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import add_products, add_rows, couple, hinge_angles
+from modalshell.models.hybrid.bending_kernels import Room, add_products, add_rows, couple, hinge_angles, make_room, multiply
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -21,18 +21,22 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 _operation = _options | UNCOUNTED
 
 
-@njit(**_options)
+@njit(**_operation)
 def width_of(count):  # type: ignore[no-untyped-def]
     """Length of a row of ``count`` numbers: a whole number of packed registers."""
     return -(-count // LANES) * LANES
 
 
-@njit(**_options)
-def _quadratic(form, z, strains, slopes):  # type: ignore[no-untyped-def]
+@njit(**_operation)
+def _quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
     """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers."""
     count, width = form.linear.shape
     linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
-    products, values, place = np.zeros(count * width), np.zeros(width), 0
+    products, values, place = room.products, room.values, 0
+    for k in range(count * width):
+        products[k] = 0.0
+    for k in range(width):
+        values[k] = 0.0
     for i in range(count):
         here = spread_from(z, i)
         for j in range(i):
@@ -59,31 +63,32 @@ def _quadratic(form, z, strains, slopes):  # type: ignore[no-untyped-def]
             slopes[k * z.size + i] = products[i * width + k]
 
 
-@njit(**_options)
-def _add_stressed(form, stresses, width, hessian):  # type: ignore[no-untyped-def]
+@njit(**_operation)
+def _add_stressed(form, stresses, width, hessian, room):  # type: ignore[no-untyped-def]
     """Add ``sum_k s_k B_k`` to the lower triangle of ``hessian`` (width, width), which is flat."""
-    pairs, known, place = form.pairs.reshape(-1), np.zeros(form.linear.shape[1]), 0
-    for k in range(form.count):
-        known[k] = stresses[k]
-    for i in range(form.linear.shape[0]):
+    pairs, known, place = form.pairs.reshape(-1), room.values, 0
+    count, modes = form.linear.shape
+    for k in range(modes):
+        known[k] = stresses[k] if k < form.count else 0.0
+    for i in range(count):
         for j in range(i + 1):
             sums = spread(0.0)
-            for k in range(0, known.size, LANES):
+            for k in range(0, modes, LANES):
                 sums = sums + load(pairs, place + k) * load(known, k)
             hessian[i * width + j] += total(sums)
-            place += known.size
+            place += modes
 
 
-@njit(**_options)
+@njit(**_operation)
 def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
     """Write the stresses (K,) after ``step`` (width,), by the strains linearised where they are."""
-    width = step.size
+    multiply(slopes, step, stresses)
     for k in range(stresses.size):
-        stresses[k] = strains[k] + dot(slopes, k * width, step, 0, width)
+        stresses[k] += strains[k]
 
 
-@njit(**_options)
-def energy_terms(reduced, z, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
+@njit(**_operation)
+def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
     """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
 
     Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
@@ -94,16 +99,16 @@ def energy_terms(reduced, z, strains, slopes, others, gradient):  # type: ignore
         gradient[i] = 0.0
     add_rows(bending.flat.reshape(-1), 0, z, 0, bending.flat.shape[0], gradient)
     energy += 0.5 * dot(gradient, 0, z, 0, width)
-    _quadratic(reduced.membrane, z, strains, slopes)
-    x = hinge_angles(bending, z, first, strains, slopes)
+    _quadratic(reduced.membrane, z, strains, slopes, room)
+    hinge_angles(bending, z, first, strains, slopes, room)
     energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
     add_rows(slopes, 0, strains, 0, strains.size, gradient)
     if bending.across.shape[0] > 0:
-        energy += couple(bending, z, x, first, strains, slopes, others, gradient)
+        energy += couple(bending, z, first, strains, slopes, others, gradient, room)
     return energy
 
 
-@njit(**_options)
+@njit(**_operation)
 def _write_squares(bending, slopes, count, first, others, width, hessian):  # type: ignore[no-untyped-def]
     """Write the Hessian of the flat hinges and half the squares of ``count`` strains, coupled from the ``first`` on.
 
@@ -120,15 +125,15 @@ def _write_squares(bending, slopes, count, first, others, width, hessian):  # ty
     add_products(others, 0, slopes, first, coupled, width, hessian)
 
 
-@njit(**_options)
-def write_hessian(reduced, stresses, slopes, others, width, hessian):  # type: ignore[no-untyped-def]
+@njit(**_operation)
+def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
     """Write the lower triangle of the energy's Hessian, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given.
 
     By what :func:`energy_terms` has written. The second derivatives of the angles and of the normals are left out.
     """
     first = reduced.membrane.count
     _write_squares(reduced.bending, slopes, first + reduced.bending.angles.size, first, others, width, hessian)
-    _add_stressed(reduced.membrane, stresses, width, hessian)
+    _add_stressed(reduced.membrane, stresses, width, hessian, room)
 
 
 @njit(**_options)
@@ -138,12 +143,14 @@ def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     Of coordinates z (m,); see :func:`energy_terms` and :func:`write_hessian`.
     """
     count, width, size = z.size, width_of(z.size), reduced.membrane.count + reduced.bending.angles.size
+    coupled = reduced.bending.across.shape[0]
     padded, slope, rows = np.zeros(width), np.empty(width), np.zeros(size * width)
-    strains, others, matrix = np.empty(size), np.zeros(reduced.bending.across.shape[0] * width), np.empty(width * width)
+    strains, others, matrix = np.empty(size), np.zeros(coupled * width), np.empty(width * width)
     for i in range(count):
         padded[i] = z[i]
-    value = energy_terms(reduced, padded, strains, rows, others, slope)
-    write_hessian(reduced, stresses, rows, others, width, matrix)
+    room = make_room(count, reduced.membrane.linear.shape[1], reduced.bending.rest.shape[0], coupled)
+    value = energy_terms(reduced, padded, strains, rows, others, slope, room)
+    write_hessian(reduced, stresses, rows, others, width, matrix, room)
     slopes, gradient, hessian = np.empty((size, count)), np.empty(count), np.empty((count, count))
     for i in range(count):
         gradient[i] = slope[i]
@@ -154,7 +161,7 @@ def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     return value, strains, slopes, gradient, hessian
 
 
-@njit(**_options)
+@njit(**_operation)
 def _solve_in_place(matrix, vector, count):  # type: ignore[no-untyped-def]
     """Solve for the first ``count`` unknowns by ``L D L^T`` in place, no pivots exchanged.
 
@@ -212,7 +219,9 @@ class Step(NamedTuple):
     slots: Array
     way: Array
     at: Array
+    moved: Array
     numbers: Array
+    room: Room
 
 
 _SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
@@ -225,14 +234,14 @@ def _residual(p):  # type: ignore[no-untyped-def]
     return _balance(p)
 
 
-@njit(**_options)
+@njit(**_operation)
 def _balance(p):  # type: ignore[no-untyped-def]
-    count, width, u = p.x.size, p.at.size, np.zeros(p.at.size)
+    count, width = p.x.size, p.at.size
     for i in range(count):
         p.at[i] = p.x[i]
-        u[i] = p.x[i] - p.origin[i]
-    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient)
-    add_rows(p.outer, 0, u, 0, count, p.gradient)
+        p.moved[i] = p.x[i] - p.origin[i]
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
+    add_rows(p.outer, 0, p.moved, 0, count, p.gradient)
     for i in range(count):
         p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
     return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
@@ -250,11 +259,11 @@ def _potential(p):  # type: ignore[no-untyped-def]
     return value, size
 
 
-@njit(**_options)
+@njit(**_operation)
 def _assemble(p):  # type: ignore[no-untyped-def]
     """Write the Hessian's lower triangle, the inertia's and the damping's with it, where the balance was asked for."""
     width = p.at.size
-    write_hessian(p.reduced, p.stresses, p.slopes, p.others, width, p.hessian)
+    write_hessian(p.reduced, p.stresses, p.slopes, p.others, width, p.hessian, p.room)
     for i in range(p.outer.size):
         p.hessian[i] += p.outer[i]
 
@@ -325,16 +334,16 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def _write_viscous(reduced, at, factor, outer):  # type: ignore[no-untyped-def]
+def _write_viscous(reduced, at, factor, outer, room):  # type: ignore[no-untyped-def]
     """Write ``factor`` times the viscous matrix at coordinates ``at`` (width,) into ``outer``, flat: that of slopes."""
     bending, width, modes = reduced.bending, at.size, reduced.viscous.count
     size = modes + bending.angles.size
     slopes, strains, none = np.zeros(size * width), np.empty(size), np.empty(width)
     others = np.empty(bending.across.shape[0] * width)
-    _quadratic(reduced.viscous, at, strains, slopes)
-    x = hinge_angles(bending, at, modes, strains, slopes)
+    _quadratic(reduced.viscous, at, strains, slopes, room)
+    hinge_angles(bending, at, modes, strains, slopes, room)
     if bending.across.shape[0] > 0:
-        couple(bending, at, x, modes, strains, slopes, others, none)
+        couple(bending, at, modes, strains, slopes, others, none, room)
     _write_squares(bending, slopes, size, modes, others, width, outer)
     for i in range(width):
         for j in range(i + 1):
@@ -367,10 +376,12 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     count, width, modes = z.size, width_of(z.size), reduced.membrane.count
     size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
     outer, at = np.zeros(width * width), np.zeros(width)
+    rows = max(reduced.membrane.linear.shape[1], reduced.viscous.linear.shape[1])
+    room = make_room(count, rows, reduced.bending.rest.shape[0], coupled)
     if viscosity > 0.0:
         for i in range(count):
             at[i] = viscous_at[i]
-        _write_viscous(reduced, at, viscosity / dt, outer)
+        _write_viscous(reduced, at, viscosity / dt, outer, room)
     push, begin, slots = np.empty(count), np.empty(count), np.empty((2, count))
     known = True
     for i in range(count):
@@ -383,12 +394,13 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     scale = scale if scale > 0.0 else 1.0
     strains, slopes, stresses = np.empty(size), np.zeros(size * width), np.empty(modes)
     if not known:
-        _quadratic(reduced.membrane, at, strains, slopes)
+        _quadratic(reduced.membrane, at, strains, slopes, room)
     for k in range(modes):
         stresses[k] = kept[count + k] if known else strains[k]
     step = Step(
         reduced, z, outer, push, begin, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
-        np.empty(width * width), slots, np.empty(count), at, np.array([scale, 0.0, 0.0, np.inf]),
+        np.empty(width * width), slots, np.empty(count), at, np.empty(width),
+        np.array([scale, 0.0, 0.0, np.inf]), room,
     )  # fmt: skip
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
     for i in range(count):

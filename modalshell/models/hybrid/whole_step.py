@@ -9,10 +9,10 @@ import scipy.sparse as sps
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import dot
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.hybrid.assumed_stress import padded
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.bending_kernels import multiply
 from modalshell.models.hybrid.measures import Measures
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
@@ -54,14 +54,23 @@ def surface_of(measures: Measures, basis: Array) -> Surface:
 
 
 @njit(**_options)
-def _moved(surface, z, width, out):  # type: ignore[no-untyped-def]
-    """Add the displacements by coordinates z (m,) to ``out`` (k, 3)."""
-    columns, own = surface.columns.reshape(-1), np.zeros(width)
+def _moved(surface, z):  # type: ignore[no-untyped-def]
+    """Displacements (k, 3) by coordinates z (m,)."""
+    own, moved = np.zeros(surface.columns.shape[1]), np.empty(surface.rest.shape)
     for i in range(z.size):
         own[i] = z[i]
-    for v in range(out.shape[0]):
+    multiply(surface.columns.reshape(-1), own, moved.reshape(-1))
+    return moved
+
+
+@njit(**_options)
+def _positions(surface, z):  # type: ignore[no-untyped-def]
+    """Positions (k, 3) [m] at coordinates z (m,)."""
+    x = _moved(surface, z)
+    for v in range(x.shape[0]):
         for axis in range(3):
-            out[v, axis] += dot(columns, (3 * v + axis) * width, own, 0, width)
+            x[v, axis] += surface.rest[v, axis]
+    return x
 
 
 @njit(**_options)
@@ -83,9 +92,7 @@ def _membrane(surface, x):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
     """Membrane energy [J] at coordinates z (m,) that stresses of the energy ``seen`` [J] do not see."""
-    x = surface.rest.copy()
-    _moved(surface, z, surface.columns.shape[1], x)
-    return abs(_membrane(surface, x) - seen)
+    return abs(_membrane(surface, _positions(surface, z)) - seen)
 
 
 @njit(error_model="numpy", fastmath=False, nogil=True)
@@ -131,13 +138,10 @@ def whole_step(reduced, surface, state, force, times, damping, limits, kept, end
     energy, seen : float
         Elastic energy at its end, and its share in the assumed stresses [J].
     """
-    x, ratio, dt, width = state[0], times[0] / times[1], times[0], surface.columns.shape[1]
+    x, ratio, dt = state[0], times[0] / times[1], times[0]
     start, jump = np.empty((3, x.size)), np.empty(x.size)
     _begin(state, ratio, dt, start, jump)
-    here, move = surface.rest.copy(), np.zeros(surface.rest.shape)
-    _moved(surface, x, width, here)
-    _moved(surface, jump, width, move)
-    if not largest_turn(here, move, surface.faces) <= limits[1]:
+    if not largest_turn(_positions(surface, x), _moved(surface, jump), surface.faces) <= limits[1]:
         return False, 0, 0.0, 0.0
     length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
     begin = start[0], start[1], x, start[2]
