@@ -8,7 +8,7 @@ import modalshell as ms
 from modalshell.core.typing import Array
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.hybrid.assumed_stress import measures_of, position_modes, reduce_energy, stress_modes
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.modes import lowest_modes
 
 STATES, UNSEEN, VECTORS = 24, 6, 8

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from modalshell.core.typing import Array
-from modalshell.kernels.packed import LANES
+from modalshell.kernels.packed import BYTES, LANES
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
 from modalshell.models.hybrid.measures import Bending, Measures
 from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
@@ -33,13 +33,13 @@ class Quadratic(NamedTuple):
         ``b_k``, and zeros up to a whole number of packed registers.
     pairs : ndarray, shape (m (m + 1) / 2, K')
         Lower triangles of the ``B_k``, row by row.
-    count : int
+    modes : int
         K.
     """
 
     linear: Array
     pairs: Array
-    count: int
+    modes: int
 
 
 class ReducedStress(NamedTuple):
@@ -86,9 +86,14 @@ def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Ar
 
 
 def padded(columns: Array) -> Array:
-    """An array (..., k) with zeros up to a whole number of packed registers."""
-    missing = -columns.shape[-1] % LANES
-    return np.concatenate([columns, np.zeros((*columns.shape[:-1], missing))], axis=-1)
+    """An array (..., k) with zeros up to a whole number of packed registers, which begin where those of memory do."""
+    *rows, count = columns.shape
+    width = count + -count % LANES
+    room = np.zeros(int(np.prod(rows)) * width + LANES)
+    first = -room.ctypes.data % BYTES // room.itemsize
+    whole = room[first : room.size - LANES + first].reshape(*rows, width)
+    whole[..., :count] = columns
+    return whole
 
 
 def _padded_bending(bending: Bending) -> Bending:

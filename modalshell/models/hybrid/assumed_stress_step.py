@@ -11,154 +11,22 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
+from modalshell.kernels.packed import LANES, dot, load, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import Room, add_products, add_rows, couple, hinge_angles, make_room, multiply
+from modalshell.models.hybrid.bending_kernels import Room, add_rows, couple, hinge_angles, make_room
+from modalshell.models.hybrid.energy_kernels import (
+    energy_terms,
+    predict,
+    quadratic,
+    width_of,
+    write_hessian,
+    write_squares,
+)
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _operation = _options | UNCOUNTED
-
-
-@njit(**_operation)
-def width_of(count):  # type: ignore[no-untyped-def]
-    """Length of a row of ``count`` numbers: a whole number of packed registers."""
-    return -(-count // LANES) * LANES
-
-
-@njit(**_operation)
-def _quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
-    """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers."""
-    count, width = form.linear.shape
-    linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
-    products, values, place = room.products, room.values, 0
-    for k in range(count * width):
-        products[k] = 0.0
-    for k in range(width):
-        values[k] = 0.0
-    for i in range(count):
-        here = spread_from(z, i)
-        for j in range(i):
-            there, p, q = spread_from(z, j), i * width, j * width
-            for k in range(0, width, LANES):
-                numbers = load(pairs, place + k)
-                store(products, p + k, load(products, p + k) + numbers * there)
-                store(products, q + k, load(products, q + k) + numbers * here)
-            place += width
-        for k in range(0, width, LANES):
-            at = i * width + k
-            store(products, at, load(products, at) + load(pairs, place + k) * here)
-        place += width
-    half = spread(0.5)
-    for i in range(count):
-        here = spread_from(z, i)
-        for k in range(0, width, LANES):
-            first, slope = load(linear, i * width + k), load(products, i * width + k)
-            store(values, k, load(values, k) + here * (first + half * slope))
-            store(products, i * width + k, first + slope)
-    for k in range(form.count):
-        strains[k] = values[k]
-        for i in range(count):
-            slopes[k * z.size + i] = products[i * width + k]
-
-
-@njit(**_operation)
-def _add_stressed(form, stresses, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Add ``sum_k s_k B_k`` to the lower triangle of ``hessian`` (width, width), which is flat."""
-    pairs, known, place = form.pairs.reshape(-1), room.values, 0
-    count, modes = form.linear.shape
-    for k in range(modes):
-        known[k] = stresses[k] if k < form.count else 0.0
-    for i in range(count):
-        for j in range(i + 1):
-            sums = spread(0.0)
-            for k in range(0, modes, LANES):
-                sums = sums + load(pairs, place + k) * load(known, k)
-            hessian[i * width + j] += total(sums)
-            place += modes
-
-
-@njit(**_operation)
-def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
-    """Write the stresses (K,) after ``step`` (width,), by the strains linearised where they are."""
-    multiply(slopes, step, stresses)
-    for k in range(stresses.size):
-        stresses[k] += strains[k]
-
-
-@njit(**_operation)
-def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
-    """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
-
-    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
-    flat hinges' and what couples hinges, with the rows of ``others``.
-    """
-    bending, first, width, energy = reduced.bending, reduced.membrane.count, z.size, 0.0
-    for i in range(width):
-        gradient[i] = 0.0
-    add_rows(bending.flat.reshape(-1), 0, z, 0, bending.flat.shape[0], gradient)
-    energy += 0.5 * dot(gradient, 0, z, 0, width)
-    _quadratic(reduced.membrane, z, strains, slopes, room)
-    hinge_angles(bending, z, first, strains, slopes, room)
-    energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
-    add_rows(slopes, 0, strains, 0, strains.size, gradient)
-    if bending.across.shape[0] > 0:
-        energy += couple(bending, z, first, strains, slopes, others, gradient, room)
-    return energy
-
-
-@njit(**_operation)
-def _write_squares(bending, slopes, count, first, others, width, hessian):  # type: ignore[no-untyped-def]
-    """Write the Hessian of the flat hinges and half the squares of ``count`` strains, coupled from the ``first`` on.
-
-    Its lower triangle; the second derivatives of strains are left out, and of what couples hinges the normals'.
-    """
-    flat = bending.flat.reshape(-1)
-    for i in range(flat.size):
-        hessian[i] = flat[i]
-    for i in range(flat.size, hessian.size):
-        hessian[i] = 0.0
-    add_products(slopes, 0, slopes, 0, count, width, hessian)
-    coupled = bending.across.shape[0]
-    add_products(slopes, first, others, 0, coupled, width, hessian)
-    add_products(others, 0, slopes, first, coupled, width, hessian)
-
-
-@njit(**_operation)
-def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Write the lower triangle of the energy's Hessian, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given.
-
-    By what :func:`energy_terms` has written. The second derivatives of the angles and of the normals are left out.
-    """
-    first = reduced.membrane.count
-    _write_squares(reduced.bending, slopes, first + reduced.bending.angles.size, first, others, width, hessian)
-    _add_stressed(reduced.membrane, stresses, width, hessian, room)
-
-
-@njit(**_options)
-def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
-    """Energy, strains (K + H,), their slopes (K + H, m), gradient (m,), and the lower triangle of the Hessian (m, m).
-
-    Of coordinates z (m,); see :func:`energy_terms` and :func:`write_hessian`.
-    """
-    count, width, size = z.size, width_of(z.size), reduced.membrane.count + reduced.bending.angles.size
-    coupled = reduced.bending.across.shape[0]
-    padded, slope, rows = np.zeros(width), np.empty(width), np.zeros(size * width)
-    strains, others, matrix = np.empty(size), np.zeros(coupled * width), np.empty(width * width)
-    for i in range(count):
-        padded[i] = z[i]
-    room = make_room(count, reduced.membrane.linear.shape[1], reduced.bending.rest.shape[0], coupled)
-    value = energy_terms(reduced, padded, strains, rows, others, slope, room)
-    write_hessian(reduced, stresses, rows, others, width, matrix, room)
-    slopes, gradient, hessian = np.empty((size, count)), np.empty(count), np.empty((count, count))
-    for i in range(count):
-        gradient[i] = slope[i]
-        for j in range(count):
-            hessian[i, j] = matrix[i * width + j]
-        for k in range(size):
-            slopes[k, i] = rows[k * width + i]
-    return value, strains, slopes, gradient, hessian
 
 
 @njit(**_operation)
@@ -282,7 +150,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
 @operation_of(Step, method.advance, **_operation)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the direction."""
-    _predict(p.slopes, p.gradient, p.strains, p.stresses)
+    predict(p.slopes, p.gradient, p.strains, p.stresses)
     for i in range(p.x.size):
         p.x[i] += p.gradient[i]
     return 0.0
@@ -336,15 +204,15 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def _write_viscous(reduced, at, factor, outer, room):  # type: ignore[no-untyped-def]
     """Write ``factor`` times the viscous matrix at coordinates ``at`` (width,) into ``outer``, flat: that of slopes."""
-    bending, width, modes = reduced.bending, at.size, reduced.viscous.count
+    bending, width, modes = reduced.bending, at.size, reduced.viscous.modes
     size = modes + bending.angles.size
     slopes, strains, none = np.zeros(size * width), np.empty(size), np.empty(width)
     others = np.empty(bending.across.shape[0] * width)
-    _quadratic(reduced.viscous, at, strains, slopes, room)
+    quadratic(reduced.viscous, at, strains, slopes, room)
     hinge_angles(bending, at, modes, strains, slopes, room)
     if bending.across.shape[0] > 0:
         couple(bending, at, modes, strains, slopes, others, none, room)
-    _write_squares(bending, slopes, size, modes, others, width, outer)
+    write_squares(bending, slopes, size, modes, others, width, outer)
     for i in range(width):
         for j in range(i + 1):
             outer[i * width + j] *= factor
@@ -373,7 +241,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
         Iterations.
     """
     z, rates, near, viscous_at = start
-    count, width, modes = z.size, width_of(z.size), reduced.membrane.count
+    count, width, modes = z.size, width_of(z.size), reduced.membrane.modes
     size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
     outer, at = np.zeros(width * width), np.zeros(width)
     rows = max(reduced.membrane.linear.shape[1], reduced.viscous.linear.shape[1])
@@ -394,7 +262,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     scale = scale if scale > 0.0 else 1.0
     strains, slopes, stresses = np.empty(size), np.zeros(size * width), np.empty(modes)
     if not known:
-        _quadratic(reduced.membrane, at, strains, slopes, room)
+        quadratic(reduced.membrane, at, strains, slopes, room)
     for k in range(modes):
         stresses[k] = kept[count + k] if known else strains[k]
     step = Step(

@@ -166,7 +166,7 @@ def couple(bending, z, first, strains, slopes, others, gradient, room):  # type:
 
 @njit(**_options)
 def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
-    """Add ``count`` rows, of the length of ``out`` and from number ``begin`` on, times the factors from ``first`` on."""
+    """Add ``count`` rows as long as ``out``, from number ``begin`` on, times the factors from ``first`` on."""
     width = out.size
     for i in range(0, width, LANES):
         a, b, at = load(out, i), spread(0.0), begin + i

@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.shell import EXACT
 from modalshell.statics.dense import DenseProblem
 
@@ -63,7 +63,7 @@ class StressPotential(DenseProblem):
 
     @property
     def _modes(self) -> int:
-        return self.reduced.membrane.count
+        return self.reduced.membrane.modes
 
     def _evaluated(self, z: Array, stresses: Array | None) -> tuple[float, Array, Array, Array, Array]:
         self.count(1)

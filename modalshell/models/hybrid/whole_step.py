@@ -48,9 +48,9 @@ def surface_of(measures: Measures, basis: Array) -> Surface:
     shell, form = measures.shell, measures.quadratic_membrane
     lengths, matrix = (np.empty(0), sps.csr_array((0, 0))) if form is None else form
     edges = np.array(measures.edges[: len(lengths)], dtype=np.int64)
-    rows = (part.astype(np.int64) for part in (matrix.indptr, matrix.indices))
-    rest, faces = shell.rest_positions.copy(), shell.mesh.faces
-    return Surface(rest, padded(basis), faces, edges, lengths.copy(), *rows, np.array(matrix.data, dtype=np.float64))
+    starts, others = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+    own = shell.rest_positions.copy(), padded(basis), shell.mesh.faces
+    return Surface(*own, edges, lengths.copy(), starts, others, np.array(matrix.data, dtype=np.float64))
 
 
 @njit(**_options)
