@@ -34,7 +34,7 @@ class Room(NamedTuple):
 
 @njit(**_options | COUNTED)
 def make_room(count, modes, vertices, hinges):  # type: ignore[no-untyped-def]
-    """Room for ``count`` coordinates, rows of so many ``modes``, and so many bent hinges on so many vertices."""
+    """Room for ``count`` coordinates, rows of ``modes`` numbers, and ``hinges`` bent ones on ``vertices``."""
     return Room(
         np.empty(count * modes), np.empty(modes), np.empty(3 * vertices), np.empty(3 * vertices), np.empty(9),
         np.empty(3 * hinges),
@@ -183,7 +183,7 @@ def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untype
 def add_products(left, begin, right, start, count, width, matrix):  # type: ignore[no-untyped-def]
     """Add products of ``count`` rows, from number ``begin`` of ``left`` and number ``start`` of ``right`` on.
 
-    To the lower triangle of ``matrix`` (width, width), which is flat, and beside it within blocks.
+    To the lower triangle of ``matrix`` (width, width), which is flat; what it has above its diagonal is lost.
     """
     for i in range(0, width, 4):
         for j in range(0, i + 4, LANES):

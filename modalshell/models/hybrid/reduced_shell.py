@@ -117,10 +117,10 @@ class ReducedShell:
         if last.push is None or not memory.get("order", (0.0,))[0]:
             return None
         moving = state.coordinates, state.rates, memory["move"], memory["gain"]
-        times, factors = (dt, memory["step"][0]), (damping.mass_factor, damping.stiffness_factor)
+        rule = float(dt), float(memory["step"][0]), damping.mass_factor, damping.stiffness_factor
         ends = np.empty((5, state.coordinates.size))
         taken, iterations, energy, seen = whole_step(
-            self._reduced, self._surface, moving, last.push, times, factors, self._limits, last.kept, ends
+            self._reduced, self._surface, moving, last.push, rule, self._limits, last.kept, ends
         )
         self._count_step(iterations)
         z, rates, move, gain, curvature = ends

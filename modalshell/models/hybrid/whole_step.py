@@ -121,11 +121,11 @@ def _end(state, ratio, length, z, start, ends):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def whole_step(reduced, surface, state, force, times, damping, limits, kept, ends):  # type: ignore[no-untyped-def]
+def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # type: ignore[no-untyped-def]
     """Write a step of BDF2, as by :class:`modalshell.integrators.full.BDF2`, into ``ends`` (5, m).
 
-    ``state`` holds coordinates, rates, and the changes of both in the step before; ``times`` are the step and the one
-    before [s], ``damping`` Rayleigh's factors. ``limits`` are the tolerance of the step's residual, the turn [rad]
+    ``state`` holds coordinates, rates, and the changes of both in the step before; ``rule`` the step and the one before
+    [s], and Rayleigh's factors. ``limits`` are the tolerance of the step's residual, the turn [rad]
     from which it is violent, a small energy [J], and the unseen share of the membrane's. For ``kept`` see
     :func:`implicit_step`.
 
@@ -138,16 +138,15 @@ def whole_step(reduced, surface, state, force, times, damping, limits, kept, end
     energy, seen : float
         Elastic energy at its end, and its share in the assumed stresses [J].
     """
-    x, ratio, dt = state[0], times[0] / times[1], times[0]
+    x, (dt, before, drag, viscosity) = state[0], rule
+    ratio = dt / before
     start, jump = np.empty((3, x.size)), np.empty(x.size)
     _begin(state, ratio, dt, start, jump)
     if not largest_turn(_positions(surface, x), _moved(surface, jump), surface.faces) <= limits[1]:
         return False, 0, 0.0, 0.0
     length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
     begin = start[0], start[1], x, start[2]
-    z, solved, energy, seen, iterations = implicit_step(
-        reduced, begin, force, length, damping[0], damping[1], limits[0], kept
-    )
+    z, solved, energy, seen, iterations = implicit_step(reduced, begin, force, length, drag, viscosity, limits[0], kept)
     taken = solved
     if solved and surface.edges.shape[0] > 0:
         taken = unseen_energy(surface, z, seen) <= limits[3] * (energy + limits[2])
