@@ -101,8 +101,7 @@ class ReducedShell:
         if last.push is None:
             return start.near, False
         begin = start.origin, start.rates, start.near, start.viscous_at
-        factors = damping.mass_factor, damping.stiffness_factor
-        options = last.push, start.dt, *factors, _STEP_GOAL, last.kept
+        options = last.push, float(start.dt), *_factors(damping), _STEP_GOAL, last.kept
         moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
         self._count_step(iterations)
         return moved, bool(solved) and self.sees(moved, energy, seen)
@@ -117,7 +116,7 @@ class ReducedShell:
         if last.push is None or not memory.get("order", (0.0,))[0]:
             return None
         moving = state.coordinates, state.rates, memory["move"], memory["gain"]
-        rule = float(dt), float(memory["step"][0]), damping.mass_factor, damping.stiffness_factor
+        rule = float(dt), float(memory["step"][0]), *_factors(damping)
         ends = np.empty((5, state.coordinates.size))
         taken, iterations, energy, seen = whole_step(
             self._reduced, self._surface, moving, last.push, rule, self._limits, last.kept, ends
@@ -132,3 +131,8 @@ class ReducedShell:
     def _count_step(self, iterations: int) -> None:
         self.count(iterations + 2)
         count_solves(self._trained.basis.shape[1], iterations)
+
+
+def _factors(damping: Damping) -> tuple[float, float]:
+    """Rayleigh's factors; kernels are compiled for each kind of number."""
+    return float(damping.mass_factor), float(damping.stiffness_factor)
