@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Self, final
 
@@ -14,10 +14,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind
-from modalshell.core.cost import count_elements, count_products, count_read, count_solves
-from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.full import BDF2, FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import PRESSED, MotionState
 from modalshell.loads import Load, Loading
@@ -27,9 +25,9 @@ from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, reduce_energy
-from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
 from modalshell.models.hybrid.compliance import LinearCompliance
+from modalshell.models.hybrid.reduced_shell import ReducedShell
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
@@ -42,19 +40,6 @@ from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict
 from modalshell.supports.constraints import Constraint
-
-_STEP_GOAL = 1e-3
-"""Tolerance of a step's residual, relative to its load and inertia."""
-
-
-@final
-@dataclass
-class _LastLoad:
-    """A load (n, 3) that has been checked: that of the next step is mostly the same."""
-
-    load: Array = field(default_factory=lambda: np.empty(0))
-    push: Array = field(default_factory=lambda: np.empty(0))
-    seen: bool = False
 
 
 @final
@@ -100,27 +85,22 @@ class HybridStress(OnCoarse):
         self.coarse_shell = self.coarse.coarse_shell
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self.coarse_errors, self._stated = trained.coarse_errors, stated(trained)
-        self._trained, self._basis, self._measures = trained, trained.basis, measures_of(coarse)
+        self._trained, self._basis = trained, trained.basis
         at_origin = measures_of(coarse.centred()[0])
         self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         self._about()
-        # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
-        size, modes = self._reduced.membrane.linear.shape
-        hinges, bending = len(self._reduced.bending.hinges), self._reduced.bending
-        self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
-        read = *self._reduced.membrane, bending.flat, bending.modes, bending.across
-        self._bytes = sum(part.nbytes for part in read)
+        size = trained.basis.shape[1]
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
         self._scaling = force_scaling(own)
-        self._last_load = PerThread(_LastLoad)
         little = 2.0 * SMALL * trained.energy if self.flight.count else None
         self._compliance = LinearCompliance(coarse, trained.basis, own, little)
 
     def _about(self) -> None:
         """Make what knows where the shells are."""
         self._shape = CoarseShape(self.coarse, self._basis, self._weighted)
+        self._moving = ReducedShell(self._trained, self._reduced, self._shape, self._push)
         self._states = states_of(self._shape)
         self.flight = self._states.flight
 
@@ -210,23 +190,10 @@ class HybridStress(OnCoarse):
         """Why a coarse load (k, 3) [N] is handed over, by its linear compliance; empty where it is not."""
         return self._compliance.refusal(load)
 
-    def _sees(self, z: Array, energy: float, seen: float) -> bool:
-        """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
-        count_elements(self._measures.evaluated)
-        return self._trained.unseen(self._measures, self._shape.under(z), energy, seen) <= self._trained.strain_limit
-
-    def _sees_state(self, z: Array) -> bool:
-        """The same, of any state."""
-        modes = self._reduced.membrane.linear.shape[1]
-        energy, strains, *_ = evaluate(self._reduced, z, np.zeros(modes))
-        self._count(1)
-        return self._sees(z, energy, 0.5 * float(strains[:modes] @ strains[:modes]))
-
-    def _count(self, evaluations: int) -> None:
-        """Count evaluations of the reduced energy with its derivatives."""
-        count_elements(evaluations * len(self._reduced.bending.hinges))
-        count_read(evaluations * self._bytes)
-        count_products(evaluations * self._products)
+    def _push(self, load: Array) -> Array | None:
+        """Force (m,) of a load (n, 3) [N]; None where that is handed over."""
+        down = self.coarse.restrict(load)
+        return None if self.refusal(down) else down.ravel() @ self._basis
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
@@ -235,14 +202,16 @@ class HybridStress(OnCoarse):
         problem = self._statics(down.ravel() @ self._basis)
         found = equilibrium(problem, None if start is None else self.flight.start(start)[self.flight.count :])
         z = found.point
-        if not found.converged or not self._sees_state(z):
+        if not found.converged or not self._moving.sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
         ended = verdict(found.residual, True, note=stated(self._trained, next_to_snap(problem, z, found.jumps)))
         positions = self._shape.fine(self._shape.under(z))
         return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
     def _statics(self, push: Array) -> StressPotential:
-        return StressPotential(push, np.zeros_like(push), self._reduced, self._scaling, self._edge_change, self._count)
+        return StressPotential(
+            push, np.zeros_like(push), self._reduced, self._scaling, self._edge_change, self._moving.count
+        )
 
     def _edge_change(self, z: Array) -> float:
         """Largest relative change of an edge vector of the coarse shell by z."""
@@ -257,8 +226,9 @@ class HybridStress(OnCoarse):
         """The range of training, or that the coarse shell has taken the step, and why."""
         if state.coordinates.ndim == 1:
             return self._stated
-        seen = self._last_load().seen
-        reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
+        reason = "the trained states do not hold the motion"
+        if not self._moving.held_last():
+            reason = "the trained model does not hold the load"
         if np.any(state.memory.get(PRESSED, False)):
             reason = "contacts press on the shell"
         return f"answered by {self.coarse.name}: {reason}"
@@ -301,9 +271,18 @@ class HybridStress(OnCoarse):
             return self.integrator.at_rest(flight.whole(np.zeros(self._basis.shape[1])))
         given = self.shell.checked_positions(positions)
         q = flight.start(given)
-        if flight.count and not (self._shape.near(given, q, flight) and self._sees_state(q[flight.count :])):
+        if flight.count and not (self._shape.near(given, q, flight) and self._moving.sees_state(q[flight.count :])):
             return self.coarse.start_motion(given)
         return self.integrator.at_rest(q)
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under a ``load`` (n, 3) [N] that stays: mostly in one call."""
+        after = None
+        if type(self.integrator) is BDF2 and state.coordinates.ndim == 1 and not self.flight.count:
+            after = self._moving.bdf2_step(state, dt, load, damping)
+        return super().step(state, dt, load, damping, held) if after is None else (after, True)
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
@@ -335,19 +314,7 @@ class HybridStress(OnCoarse):
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
         """Coordinates z (m,) after a step of implicit Euler; not solved where the trained model does not hold it."""
-        last = self._last_load()
-        if not np.array_equal(last.load, load):
-            down = self.coarse.restrict(load)
-            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, not self.refusal(down)
-        if not last.seen:
-            return start.near, False
-        begin = start.origin, start.rates, start.near, start.viscous_at
-        factors = damping.mass_factor, damping.stiffness_factor
-        options = last.push, start.dt, *factors, _STEP_GOAL
-        moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
-        self._count(iterations + 2)
-        count_solves(moved.size, iterations)
-        return moved, bool(solved) and self._sees(moved, energy, seen)
+        return self._moving.euler_step(start, load, damping)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (m,) of the coordinates."""
@@ -358,7 +325,7 @@ class HybridStress(OnCoarse):
         if state.coordinates.ndim == 1:
             return state
         z, held = self._shape.nearest(self._states.local(state.coordinates))
-        return self._states.reduced(state) if held and self._sees_state(z) else None
+        return self._states.reduced(state) if held and self._moving.sees_state(z) else None
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""

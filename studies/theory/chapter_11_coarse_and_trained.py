@@ -8,7 +8,7 @@ import modalshell as ms
 from modalshell.core.typing import Array
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.hybrid.assumed_stress import measures_of, position_modes, reduce_energy, stress_modes
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.modes import lowest_modes
 
 STATES, UNSEEN, VECTORS = 24, 6, 8
@@ -40,7 +40,7 @@ def energies() -> tuple[float, float, float]:
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in modes.T]).T
     stresses = np.array([measures.state(x, still) for x in states[:STATES]]).T
     reduced = reduce_energy(measures, basis, *[stress_modes(measures, leading, stresses, 2 * VECTORS)] * 2)
-    none, found = np.zeros(reduced.membrane.linear.shape[1]), []
+    none, found = np.zeros(reduced.membrane.modes), []
     for x in states[STATES:]:
         z = basis.T @ (shell.mass[:, None] * (x - rest)).ravel()
         near = rest + (basis @ z).reshape(-1, 3)

@@ -1,13 +1,16 @@
 """The hybrid on shells of shell theory: coupled folds, a membrane of edge lengths, motions through snaps."""
 
+import warnings
+
 import junctions
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.models.base.implicit import ImplicitModel
 from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy, stress_modes
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.slopes import differences
 
 
@@ -36,7 +39,7 @@ def reduced_to(shell, columns):
 
 
 def value_and_gradient(reduced, z):
-    found = evaluate(reduced, z, np.zeros(reduced.membrane.linear.shape[1]))
+    found = evaluate(reduced, z, np.zeros(reduced.membrane.modes))
     return found[0], found[3]
 
 
@@ -71,7 +74,7 @@ def test_it_has_the_stiffness_of_the_shell_at_rest(make):
     shell = make()
     modes = ms.solve_modes(shell, 6).modes
     reduced = reduced_to(shell, modes)
-    none = np.zeros(reduced.membrane.linear.shape[1])
+    none = np.zeros(reduced.membrane.modes)
     lower = evaluate(reduced, np.zeros(6), none)[4]
     hessian = np.tril(lower) + np.tril(lower, -1).T
     exact = modes.T @ (shell.stiffness() @ modes)
@@ -175,3 +178,54 @@ def test_it_follows_the_shell_through_its_snap_and_back(fold, tmp_path):
     np.testing.assert_allclose(
         young.reshape(-1), ((ends[0] - ends[1]) / (2 * step * 9e4)).ravel(), atol=1e-3 * np.abs(young).max()
     )
+
+
+def small_hybrid(make, gravity):
+    """Trained on few motions, and far from its truth: what its steps do is the same."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
+        return ms.HybridStress.trained(make(), gravity=gravity, modes=12, motions=4)
+
+
+def hinged():
+    """A V of edge springs and hinges, whose membrane steps look at elsewhere."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(8, 2))
+    return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
+
+
+@pytest.mark.parametrize(("make", "gravity"), [(lambda: folded((8, 2)), (0, 0, -70)), (hinged, (0, 0, -70))])
+def test_a_step_in_one_call_has_the_bits_of_the_rule_in_parts(make, gravity):
+    """Through the snap, under a load that changes; every state of the one is stepped by the other too."""
+    model, whole = small_hybrid(make, gravity), 0
+    parts = small_hybrid(make, gravity)  # which keeps nothing of the other's steps
+    load = model.shell.gravity_force(gravity)
+    for damping in (ms.Damping(2.0, 0.0), ms.Damping(0.5, 1e-3)):
+        state = model.start_motion()
+        for frame in range(24):
+            force = load if frame < 16 else 0.5 * load
+            after, solved = model.step(state, 1 / 30, force, damping)
+            other, also = ImplicitModel.step(parts, state, 1 / 30, force, damping)
+            assert (solved, after.coordinates.shape) == (also, other.coordinates.shape)
+            assert after.memory.keys() == other.memory.keys()
+            for name, array in after.arrays().items():
+                np.testing.assert_array_equal(array, other.arrays()[name], err_msg=f"{name} of frame {frame}")
+            if state.coordinates.ndim == 1:
+                whole += model._moving.bdf2_step(state, 1 / 30, force, damping) is not None
+            state = after
+    assert whole > 24  # the others are violent, or handed over
+    run = [ms.simulate(one, duration=0.5, gravity=gravity, damping=(2.0, 0.0)) for one in (model, parts)]
+    np.testing.assert_array_equal(run[0].positions, run[1].positions)
+
+
+def test_a_step_does_not_depend_on_what_the_last_one_kept():
+    """Stresses at the end of a step are those that the next one would find; NaN stands for nothing kept."""
+    model = small_hybrid(lambda: folded((8, 2)), (0, 0, -70))
+    load, damping, state = model.shell.gravity_force((0, 0, -60)), ms.Damping(1.0, 1e-3), model.start_motion()
+    for _ in range(8):
+        state, _ = model.step(state, 1 / 30, load, damping)
+    kept = model._moving._last().kept
+    assert np.array_equal(kept[: state.coordinates.size], state.coordinates)
+    after, _ = model.step(state, 1 / 30, load, damping)
+    kept[:] = np.nan
+    again, _ = model.step(state, 1 / 30, load, damping)
+    np.testing.assert_array_equal(after.coordinates, again.coordinates)

@@ -12,7 +12,7 @@ from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snap
 import modalshell as ms
 from modalshell.models.hybrid import training as hybrid_training
 from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
 from modalshell.models.hybrid.training import GROWING, Trained
 
@@ -39,7 +39,7 @@ def distance(a, b, shell):
 
 
 def terms(reduced, z):
-    modes = reduced.membrane.linear.shape[1]
+    modes = reduced.membrane.modes
     value, strains, _, gradient, _ = evaluate(reduced, z, np.zeros(modes))
     return value, gradient, strains[:modes]
 

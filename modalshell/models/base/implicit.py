@@ -161,4 +161,6 @@ class ImplicitStepper(ContactStepper):
 
         if self._contacts is not None:
             return self._contacts.advance(begin, dt, state, load_at)
+        if self._frame is None and not self.setup.loading.live:
+            return self.model.step(state, dt, load, self.setup.damping)
         return self.model.march(state, dt, load_at, self.setup.damping)

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from modalshell.core.typing import Array
+from modalshell.kernels.packed import BYTES, LANES
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
 from modalshell.models.hybrid.measures import Bending, Measures
 from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
@@ -28,14 +29,17 @@ class Quadratic(NamedTuple):
 
     Attributes
     ----------
-    linear : ndarray, shape (m, K)
-        ``b_k``.
-    pairs : ndarray, shape (m (m + 1) / 2, K)
+    linear : ndarray, shape (m, K')
+        ``b_k``, and zeros up to a whole number of packed registers.
+    pairs : ndarray, shape (m (m + 1) / 2, K')
         Lower triangles of the ``B_k``, row by row.
+    modes : int
+        K.
     """
 
     linear: Array
     pairs: Array
+    modes: int
 
 
 class ReducedStress(NamedTuple):
@@ -77,8 +81,24 @@ def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Ar
     return ReducedStress(
         _strain_measures(measures, columns, measures.elastic_tensions(stresses)),
         _strain_measures(measures, columns, measures.tensions(viscous)),
-        measures.bending(columns),
+        _padded_bending(measures.bending(columns)),
     )
+
+
+def padded(columns: Array) -> Array:
+    """An array (..., k) with zeros up to a whole number of packed registers, which begin where those of memory do."""
+    *rows, count = columns.shape
+    width = count + -count % LANES
+    room = np.zeros(int(np.prod(rows)) * width + LANES)
+    first = -room.ctypes.data % BYTES // room.itemsize
+    whole = room[first : room.size - LANES + first].reshape(*rows, width)
+    whole[..., :count] = columns
+    return whole
+
+
+def _padded_bending(bending: Bending) -> Bending:
+    flat, modes, across = (padded(part) for part in (bending.flat, bending.modes, bending.across))
+    return bending._replace(flat=flat, modes=modes, across=across)
 
 
 def _strain_measures(measures: Measures, columns: Array, tensions: Array) -> Quadratic:
@@ -92,7 +112,7 @@ def _strain_measures(measures: Measures, columns: Array, tensions: Array) -> Qua
     for row in range(columns.shape[2]):  # products of all pairs at once would be large
         products = np.einsum("ex,exj->ej", across[:, :, row], across[:, :, : row + 1])
         pairs[rows == row] = products.T @ tensions
-    return Quadratic(np.ascontiguousarray(linear), pairs)
+    return Quadratic(padded(linear), padded(pairs), tensions.shape[1])
 
 
 def stress_modes(measures: Measures, leading: Array, snapshots: Array, count: int) -> Array:

@@ -11,9 +11,17 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, load_first, spread, store, total
+from modalshell.kernels.packed import LANES, dot, load, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import add_coupled, add_couplings, hinge_angles, write_products
+from modalshell.models.hybrid.bending_kernels import Room, add_rows, couple, hinge_angles, make_room
+from modalshell.models.hybrid.energy_kernels import (
+    energy_terms,
+    predict,
+    quadratic,
+    width_of,
+    write_hessian,
+    write_squares,
+)
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, DESCENT, MOST, STALLED, START, Rules, operation_of, solve_step
 
@@ -21,135 +29,49 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 _operation = _options | UNCOUNTED
 
 
-@njit(**_options)
-def _quadratic(form, z, stresses, strains, slopes, hessian):  # type: ignore[no-untyped-def]
-    """Write ``d_k`` and their slopes (m, K); add ``sum_k s_k B_k`` to the lower triangle of ``hessian``.
+@njit(**_operation)
+def _solve_in_place(matrix, vector, count):  # type: ignore[no-untyped-def]
+    """Solve for the first ``count`` unknowns by ``L D L^T`` in place, no pivots exchanged.
 
-    One pass over the numbers, which are what a step reads: sums run over the contiguous k.
+    Of ``matrix`` (width, width), which is flat, the lower triangle is read; ``vector`` (width,) has zeros beyond the
+    unknowns. Returns the number of negative pivots, or -1 where one is zero.
     """
-    linear, pairs = form.linear, form.pairs.reshape(-1)
-    count, modes = linear.shape
-    width = -(-modes // LANES) * LANES
-    rest = modes - (width - LANES)
-    products, known = np.zeros(count * width), np.zeros(width)
-    for k in range(modes):
-        known[k] = stresses[k]
-    place = 0
-    for i in range(count):
-        here = spread(z[i])
-        for j in range(i + 1):
-            there, p, q, sums = spread(z[j]), i * width, j * width, spread(0.0)
-            for k in range(0, width, LANES):
-                numbers = load(pairs, place + k) if k + LANES <= modes else load_first(pairs, place + k, rest)
-                store(products, p + k, load(products, p + k) + numbers * there)
-                if j < i:
-                    store(products, q + k, load(products, q + k) + numbers * here)
-                sums = sums + numbers * load(known, k)
-            hessian[i, j] += total(sums)
-            place += modes
-    for k in range(modes):
-        strains[k] = 0.0
-    for i in range(count):
-        for k in range(modes):
-            slope = products[i * width + k]
-            strains[k] += z[i] * (linear[i, k] + 0.5 * slope)
-            slopes[i, k] = linear[i, k] + slope
-
-
-@njit(**_options)
-def _predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
-    """Write the stresses (K,) after ``step`` (m,), by the strains linearised where they are."""
-    for k in range(stresses.size):
-        stresses[k] = strains[k]
-    for i in range(step.size):
-        for k in range(stresses.size):
-            stresses[k] += step[i] * slopes[i, k]
-
-
-@njit(**_options)
-def _add_squares(slopes, first, size, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the products of ``size`` slopes to the lower triangle of ``matrix`` (m, m)."""
-    count = matrix.shape[0]
-    width = -(-count // LANES) * LANES
-    turned, made = np.zeros(size * width), np.empty(width * width)
-    for i in range(count):
-        for k in range(size):
-            turned[k * width + i] = slopes[i, first + k]
-    write_products(turned, turned, width, True, made)
-    for i in range(count):
-        for j in range(i + 1):
-            matrix[i, j] += factor * made[i * width + j]
-
-
-@njit(**_options)
-def energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Energy [J] of z; writes strains (K + H,), their slopes (m, K + H), the gradient and the Hessian's lower triangle.
-
-    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
-    flat hinges' and what couples hinges. The Hessian takes ``sum_k s_k B_k`` with the ``stresses`` (K,) given, and
-    leaves out the second derivatives of the angles and of the normals.
-    """
-    count, bending, first = z.size, reduced.bending, reduced.membrane.linear.shape[1]
-    flat, energy = bending.flat.reshape(-1), 0.0
-    for i in range(count):
-        for j in range(count):
-            hessian[i, j] = bending.flat[i, j]
-        bent = dot(flat, i * count, z, 0, count)
-        gradient[i] = bent
-        energy += 0.5 * z[i] * bent
-    _quadratic(reduced.membrane, z, stresses, strains, slopes, hessian)
-    x = hinge_angles(bending, z, first, strains, slopes)
-    _add_squares(slopes, 0, strains.size, 1.0, hessian)
-    energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
-    rows, width = slopes.reshape(-1), slopes.shape[1]
-    for i in range(count):
-        gradient[i] += dot(rows, i * width, strains, 0, strains.size)
-    if bending.across.shape[0] > 0:
-        others = np.empty((bending.across.shape[0], count))
-        energy += add_couplings(bending, z, x, first, strains, slopes, others, gradient)
-        add_coupled(slopes, first, others, 1.0, hessian)
-    return energy
-
-
-@njit(**_options)
-def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
-    """What :func:`energy_terms` finds: energy, strains, slopes, gradient and Hessian."""
-    count, modes = reduced.membrane.linear.shape
-    strains = np.empty(modes + reduced.bending.angles.size)
-    slopes, gradient, hessian = np.empty((count, strains.size)), np.empty(count), np.empty((count, count))
-    value = energy_terms(reduced, z, stresses, strains, slopes, gradient, hessian)
-    return value, strains, slopes, gradient, hessian
-
-
-@njit(**_options)
-def _solve_in_place(matrix, vector):  # type: ignore[no-untyped-def]
-    """Solve by ``L D L^T`` in place, no pivots exchanged; the number of negative pivots, or -1 where one is zero."""
-    count, negative = vector.size, 0
+    width, negative = vector.size, 0
     for i in range(count):
         for j in range(i):
-            matrix[j, i] = matrix[i, j]
-    for k in range(count):  # rows of D L^T above the diagonal, those of L below
-        pivot = matrix[k, k]
+            matrix[j * width + i] = matrix[i * width + j]
+        for j in range(count, width):
+            matrix[i * width + j] = 0.0
+    for k in range(count):  # rows of D L^T, from the diagonal on
+        row = k * width
+        pivot = matrix[row + k]
         if not 0.0 < abs(pivot) < np.inf:
             return -1
         negative += pivot < 0.0
         for i in range(k + 1, count):
-            scaled = matrix[k, i] / pivot
-            matrix[i, k] = scaled
-            for j in range(i, count):
-                matrix[i, j] -= scaled * matrix[k, j]
+            scaled = matrix[row + i] / pivot
             vector[i] -= scaled * vector[k]
-    for i in range(count):
-        vector[i] /= matrix[i, i]
-    for i in range(count - 1, 0, -1):
-        last = vector[i]
-        for k in range(i):
-            vector[k] -= matrix[i, k] * last
+            factor = spread(-scaled)
+            for j in range(i // LANES * LANES, width, LANES):
+                at = i * width + j
+                store(matrix, at, load(matrix, at) + factor * load(matrix, row + j))
+    for i in range(count - 1, -1, -1):
+        pivot, right = matrix[i * width + i], vector[i]
+        vector[i] = 0.0
+        for j in range(i // LANES * LANES, i):
+            matrix[i * width + j] = 0.0
+        begin, products = i // LANES * LANES, spread(0.0)
+        for j in range(begin, width, LANES):
+            products = products + load(matrix, i * width + j) * load(vector, j)
+        vector[i] = (right - total(products)) / pivot
     return negative
 
 
 class Step(NamedTuple):
-    """A step about ``origin`` (m,), ``outer`` (m, m) being its quadratic part: the problem of mixed Newton."""
+    """A step about ``origin`` (m,), ``outer`` being its quadratic part: the problem of mixed Newton.
+
+    Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.bending_kernels`.
+    """
 
     reduced: ReducedStress
     origin: Array
@@ -159,11 +81,15 @@ class Step(NamedTuple):
     stresses: Array
     strains: Array
     slopes: Array
+    others: Array
     gradient: Array
     hessian: Array
     slots: Array
     way: Array
+    at: Array
+    moved: Array
     numbers: Array
+    room: Room
 
 
 _SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
@@ -172,50 +98,59 @@ _SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
 
 @operation_of(Step, method.residual, **_operation)
 def _residual(p):  # type: ignore[no-untyped-def]
-    """Energy, strains, Hessian and out-of-balance force; its size."""
+    """Energy, strains and out-of-balance force; its size."""
     return _balance(p)
 
 
-@njit(**_options)
+@njit(**_operation)
 def _balance(p):  # type: ignore[no-untyped-def]
-    p.numbers[_ENERGY] = energy_terms(p.reduced, p.x, p.stresses, p.strains, p.slopes, p.gradient, p.hessian)
-    count, outer, u = p.x.size, p.outer.reshape(-1), np.empty(p.x.size)
+    count, width = p.x.size, p.at.size
     for i in range(count):
-        u[i] = p.x[i] - p.origin[i]
+        p.at[i] = p.x[i]
+        p.moved[i] = p.x[i] - p.origin[i]
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
+    add_rows(p.outer, 0, p.moved, 0, count, p.gradient)
     for i in range(count):
-        p.gradient[i] += dot(outer, i * count, u, 0, count) - p.push[i]
-        p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i])
-    return np.sqrt(dot(p.gradient, 0, p.gradient, 0, count)) / p.numbers[_SCALE]
+        p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
+    return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
 
 
 @operation_of(Step, method.potential, **_operation)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    size, value = _balance(p), p.numbers[_ENERGY]
+    size, value, width = _balance(p), p.numbers[_ENERGY], p.at.size
     for i in range(p.x.size):
         move = p.x[i] - p.origin[i]
         for j in range(p.x.size):
-            value += 0.5 * move * p.outer[i, j] * (p.x[j] - p.origin[j])
+            value += 0.5 * move * p.outer[i * width + j] * (p.x[j] - p.origin[j])
         value -= move * p.push[i]
     return value, size
+
+
+@njit(**_operation)
+def _assemble(p):  # type: ignore[no-untyped-def]
+    """Write the Hessian's lower triangle, the inertia's and the damping's with it, where the balance was asked for."""
+    width = p.at.size
+    write_hessian(p.reduced, p.stresses, p.slopes, p.others, width, p.hessian, p.room)
+    for i in range(p.outer.size):
+        p.hessian[i] += p.outer[i]
 
 
 @operation_of(Step, method.solve, **_operation)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction, into the array of the gradient."""
+    _assemble(p)
     for i in range(p.x.size):
-        for j in range(i + 1):
-            p.hessian[i, j] += p.outer[i, j]
-        p.hessian[i, i] += p.numbers[_DRAG]
+        p.hessian[i * p.at.size + i] += p.numbers[_DRAG]
         p.gradient[i] = -p.gradient[i]
-    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient)
+    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient, p.x.size)
     return p.numbers[_NEGATIVE] >= 0.0
 
 
 @operation_of(Step, method.advance, **_operation)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the direction."""
-    _predict(p.slopes, p.gradient, p.strains, p.stresses)
+    predict(p.slopes, p.gradient, p.strains, p.stresses)
     for i in range(p.x.size):
         p.x[i] += p.gradient[i]
     return 0.0
@@ -239,19 +174,20 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.first_drag, **_operation)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Drag to begin with: a hundredth of the inertia, as coordinates have no size of their own."""
-    return 0.01 * p.outer[0, 0]
+    return 0.01 * p.outer[0]
 
 
 @operation_of(Step, method.point_downhill, **_options)
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find the direction in which the potential curves down most."""
     _balance(p)
-    count = p.x.size
+    _assemble(p)
+    count, width = p.x.size, p.at.size
+    whole = np.empty((count, count))
     for i in range(count):
         for j in range(i + 1):
-            p.hessian[i, j] += p.outer[i, j]
-            p.hessian[j, i] = p.hessian[i, j]
-    curvatures, ways = np.linalg.eigh(p.hessian)
+            whole[i, j] = whole[j, i] = p.hessian[i * width + j]
+    curvatures, ways = np.linalg.eigh(whole)
     size = np.sqrt(dot(p.x, 0, p.x, 0, count))
     for i in range(count):
         p.way[i] = size * ways[i, 0]
@@ -266,13 +202,32 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
+def _write_viscous(reduced, at, factor, outer, room):  # type: ignore[no-untyped-def]
+    """Write ``factor`` times the viscous matrix at coordinates ``at`` (width,) into ``outer``, flat: that of slopes."""
+    bending, width, modes = reduced.bending, at.size, reduced.viscous.modes
+    size = modes + bending.angles.size
+    slopes, strains, none = np.zeros(size * width), np.empty(size), np.empty(width)
+    others = np.empty(bending.across.shape[0] * width)
+    quadratic(reduced.viscous, at, strains, slopes, room)
+    hinge_angles(bending, at, modes, strains, slopes, room)
+    if bending.across.shape[0] > 0:
+        couple(bending, at, modes, strains, slopes, others, none, room)
+    write_squares(bending, slopes, size, modes, others, width, outer)
+    for i in range(width):
+        for j in range(i + 1):
+            outer[i * width + j] *= factor
+            outer[j * width + i] = outer[i * width + j]
+
+
+@njit(**_options)
+def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
     ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
     Newton's method begins where the rates lead, with the stresses of that state. ``force`` (m,) is the load's; ``drag``
     [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for
-    discrete shells.
+    discrete shells. ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
+    they are the state without false strains. The end's are written there.
 
     Returns
     -------
@@ -286,44 +241,38 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # typ
         Iterations.
     """
     z, rates, near, viscous_at = start
-    count, modes = reduced.membrane.linear.shape
-    further = reduced.viscous.linear.shape[1]
-    slopes = np.empty((count, max(modes, further) + reduced.bending.angles.size))
-    strains, unused, outer = np.empty(slopes.shape[1]), np.empty((count, count)), np.zeros((count, count))
+    count, width, modes = z.size, width_of(z.size), reduced.membrane.modes
+    size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
+    outer, at = np.zeros(width * width), np.zeros(width)
+    rows = max(reduced.membrane.linear.shape[1], reduced.viscous.linear.shape[1])
+    room = make_room(count, rows, reduced.bending.rest.shape[0], coupled)
     if viscosity > 0.0:
-        factor, bending = viscosity / dt, reduced.bending
-        _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
-        _add_squares(slopes, 0, further, factor, outer)
-        x = hinge_angles(bending, viscous_at, modes, strains, slopes)
-        _add_squares(slopes, modes, bending.angles.size, factor, outer)
-        if bending.across.shape[0] > 0:
-            others, none = np.empty((bending.across.shape[0], count)), np.zeros(count)
-            add_couplings(bending, viscous_at, x, modes, strains, slopes, others, none)
-            add_coupled(slopes, modes, others, factor, outer)
         for i in range(count):
-            for j in range(i + 1):
-                outer[i, j] += factor * bending.flat[i, j]
-                outer[j, i] = outer[i, j]
-    push, begin, way, slots = np.empty(count), np.empty(count), np.empty(count), np.empty((2, count))
+            at[i] = viscous_at[i]
+        _write_viscous(reduced, at, viscosity / dt, outer, room)
+    push, begin, slots = np.empty(count), np.empty(count), np.empty((2, count))
+    known = True
     for i in range(count):
-        outer[i, i] += 1.0 / (dt * dt) + drag / dt
+        outer[i * width + i] += 1.0 / (dt * dt) + drag / dt
         push[i] = force[i] + rates[i] / dt
         begin[i] = z[i] + dt * rates[i]
-        slots[START, i] = near[i]
+        slots[START, i] = at[i] = near[i]
+        known &= kept[i] == near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
-    stresses = np.zeros(modes)
-    _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
+    strains, slopes, stresses = np.empty(size), np.zeros(size * width), np.empty(modes)
+    if not known:
+        quadratic(reduced.membrane, at, strains, slopes, room)
     for k in range(modes):
-        stresses[k] = strains[k]
-    slopes, strains = (
-        np.empty((count, modes + reduced.bending.angles.size)),
-        np.empty(modes + reduced.bending.angles.size),
-    )
+        stresses[k] = kept[count + k] if known else strains[k]
     step = Step(
-        reduced, z, outer, push, begin, stresses, strains, slopes, np.empty(count), unused, slots, way,
-        np.array([scale, 0.0, 0.0, np.inf]),
+        reduced, z, outer, push, begin, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
+        np.empty(width * width), slots, np.empty(count), at, np.empty(width),
+        np.array([scale, 0.0, 0.0, np.inf]), room,
     )  # fmt: skip
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST, STALLED, DESCENT))
-    seen = 0.5 * dot(strains, 0, strains, 0, modes)
-    return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations
+    for i in range(count):
+        kept[i] = at[i]
+    for k in range(modes):
+        kept[count + k] = strains[k]
+    return step.x, found.solved, step.numbers[_ENERGY], 0.5 * dot(strains, 0, strains, 0, modes), found.iterations

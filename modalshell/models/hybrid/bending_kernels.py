@@ -1,152 +1,203 @@
-"""Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them."""
+"""Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them.
+
+Vectors over coordinates are rows of a whole number of packed registers, ``width`` long and padded with zeros.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from modalshell.kernels.compiler import njit
-from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store
+from modalshell.core.typing import Array
+from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
+from modalshell.kernels.packed import LANES, load, spread, spread_from, store, total
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
 
 
-@njit(**_options)
-def hinge_angles(bending, z, first, strains, slopes):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and slopes, times the roots of their weights, from the ``first`` on; positions."""
-    count, modes = z.size, bending.modes.reshape(-1)
-    x = bending.rest.copy()
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            x[v, axis] += dot(modes, (3 * v + axis) * count, z, 0, count)
-    local, row = np.empty(9), np.empty(count)
-    for h in range(bending.hinges.shape[0]):
-        a, b, c, d = bending.hinges[h]
-        angle = first_derivatives(
-            x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
-            x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
-            x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
-        )  # fmt: skip
-        root = bending.roots[h]
-        strains[first + h] = root * ((angle - bending.angles[h] + np.pi) % (2.0 * np.pi) - np.pi)
-        row[:] = 0.0
-        for axis in range(3):
-            p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-            for i in range(count):
-                row[i] += p * bending.modes[b, axis, i] + q * bending.modes[c, axis, i] + r * bending.modes[d, axis, i]
-                row[i] -= (p + q + r) * bending.modes[a, axis, i]
-        slopes[:, first + h] = row
-    return x
+class Room(NamedTuple):
+    """What kernels write to on their way: sums over the numbers of quadratic forms, and of bent hinges.
 
-
-@njit(**_options)
-def _mean_normal(bending, x, h, way, normal):  # type: ignore[no-untyped-def]
-    """Write the ``way`` from one side of a hinge to the other, across its edge, and the unit mean normal; its length.
-
-    The way is by feet and heights at rest; with the edge's it spans the plane that halves the fold.
+    Of these the positions of their vertices (3 S,) and forces there, the slopes of an angle, and the constant vectors
+    ``P_h z`` (3 H,).
     """
-    a, b, c, d = bending.hinges[h]
-    for axis in range(3):
-        edge = x[b, axis] - x[a, axis]
-        here = (x[c, axis] - x[a, axis] - bending.feet[h, 0] * edge) * bending.feet[h, 1]
-        there = (x[d, axis] - x[a, axis] - bending.feet[h, 2] * edge) * bending.feet[h, 3]
-        way[axis] = there - here
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        normal[axis] = (x[b, j] - x[a, j]) * way[k] - (x[b, k] - x[a, k]) * way[j]
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    for axis in range(3):
-        normal[axis] /= length
-    return length
+
+    products: Array
+    values: Array
+    points: Array
+    forces: Array
+    local: Array
+    pulls: Array
+
+
+@njit(**_options | COUNTED)
+def make_room(count, modes, vertices, hinges):  # type: ignore[no-untyped-def]
+    """Room for ``count`` coordinates, rows of ``modes`` numbers, and ``hinges`` bent ones on ``vertices``."""
+    return Room(
+        np.empty(count * modes), np.empty(modes), np.empty(3 * vertices), np.empty(3 * vertices), np.empty(9),
+        np.empty(3 * hinges),
+    )  # fmt: skip
 
 
 @njit(**_options)
-def _pull_normal(bending, x, h, pull, way, normal, length, forces):  # type: ignore[no-untyped-def]
-    """Add the gradient of ``pull . normal`` to the ``forces`` on a hinge's vertices."""
-    a, b, c, d = bending.hinges[h]
-    along = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2]
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        left = (pull[j] - along * normal[j]) / length
-        right = (pull[k] - along * normal[k]) / length
-        on_edge = way[j] * right - way[k] * left
-        on_way = left * (x[b, k] - x[a, k]) - right * (x[b, j] - x[a, j])
-        here, there = -on_way * bending.feet[h, 1], on_way * bending.feet[h, 3]
-        forces[c, axis] += here
-        forces[d, axis] += there
-        on_edge -= bending.feet[h, 0] * here + bending.feet[h, 2] * there
-        forces[b, axis] += on_edge
-        forces[a, axis] -= on_edge + here + there
+def multiply(rows, z, out):  # type: ignore[no-untyped-def]
+    """Write the products of rows, of the length of ``z`` (width,), with it into ``out``."""
+    place = 0
+    for k in range(out.size):
+        products = load(rows, place) * load(z, 0)
+        for i in range(LANES, z.size, LANES):
+            products = products + load(rows, place + i) * load(z, i)
+        out[k] = total(products)
+        place += z.size
 
 
 @njit(**_options)
-def add_couplings(bending, z, x, first, strains, slopes, others, gradient):  # type: ignore[no-untyped-def]
-    """Add what couples bent hinges to the gradient, and write the ``others`` (H, m) that their slopes are coupled to.
+def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-untyped-def]
+    """Write the angles' changes and their slopes, times the roots of their weights, from the ``first`` row on.
+
+    ``z`` (width,) are the coordinates, ``slopes`` rows of that length, flat. The room gets the hinges' positions.
+    """
+    width, modes, x, local = z.size, bending.modes.reshape(-1), room.points, room.local
+    rest = bending.rest.reshape(-1)
+    multiply(modes, z, x)
+    for k in range(x.size):
+        x[k] += rest[k]
+    for h in range(bending.hinges.shape[0]):
+        a, b, c, d = _corners(bending, h)
+        angle = first_derivatives(
+            x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2],
+            x[c] - x[a], x[c + 1] - x[a + 1], x[c + 2] - x[a + 2],
+            x[d] - x[a], x[d + 1] - x[a + 1], x[d + 2] - x[a + 2], local,
+        )  # fmt: skip
+        root, row = bending.roots[h], (first + h) * width
+        change = angle - bending.angles[h]
+        if abs(change) > np.pi:
+            change -= np.copysign(2.0 * np.pi, change)
+        strains[first + h] = root * change
+        for i in range(0, width, LANES):
+            slope = spread(0.0)
+            for axis in range(3):
+                p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
+                slope = slope + spread(p) * load(modes, (b + axis) * width + i)
+                slope = slope + spread(q) * load(modes, (c + axis) * width + i)
+                slope = slope + spread(r) * load(modes, (d + axis) * width + i)
+                slope = slope - spread(p + q + r) * load(modes, (a + axis) * width + i)
+            store(slopes, row + i, slope)
+
+
+@njit(**_options)
+def _corners(bending, h):  # type: ignore[no-untyped-def]
+    """Where the positions of a hinge's vertices begin."""
+    stencil = bending.hinges
+    return 3 * stencil[h, 0], 3 * stencil[h, 1], 3 * stencil[h, 2], 3 * stencil[h, 3]
+
+
+@njit(**_options)
+def _pull(bending, x, pulls, bent, h, forces):  # type: ignore[no-untyped-def]
+    """The unit mean normal of a hinge, and the work on it of its vector in ``pulls``; ``bent`` times its forces.
+
+    The normal is that of the plane of the edge and of the way from one side to the other, by feet and heights at rest,
+    which halves the fold. The gradient of the work is added to the ``forces`` on the hinge's vertices.
+    """
+    a, b, c, d = _corners(bending, h)
+    foot, height = bending.feet[h, 0], bending.feet[h, 1]
+    other_foot, other_height = bending.feet[h, 2], bending.feet[h, 3]
+    ex, ey, ez = x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2]
+    wx = (x[d] - x[a] - other_foot * ex) * other_height - (x[c] - x[a] - foot * ex) * height
+    wy = (x[d + 1] - x[a + 1] - other_foot * ey) * other_height - (x[c + 1] - x[a + 1] - foot * ey) * height
+    wz = (x[d + 2] - x[a + 2] - other_foot * ez) * other_height - (x[c + 2] - x[a + 2] - foot * ez) * height
+    nx, ny, nz = ey * wz - ez * wy, ez * wx - ex * wz, ex * wy - ey * wx
+    over = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = over * nx, over * ny, over * nz
+    px, py, pz = pulls[3 * h], pulls[3 * h + 1], pulls[3 * h + 2]
+    work = px * nx + py * ny + pz * nz
+    scale = bent * over
+    px, py, pz = scale * (px - work * nx), scale * (py - work * ny), scale * (pz - work * nz)
+    _push(forces, a, b, c, d, 0, wy * pz - wz * py, py * ez - pz * ey, foot, height, other_foot, other_height)
+    _push(forces, a, b, c, d, 1, wz * px - wx * pz, pz * ex - px * ez, foot, height, other_foot, other_height)
+    _push(forces, a, b, c, d, 2, wx * py - wy * px, px * ey - py * ex, foot, height, other_foot, other_height)
+    return nx, ny, nz, work
+
+
+@njit(**_options)
+def _push(forces, a, b, c, d, axis, on_edge, on_way, foot, height, other_foot, other_height):  # type: ignore[no-untyped-def]
+    """Add one component of the forces on a hinge's vertices, of those on its edge and on the way across it."""
+    here, there = -on_way * height, on_way * other_height
+    forces[c + axis] += here
+    forces[d + axis] += there
+    on_edge -= foot * here + other_foot * there
+    forces[b + axis] += on_edge
+    forces[a + axis] -= on_edge + here + there
+
+
+@njit(**_options)
+def couple(bending, z, first, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
+    """Add what couples bent hinges to the ``gradient``; write the rows of ``others`` that their slopes are coupled to.
 
     Returns the energy. The normals' turning is in the gradient alone.
     """
-    count, value, across = z.size, 0.0, bending.across.reshape(-1)
-    forces, way, normal, pull = np.zeros_like(x), np.empty(3), np.empty(3), np.empty(3)
-    rows = np.ascontiguousarray(slopes[:, first : first + others.shape[0]].T)
-    for h in range(bending.hinges.shape[0]):
-        bent = strains[first + h]
-        length = _mean_normal(bending, x, h, way, normal)
-        for axis in range(3):
-            pull[axis] = dot(across, (3 * h + axis) * count, z, 0, count)
-        flat, coupled = pull[0] * normal[0] + pull[1] * normal[1] + pull[2] * normal[2], 0.0
-        for axis in range(3):
-            pull[axis] *= bent
-        _pull_normal(bending, x, h, pull, way, normal, length, forces)
-        others[h] = 0.0
-        for place in range(bending.starts[h], bending.starts[h + 1]):
-            other, factor = bending.others[place], bending.values[place]
-            coupled += factor * strains[first + other]
-            for i in range(count):
-                others[h, i] += 0.5 * factor * rows[other, i]
+    width, value, across = z.size, 0.0, bending.across.reshape(-1)
+    forces, pulls = room.forces, room.pulls
+    for k in range(forces.size):
+        forces[k] = 0.0
+    multiply(across, z, pulls)
+    for h in range(bending.across.shape[0]):
+        bent, row, over = strains[first + h], (first + h) * width, 3 * h * width
+        nx, ny, nz, flat = _pull(bending, room.points, pulls, bent, h, forces)
+        begin, end, coupled = bending.starts[h], bending.starts[h + 1], 0.0
+        for place in range(begin, end):
+            coupled += bending.values[place] * strains[first + bending.others[place]]
         value += bent * (0.5 * coupled + flat)
-        n, o, p = normal
-        for i in range(count):
-            turned = bending.across[h, 0, i] * n + bending.across[h, 1, i] * o + bending.across[h, 2, i] * p
-            others[h, i] += turned
-            gradient[i] += rows[h, i] * (coupled + flat) + bent * turned
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            for i in range(count):
-                gradient[i] += bending.modes[v, axis, i] * forces[v, axis]
+        for i in range(0, width, LANES):
+            at = over + i
+            turned = spread(nx) * load(across, at) + spread(ny) * load(across, at + width)
+            turned, other = turned + spread(nz) * load(across, at + 2 * width), spread(0.0)
+            for place in range(begin, end):
+                there = (first + bending.others[place]) * width + i
+                other = other + spread_from(bending.values, place) * load(slopes, there)
+            store(others, h * width + i, turned + spread(0.5) * other)
+            force = spread(coupled + flat) * load(slopes, row + i) + spread(bent) * turned
+            store(gradient, i, load(gradient, i) + force)
+    add_rows(bending.modes.reshape(-1), 0, forces, 0, forces.size, gradient)
     return value
 
 
 @njit(**_options)
-def write_products(left, right, width, lower, made):  # type: ignore[no-untyped-def]
-    """Write sums of products of rows of ``left`` and ``right`` of length ``width`` into ``made``, or its lower half."""
-    for i in range(0, width, 4):
-        for j in range(0, i + 4 if lower else width, LANES):
-            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for at in range(0, left.size, width):
-                row = load(right, at + j)
-                a = a + spread_from(left, at + i) * row
-                b = b + spread_from(left, at + i + 1) * row
-                c = c + spread_from(left, at + i + 2) * row
-                d = d + spread_from(left, at + i + 3) * row
-            store(made, i * width + j, a)
-            store(made, (i + 1) * width + j, b)
-            store(made, (i + 2) * width + j, c)
-            store(made, (i + 3) * width + j, d)
+def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
+    """Add ``count`` rows as long as ``out``, from number ``begin`` on, times the factors from ``first`` on."""
+    width = out.size
+    for i in range(0, width, LANES):
+        a, b, at = load(out, i), spread(0.0), begin + i
+        for k in range(count // 2):
+            a = a + spread_from(factors, first + 2 * k) * load(rows, at)
+            b = b + spread_from(factors, first + 2 * k + 1) * load(rows, at + width)
+            at += 2 * width
+        if count % 2:
+            a = a + spread_from(factors, first + count - 1) * load(rows, at)
+        store(out, i, a + b)
 
 
 @njit(**_options)
-def add_coupled(slopes, first, others, factor, matrix):  # type: ignore[no-untyped-def]
-    """Add ``factor`` times the products of slopes and what they are coupled to, and their transposes."""
-    size, count = others.shape
-    width = -(-count // LANES) * LANES
-    left, right, made = np.zeros(size * width), np.zeros(size * width), np.empty(width * width)
-    for i in range(count):
-        for h in range(size):
-            left[h * width + i] = slopes[i, first + h]
-            right[h * width + i] = others[h, i]
-    write_products(left, right, width, False, made)
-    for i in range(count):
-        for j in range(i + 1):
-            matrix[i, j] += factor * (made[i * width + j] + made[j * width + i])
+def add_products(left, begin, right, start, count, width, matrix):  # type: ignore[no-untyped-def]
+    """Add products of ``count`` rows, from number ``begin`` of ``left`` and number ``start`` of ``right`` on.
+
+    To the lower triangle of ``matrix`` (width, width), which is flat; what it has above its diagonal is lost.
+    """
+    for i in range(0, width, 4):
+        for j in range(0, i + 4, LANES):
+            at, other = i * width + j, start * width + j
+            a, b = load(matrix, at), load(matrix, at + width)
+            c, d = load(matrix, at + 2 * width), load(matrix, at + 3 * width)
+            for k in range(begin * width + i, (begin + count) * width + i, width):
+                row = load(right, other)
+                a = a + spread_from(left, k) * row
+                b = b + spread_from(left, k + 1) * row
+                c = c + spread_from(left, k + 2) * row
+                d = d + spread_from(left, k + 3) * row
+                other += width
+            store(matrix, at, a)
+            store(matrix, at + width, b)
+            store(matrix, at + 2 * width, c)
+            store(matrix, at + 3 * width, d)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sps
 
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
@@ -27,6 +28,8 @@ class Bending(NamedTuple):
 
     With the changes ``s`` of the bent hinges' angles times ``roots``, it is ``z . flat z / 2 + s . s / 2``, and where
     hinges are coupled, with ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
+
+    In a reduced energy all rows of the basis have zeros up to a whole number of packed registers.
 
     Attributes
     ----------
@@ -99,6 +102,11 @@ class Measures(ABC):
     @abstractmethod
     def energy(self, x: Array) -> float:
         """Energy of the membrane [J]."""
+
+    @property
+    def quadratic_membrane(self) -> tuple[Array, sps.csr_array] | None:
+        """Half squared lengths (E,) [m^2] at rest, and the matrix (E, E) of their changes, where that is the energy."""
+        return None
 
     @abstractmethod
     def tensions(self, modes: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.measures import Measures
 from modalshell.shell import Isotropic
 from modalshell.shell.energies_of import material_constants
@@ -73,6 +73,6 @@ def forces_by_constants(
 
 
 def _gradient(reduced: ReducedStress, z: Array) -> Array:
-    modes = reduced.membrane.linear.shape[1]
+    modes = reduced.membrane.modes
     strains = evaluate(reduced, z, np.zeros(modes))[1]
     return np.asarray(evaluate(reduced, z, strains[:modes])[3])

@@ -88,6 +88,11 @@ class SplitFoldMeasures(Measures):
         half_squares(x, self._forms.edges, self._forms.half_squares, strains)
         return 0.5 * float(strains @ (self._forms.tension @ strains))
 
+    @property
+    def quadratic_membrane(self) -> tuple[Array, sps.csr_array]:
+        """See :class:`Measures`."""
+        return self._forms.half_squares, sps.csr_array(self._forms.tension)
+
     def tensions(self, modes: Array) -> Array:
         """By the membrane's matrix."""
         return np.asarray(self._forms.tension @ modes)

@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.shell import EXACT
 from modalshell.statics.dense import DenseProblem
 
@@ -59,11 +59,11 @@ class StressPotential(DenseProblem):
         fraction = 1.0 if reach is None else min(1.0, reach / max(self.change(direction), 1e-300))
         step = fraction * direction
         _, strains, slopes, _, _ = self._evaluated(x, None)
-        return x + step, [strains[: self._modes] + step @ slopes[:, : self._modes]], fraction
+        return x + step, [strains[: self._modes] + slopes[: self._modes] @ step], fraction
 
     @property
     def _modes(self) -> int:
-        return self.reduced.membrane.linear.shape[1]
+        return self.reduced.membrane.modes
 
     def _evaluated(self, z: Array, stresses: Array | None) -> tuple[float, Array, Array, Array, Array]:
         self.count(1)

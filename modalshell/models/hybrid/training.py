@@ -286,13 +286,16 @@ class _ReducedSteps(EulerSteps):
         self._basis, self._reduced, self._coarse = found.basis, reduced, coarse
         self._factors = damping.mass_factor, damping.stiffness_factor
         self.push, self.energies = np.zeros(found.basis.shape[1]), (0.0, 0.0)
+        self._kept = np.full(found.basis.shape[1] + reduced.membrane.modes, np.nan)
 
     def positions(self, z: Array) -> Array:
         return self._coarse.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         begin = start.origin, start.rates, start.near, start.viscous_at
-        z, solved, *energies, _ = implicit_step(self._reduced, begin, self.push, start.dt, *self._factors, 1e-3)
+        z, solved, *energies, _ = implicit_step(
+            self._reduced, begin, self.push, start.dt, *self._factors, 1e-3, self._kept
+        )
         self.energies = energies[0], energies[1]
         return start.after(z), bool(solved)
 

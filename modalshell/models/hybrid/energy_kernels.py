@@ -1,0 +1,150 @@
+"""Compiled evaluation of a reduced energy with assumed membrane stresses; see :mod:`.assumed_stress`.
+
+Vectors over coordinates are rows of a whole number of packed registers, ``width`` long and padded with zeros.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
+from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
+from modalshell.models.hybrid.bending_kernels import add_products, add_rows, couple, hinge_angles, make_room, multiply
+
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
+
+
+@njit(**_options)
+def width_of(count):  # type: ignore[no-untyped-def]
+    """Length of a row of ``count`` numbers: a whole number of packed registers."""
+    return -(-count // LANES) * LANES
+
+
+@njit(**_options)
+def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
+    """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers."""
+    count, width = form.linear.shape
+    linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
+    products, values, half = room.products, room.values, spread(0.5)
+    for k in range(0, width, LANES):
+        place = k
+        for i in range(count):
+            here, row = spread_from(z, i), spread(0.0)
+            for j in range(i):
+                numbers, at = load(pairs, place), j * width + k
+                row = row + numbers * spread_from(z, j)
+                store(products, at, load(products, at) + numbers * here)
+                place += width
+            store(products, i * width + k, row + load(pairs, place) * here)
+            place += width
+        value = spread(0.0)
+        for i in range(count):
+            at = i * width + k
+            first, slope = load(linear, at), load(products, at)
+            value = value + spread_from(z, i) * (first + half * slope)
+            store(products, at, first + slope)
+        store(values, k, value)
+    for k in range(form.modes):
+        strains[k] = values[k]
+        for i in range(count):
+            slopes[k * z.size + i] = products[i * width + k]
+
+
+@njit(**_options)
+def _add_stressed(form, stresses, width, hessian, room):  # type: ignore[no-untyped-def]
+    """Add ``sum_k s_k B_k`` to the lower triangle of ``hessian`` (width, width), which is flat."""
+    pairs, known, place = form.pairs.reshape(-1), room.values, 0
+    count, modes = form.linear.shape
+    for k in range(modes):
+        known[k] = stresses[k] if k < form.modes else 0.0
+    for i in range(count):
+        for j in range(i + 1):
+            sums = spread(0.0)
+            for k in range(0, modes, LANES):
+                sums = sums + load(pairs, place + k) * load(known, k)
+            hessian[i * width + j] += total(sums)
+            place += modes
+
+
+@njit(**_options)
+def predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
+    """Write the stresses (K,) after ``step`` (width,), by the strains linearised where they are."""
+    multiply(slopes, step, stresses)
+    for k in range(stresses.size):
+        stresses[k] += strains[k]
+
+
+@njit(**_options)
+def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
+    """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
+
+    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
+    flat hinges' and what couples hinges, with the rows of ``others``.
+    """
+    bending, first, width, energy = reduced.bending, reduced.membrane.modes, z.size, 0.0
+    for i in range(width):
+        gradient[i] = 0.0
+    add_rows(bending.flat.reshape(-1), 0, z, 0, bending.flat.shape[0], gradient)
+    energy += 0.5 * dot(gradient, 0, z, 0, width)
+    quadratic(reduced.membrane, z, strains, slopes, room)
+    hinge_angles(bending, z, first, strains, slopes, room)
+    energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
+    add_rows(slopes, 0, strains, 0, strains.size, gradient)
+    if bending.across.shape[0] > 0:
+        energy += couple(bending, z, first, strains, slopes, others, gradient, room)
+    return energy
+
+
+@njit(**_options)
+def write_squares(bending, slopes, count, first, others, width, hessian):  # type: ignore[no-untyped-def]
+    """Write the Hessian of the flat hinges and half the squares of ``count`` strains, coupled from the ``first`` on.
+
+    Its lower triangle; the second derivatives of strains are left out, and of what couples hinges the normals'.
+    """
+    flat = bending.flat.reshape(-1)
+    for i in range(flat.size):
+        hessian[i] = flat[i]
+    for i in range(flat.size, hessian.size):
+        hessian[i] = 0.0
+    add_products(slopes, 0, slopes, 0, count, width, hessian)
+    coupled = bending.across.shape[0]
+    add_products(slopes, first, others, 0, coupled, width, hessian)
+    add_products(others, 0, slopes, first, coupled, width, hessian)
+
+
+@njit(**_options)
+def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the energy's Hessian, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given.
+
+    By what :func:`energy_terms` has written. The second derivatives of the angles and of the normals are left out.
+    """
+    first = reduced.membrane.modes
+    write_squares(reduced.bending, slopes, first + reduced.bending.angles.size, first, others, width, hessian)
+    _add_stressed(reduced.membrane, stresses, width, hessian, room)
+
+
+@njit(**_options | COUNTED)
+def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
+    """Energy, strains (K + H,), their slopes (K + H, m), gradient (m,), and the lower triangle of the Hessian (m, m).
+
+    Of coordinates z (m,); see :func:`energy_terms` and :func:`write_hessian`.
+    """
+    count, width, size = z.size, width_of(z.size), reduced.membrane.modes + reduced.bending.angles.size
+    coupled = reduced.bending.across.shape[0]
+    padded, slope, rows = np.zeros(width), np.empty(width), np.zeros(size * width)
+    strains, others, matrix = np.empty(size), np.zeros(coupled * width), np.empty(width * width)
+    for i in range(count):
+        padded[i] = z[i]
+    room = make_room(count, reduced.membrane.linear.shape[1], reduced.bending.rest.shape[0], coupled)
+    value = energy_terms(reduced, padded, strains, rows, others, slope, room)
+    write_hessian(reduced, stresses, rows, others, width, matrix, room)
+    slopes, gradient, hessian = np.empty((size, count)), np.empty(count), np.empty((count, count))
+    for i in range(count):
+        gradient[i] = slope[i]
+        for j in range(count):
+            hessian[i, j] = matrix[i * width + j]
+        for k in range(size):
+            slopes[k, i] = rows[k * width + i]
+    return value, strains, slopes, gradient, hessian

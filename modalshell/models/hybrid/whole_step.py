@@ -1,0 +1,154 @@
+"""A step of BDF2 of a reduced shell under a dead load, with its checks, in one call (theory 12, eq. 7)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sps
+
+from modalshell.core.typing import Array, Index
+from modalshell.kernels.compiler import njit
+from modalshell.kernels.rotations import largest_turn
+from modalshell.models.hybrid.assumed_stress import padded
+from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.bending_kernels import multiply
+from modalshell.models.hybrid.measures import Measures
+
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
+
+
+class Surface(NamedTuple):
+    """A coarse shell of k vertices, as a reduced step looks at it.
+
+    Attributes
+    ----------
+    rest, columns : ndarray, shape (k, 3) and (3 k, width)
+        Positions at rest [m], and the basis, its rows with zeros up to a whole number of packed registers.
+    faces : ndarray of int64, shape (f, 3)
+        Triangles.
+    edges, lengths : ndarray, shape (E, 2) and (E,)
+        Edges, and half their squared lengths at rest [m^2]; none of a membrane that is looked at elsewhere.
+    starts, others, values : ndarray, shape (E + 1,), (c,) and (c,)
+        The membrane's matrix by rows.
+    """
+
+    rest: Array
+    columns: Array
+    faces: Index
+    edges: Index
+    lengths: Array
+    starts: Index
+    others: Index
+    values: Array
+
+
+def surface_of(measures: Measures, basis: Array) -> Surface:
+    """What steps see of the measures' shell; no edges where its membrane is no quadratic form of squared lengths."""
+    shell, form = measures.shell, measures.quadratic_membrane
+    lengths, matrix = (np.empty(0), sps.csr_array((0, 0))) if form is None else form
+    edges = np.array(measures.edges[: len(lengths)], dtype=np.int64)
+    starts, others = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+    own = shell.rest_positions.copy(), padded(basis), shell.mesh.faces
+    return Surface(*own, edges, lengths.copy(), starts, others, np.array(matrix.data, dtype=np.float64))
+
+
+@njit(**_options)
+def _moved(surface, z):  # type: ignore[no-untyped-def]
+    """Displacements (k, 3) by coordinates z (m,)."""
+    own, moved = np.zeros(surface.columns.shape[1]), np.empty(surface.rest.shape)
+    for i in range(z.size):
+        own[i] = z[i]
+    multiply(surface.columns.reshape(-1), own, moved.reshape(-1))
+    return moved
+
+
+@njit(**_options)
+def _positions(surface, z):  # type: ignore[no-untyped-def]
+    """Positions (k, 3) [m] at coordinates z (m,)."""
+    x = _moved(surface, z)
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            x[v, axis] += surface.rest[v, axis]
+    return x
+
+
+@njit(**_options)
+def _membrane(surface, x):  # type: ignore[no-untyped-def]
+    """Energy of the membrane [J] at positions (k, 3) [m]."""
+    strains, energy = np.empty(surface.edges.shape[0]), 0.0
+    for e in range(strains.size):
+        a, b = surface.edges[e, 0], surface.edges[e, 1]
+        u, v, w = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        strains[e] = 0.5 * (u * u + v * v + w * w) - surface.lengths[e]
+    for e in range(strains.size):
+        tension = 0.0
+        for place in range(surface.starts[e], surface.starts[e + 1]):
+            tension += surface.values[place] * strains[surface.others[place]]
+        energy += 0.5 * strains[e] * tension
+    return energy
+
+
+@njit(**_options)
+def unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
+    """Membrane energy [J] at coordinates z (m,) that stresses of the energy ``seen`` [J] do not see."""
+    return abs(_membrane(surface, _positions(surface, z)) - seen)
+
+
+@njit(error_model="numpy", fastmath=False, nogil=True)
+def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
+    """Write origin, rates and where the viscous matrix is taken into ``start`` (3, m), the next change of move too."""
+    x, v, move, gain = state
+    ahead = ratio / (1.0 + 2.0 * ratio)
+    for k in range(x.size):
+        further, faster = ratio * move[k], ratio * gain[k]
+        start[0, k] = x[k] + ahead * further
+        start[1, k] = v[k] + ahead * faster
+        start[2, k] = x[k] + further
+        jump[k] = dt * faster
+
+
+@njit(error_model="numpy", fastmath=False, nogil=True)
+def _end(state, ratio, length, z, start, ends):  # type: ignore[no-untyped-def]
+    """Write coordinates, rates, their changes and the curvature of rates into ``ends`` (5, m)."""
+    x, v, _, gain = state
+    for k in range(x.size):
+        rate = (z[k] - start[0, k]) / length
+        gained = rate - v[k]
+        ends[0, k], ends[1, k] = z[k], rate
+        ends[2, k], ends[3, k] = z[k] - x[k], gained
+        ends[4, k] = 2.0 * ratio / (1.0 + ratio) * (gained - ratio * gain[k])
+
+
+@njit(**_options)
+def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # type: ignore[no-untyped-def]
+    """Write a step of BDF2, as by :class:`modalshell.integrators.full.BDF2`, into ``ends`` (5, m).
+
+    ``state`` holds coordinates, rates, and the changes of both in the step before; ``rule`` the step and the one before
+    [s], and Rayleigh's factors. ``limits`` are the tolerance of the step's residual, the turn [rad]
+    from which it is violent, a small energy [J], and the unseen share of the membrane's. For ``kept`` see
+    :func:`implicit_step`.
+
+    Returns
+    -------
+    taken : bool
+        Whether the step is neither violent nor failed, and the stresses see the membrane at its end.
+    iterations : int
+        Iterations; 0 of a violent step, which was not begun.
+    energy, seen : float
+        Elastic energy at its end, and its share in the assumed stresses [J].
+    """
+    x, (dt, before, drag, viscosity) = state[0], rule
+    ratio = dt / before
+    start, jump = np.empty((3, x.size)), np.empty(x.size)
+    _begin(state, ratio, dt, start, jump)
+    if not largest_turn(_positions(surface, x), _moved(surface, jump), surface.faces) <= limits[1]:
+        return False, 0, 0.0, 0.0
+    length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
+    begin = start[0], start[1], x, start[2]
+    z, solved, energy, seen, iterations = implicit_step(reduced, begin, force, length, drag, viscosity, limits[0], kept)
+    taken = solved
+    if solved and surface.edges.shape[0] > 0:
+        taken = unseen_energy(surface, z, seen) <= limits[3] * (energy + limits[2])
+    _end(state, ratio, length, z, start, ends)
+    return taken, iterations, energy, seen
