@@ -90,7 +90,7 @@ def test_a_mesh_of_a_ball_is_nearly_the_ball():
     assert agrees[smooth].mean() > 0.9
 
 
-def box_mesh(half):
+def box_mesh(half.tolist()):
     """A closed mesh of a box about the origin."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -129,8 +129,8 @@ def test_normals_on_a_mesh_are_those_of_its_faces_next_to_it_too():
     """Offsets of some 1e-12 m have no direction but by rounding: a strip came to rest elsewhere than on the box."""
     turn, half = Rotation.from_rotvec((0.05, 0.1, 0.0)), np.array((0.05, 0.2, 0.05))
     box = ms.Box((0.3, 0.01, -0.12), half, rotation=turn.as_rotvec())
-    mesh = box_mesh(half)
-    collider = ms.MeshCollider(ms.TriangleMesh(turn.apply(mesh.vertices) + box.center, mesh.faces))
+    mesh = box_mesh(half.tolist())
+    collider = ms.MeshCollider(ms.TriangleMesh(turn.apply(np.array(mesh.vertices)) + box.center, mesh.faces))
     inner = np.random.default_rng(0).uniform(-0.9, 0.9, (50, 2)) * half[:2]
     top = turn.apply(np.column_stack([inner, np.full(50, half[2])])) + box.center
     up = turn.apply((0.0, 0.0, 1.0))
