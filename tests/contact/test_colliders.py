@@ -90,7 +90,7 @@ def test_a_mesh_of_a_ball_is_nearly_the_ball():
     assert agrees[smooth].mean() > 0.9
 
 
-def box_mesh(half.tolist()):
+def box_mesh(half):
     """A closed mesh of a box about the origin."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
