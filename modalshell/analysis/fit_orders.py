@@ -22,7 +22,7 @@ _APART = 0.02
 
 
 def deeper_minima(logs: Array, slopes: Array, rows: NDArray[np.intp], measured: Array, most: int) -> list[Array]:
-    """Steps of the parameters (p,) to other minima with a smaller misfit, the deepest first, at most so many.
+    """Steps of the parameters (p,) to other minima with a smaller misfit, the deepest first, at most ``most`` of them.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _STILL_FALLING = 0.99
 _AT_REST = 1e-9
 """Share of the largest energy below which kinetic energy counts as none."""
 _INSIDE = 1e-3
-"""Depth of a vertex in a collider, as a share of the shell's size, that is told."""
+"""Depth of a vertex in a collider, as a share of the shell's size, from which it is reported."""
 _HUGE = 1e9
 """Coordinate from which positions may overflow single precision."""
 _FAULTS = {
