@@ -91,6 +91,8 @@ def fit(
 
     Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, Poisson's
     ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`.
+    Frequencies are known by their order alone, so that there is a minimum for each order of the modes: from where a
+    search ends, those that linear theory expects to be deeper are searched too.
 
     Parameters
     ----------
@@ -118,7 +120,8 @@ def fit(
     Returns
     -------
     Fit
-        The constants, with confidence intervals.
+        The constants, with confidence intervals. A ModalShellWarning says so where least squares leave more than 5 % of
+        what was measured, displacements or frequencies, unexplained.
 
     Raises
     ------
