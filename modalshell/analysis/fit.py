@@ -226,9 +226,9 @@ class _Misfit:
             material = with_constants(self._shell.material, constants)
             shell = self._shell.with_material(material)
             self._differences, self.state = self._measured.misfit(shell, self._names, exact=exact)
-        except (SolverError, MaterialError) as error:
+        except (SolverError, MaterialError, np.linalg.LinAlgError) as error:  # the last of constants beyond all reason
             values = ", ".join(f"{name} = {value:.4g}" for name, value in constants.items())
-            mend = "; begin nearer, or leave one of them as it is" if isinstance(error, MaterialError) else ""
+            mend = "" if isinstance(error, SolverError) else "; begin nearer, or leave one of them as it is"
             raise SolverError(f"at {values}: {error}{mend}") from error
         self._parameters, self.material = parameters.copy(), material
         self.evaluations += 1
@@ -256,11 +256,7 @@ class _Misfit:
         self.at(parameters)
         scale = np.where(self._logarithmic, self.constants(parameters), 1.0)
         shell = self._shell.with_material(self.material)
-        try:
-            steps = self._measured.deeper(shell, self._names, scale)
-        except SolverError:  # two modes share an eigenvalue: no derivatives
-            return []
-        return [parameters + step for step in steps]
+        return [parameters + step for step in self._measured.deeper(shell, self._names, scale)]
 
 
 def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResult:
@@ -280,20 +276,26 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
             max_nfev=_LIMIT,
         )
 
-    best = search(guess)
+    best, failed = None, SolverError()
+    try:
+        best = search(guess)
+    except SolverError as error:  # no stable sheet, or no equilibrium, on the way
+        failed = error
     for _ in range(_ORDERS):
-        if misfit.explained(best.x):
+        if best is not None and misfit.explained(best.x):
             break
-        for start in misfit.deeper(best.x):
+        for start in misfit.deeper(guess if best is None else best.x):
             try:
                 other = search(start)
-            except SolverError:  # no stable sheet that way
+            except SolverError:
                 continue
-            if other.cost < _LOWER * best.cost:
+            if best is None or other.cost < _LOWER * best.cost:
                 best = other
                 break
         else:
             break
+    if best is None:
+        raise failed
     return best
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -109,10 +110,13 @@ class MeasuredFrequencies(Measurements):
 
     def deeper(self, shell: Shell, names: list[str], scale: Array) -> list[Array]:
         """Steps to where modes stand in another order, those above the measured ones counted in."""
-        count = min(len(self._basis.frequencies) + _ABOVE, shell.unknowns.count)
-        with warnings.catch_warnings():
+        basis = self._basis
+        count = min(len(basis.frequencies) + _ABOVE, shell.unknowns.count)
+        with warnings.catch_warnings(), contextlib.suppress(OptionError):  # two may share an eigenvalue
             warnings.simplefilter("ignore", ModalShellWarning)  # of modes that were not asked for
-            basis = solve_modes(shell, count)
+            further = solve_modes(shell, count)
+            further.sensitivity(names[0])
+            basis = further
         elastic, rigid = basis.frequencies[basis.rigid_modes :], basis.rigid_modes
         columns = [basis.sensitivity(name).frequencies[rigid:] / elastic for name in names]
         slopes = np.stack(columns, axis=1) * scale

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 
 _STARTS, _STEPS = 96, 25
-_REACH = 1.5
-"""Farthest start in parameters: constants by a factor of 4.5."""
+_REACH = 2.5
+"""Farthest start in parameters: constants by a factor of 12."""
 _DEEPER = 1.0
 """Norm of the misfit of another order, over that of this one, up to which it is worth a search."""
 _APART = 0.02
