@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 import scipy.special
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
 from modalshell.core.checks import checked_kind, checked_number, shown
-from modalshell.core.errors import MaterialError, OptionError, SolverError
+from modalshell.core.errors import MaterialError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Load
@@ -21,12 +22,19 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.shell import Material, Orthotropic, Sheet, Shell
 from modalshell.shell.energies_of import ANY_SIGN, material_constants, with_constants
 
+if TYPE_CHECKING:
+    import scipy.optimize
+
 _LIMIT = 100
 """Shells that are solved at most."""
 _ALIKE = 1e-9
 """Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
 _SLOPING, _NOTHING = 1e-2, 1e-5
 """Cosine between the misfit and a column of the Jacobian, and their ratio, up to which the squares are least."""
+_EXPLAINED, _UNEXPLAINED = 1e-6, 0.05
+"""Misfit, as a share of what was measured, up to which no other minimum is sought; the second a warning."""
+_ORDERS, _LOWER = 8, 0.9
+"""Minima that are left for another at most, and the sum of squares there over that here."""
 _WITHIN = 0.99
 """Share of the Poisson's ratio at which some strain has no stiffness that is looked up to."""
 
@@ -83,6 +91,8 @@ def fit(
 
     Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, Poisson's
     ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`.
+    Frequencies are known by their order alone, so that there is a minimum for each order of the modes: from where a
+    search ends, those that linear theory expects to be deeper are searched too.
 
     Parameters
     ----------
@@ -110,7 +120,8 @@ def fit(
     Returns
     -------
     Fit
-        The constants, with confidence intervals.
+        The constants, with confidence intervals. A ModalShellWarning says so where least squares leave more than 5 % of
+        what was measured, displacements or frequencies, unexplained.
 
     Raises
     ------
@@ -141,20 +152,8 @@ def fit(
     guess = misfit.parameters(np.array([constants[name] for name in names]))
     if (slopes := misfit.jacobian(guess)).any(axis=0).all():  # constants that are not told apart would run away
         _refuse_undetermined(slopes, misfit.state)
-    import scipy.optimize  # not before something is fitted: its import takes long
-
-    misfit.size = float(np.abs(slopes).max()) or 1.0  # the tolerances below know no unit
-    optimum = scipy.optimize.least_squares(
-        misfit.relative,
-        guess,
-        misfit.relative_jacobian,
-        misfit.bounds(guess),
-        x_scale="jac",
-        ftol=1e-10,
-        xtol=1e-8,
-        gtol=1e-14,
-        max_nfev=_LIMIT,
-    )
+    misfit.size = float(np.abs(slopes).max()) or 1.0  # the tolerances know no unit
+    optimum = _least_squares(misfit, guess)
     differences = misfit.at(optimum.x, exact=True)
     slopes = misfit.jacobian(optimum.x)
     _refuse_undetermined(slopes, misfit.state)
@@ -162,13 +161,22 @@ def fit(
     values, low, high = (misfit.constants(optimum.x + side * half_widths).tolist() for side in (0.0, -1.0, 1.0))
     if not np.isfinite([low, high]).all():
         raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
+    converged = bool(optimum.success) and not optimum.active_mask.any() and _is_least(slopes, differences)
+    residual = float(np.sqrt(np.mean(differences**2)))
+    if converged and residual > _UNEXPLAINED * measured.size:
+        warnings.warn(
+            f"the fitted shell is {100.0 * residual / measured.size:.2g} % off what was measured (root mean square): "
+            "begin nearer, fit more constants, or look whether load, supports and numbers are those of the measurement",
+            ModalShellWarning,
+            stacklevel=2,
+        )
     return Fit(
         values=dict(zip(names, values, strict=True)),
         intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
         material=misfit.material,
         state=misfit.state,
-        converged=bool(optimum.success) and not optimum.active_mask.any() and _is_least(slopes, differences),
-        residual=float(np.sqrt(np.mean(differences**2))),
+        converged=converged,
+        residual=residual,
         evaluations=misfit.evaluations,
     )
 
@@ -218,9 +226,9 @@ class _Misfit:
             material = with_constants(self._shell.material, constants)
             shell = self._shell.with_material(material)
             self._differences, self.state = self._measured.misfit(shell, self._names, exact=exact)
-        except (SolverError, MaterialError) as error:
+        except (SolverError, MaterialError, np.linalg.LinAlgError) as error:  # the last of constants beyond all reason
             values = ", ".join(f"{name} = {value:.4g}" for name, value in constants.items())
-            mend = "; begin nearer, or leave one of them as it is" if isinstance(error, MaterialError) else ""
+            mend = "" if isinstance(error, SolverError) else "; begin nearer, or leave one of them as it is"
             raise SolverError(f"at {values}: {error}{mend}") from error
         self._parameters, self.material = parameters.copy(), material
         self.evaluations += 1
@@ -238,6 +246,57 @@ class _Misfit:
     def relative_jacobian(self, parameters: Array) -> Array:
         """Their derivatives."""
         return self.jacobian(parameters) / self.size
+
+    def explained(self, parameters: Array) -> bool:
+        """Whether next to nothing is left of the misfit."""
+        return float(np.sqrt(np.mean(self.at(parameters) ** 2))) <= _EXPLAINED * self._measured.size
+
+    def deeper(self, parameters: Array) -> list[Array]:
+        """Parameters that may lie near deeper least squares than these, the deepest first."""
+        self.at(parameters)
+        scale = np.where(self._logarithmic, self.constants(parameters), 1.0)
+        shell = self._shell.with_material(self.material)
+        return [parameters + step for step in self._measured.deeper(shell, self._names, scale)]
+
+
+def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResult:
+    """The least squares from a guess, and from there the deepest of those where modes stand in another order."""
+    import scipy.optimize  # not before something is fitted: its import takes long
+
+    def search(start: Array) -> scipy.optimize.OptimizeResult:
+        return scipy.optimize.least_squares(
+            misfit.relative,
+            start,
+            misfit.relative_jacobian,
+            misfit.bounds(guess),
+            x_scale="jac",
+            ftol=1e-10,
+            xtol=1e-8,
+            gtol=1e-14,
+            max_nfev=_LIMIT,
+        )
+
+    best, failed = None, SolverError()
+    try:
+        best = search(guess)
+    except SolverError as error:  # no stable sheet, or no equilibrium, on the way
+        failed = error
+    for _ in range(_ORDERS):
+        if best is not None and misfit.explained(best.x):
+            break
+        for start in misfit.deeper(guess if best is None else best.x):
+            try:
+                other = search(start)
+            except SolverError:
+                continue
+            if best is None or other.cost < _LOWER * best.cost:
+                best = other
+                break
+        else:
+            break
+    if best is None:
+        raise failed
+    return best
 
 
 def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import final
@@ -9,9 +11,10 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.analysis.fit_orders import deeper_minima
 from modalshell.analysis.known_equilibrium import KnownEquilibrium
 from modalshell.core.checks import as_array, checked_vectors
-from modalshell.core.errors import LoadError, OptionError, SolverError
+from modalshell.core.errors import LoadError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.loads import Load, Scaled
 from modalshell.mesh.selection import Selection, selected
@@ -24,6 +27,8 @@ from modalshell.statics.mixed_newton import GOAL
 
 _FRACTION, _LOOSE = 1e-3, 1e-3
 """Residual of an equilibrium over the constants' change since the last one, and at most."""
+_ABOVE, _TRIED = 3, 3
+"""Modes above the measured ones that may have changed places with them, and orders that are tried."""
 
 
 class Measurements(ABC):
@@ -45,6 +50,25 @@ class Measurements(ABC):
     def exact(self) -> bool:
         """Whether the last misfit is exact."""
         return True
+
+    @property
+    @abstractmethod
+    def size(self) -> float:
+        """Root mean square of what was measured, in the unit of the misfit; displacements are from rest."""
+
+    def deeper(self, shell: Shell, names: list[str], scale: Array) -> list[Array]:
+        """Steps of parameters (p,) from the least squares of a shell to others that may be deeper, the deepest first.
+
+        Parameters
+        ----------
+        shell : Shell
+            The shell at the least squares.
+        names : list of str
+            The constants.
+        scale : ndarray, shape (p,)
+            Derivative of each by its parameter.
+        """
+        return []
 
 
 @final
@@ -78,6 +102,26 @@ class MeasuredFrequencies(Measurements):
         """Derivatives of the shares."""
         columns = [self._elastic(self._basis.sensitivity(name).frequencies) for name in names]
         return np.stack(columns, axis=1) / self._values[self._seen, None]
+
+    @property
+    def size(self) -> float:
+        """Shares are of 1."""
+        return 1.0
+
+    def deeper(self, shell: Shell, names: list[str], scale: Array) -> list[Array]:
+        """Steps to where modes stand in another order, those above the measured ones counted in."""
+        basis = self._basis
+        count = min(len(basis.frequencies) + _ABOVE, shell.unknowns.count)
+        with warnings.catch_warnings(), contextlib.suppress(OptionError):  # two may share an eigenvalue
+            warnings.simplefilter("ignore", ModalShellWarning)  # of modes that were not asked for
+            further = solve_modes(shell, count)
+            further.sensitivity(names[0])
+            basis = further
+        elastic, rigid = basis.frequencies[basis.rigid_modes :], basis.rigid_modes
+        columns = [basis.sensitivity(name).frequencies[rigid:] / elastic for name in names]
+        slopes = np.stack(columns, axis=1) * scale
+        rows = np.flatnonzero(self._seen)
+        return deeper_minima(np.log(elastic), slopes, rows, np.log(self._values[rows]), _TRIED)
 
     def _elastic(self, values: Array) -> Array:
         rigid = self._basis.rigid_modes
@@ -157,6 +201,12 @@ class MeasuredPositions(Measurements):
         """Derivatives of the differences."""
         moves = [one.rates[:, :, : len(names)] for one in self._known]
         return np.stack([np.tensordot(self._rows, move[self._vertices], 1) for move in moves])[self._seen]
+
+    @property
+    def size(self) -> float:
+        """Root mean square displacement [m] of the measured coordinates."""
+        rest = self._rows @ self._body.shell.rest_positions[self._vertices]
+        return float(np.sqrt(np.mean((self._measured - rest)[self._seen] ** 2)))
 
     @property
     def exact(self) -> bool:

@@ -14,8 +14,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 
-_ON = 1e-12
-"""Distance, as a share of the mesh's size, at which a point lies on the surface."""
+_ON = 1e-9
+"""Distance, as a share of the mesh's size, at which a point lies on the edge or corner nearest to it."""
 
 
 @final
@@ -80,13 +80,13 @@ class MeshCollider(Collider):
         offset, outward = x - nearest, self._normals[features, triangles]
         distance = np.linalg.norm(offset, axis=1)
         sign = np.where(np.sum(offset * outward, axis=1) < 0.0, -1.0, 1.0)
-        on = distance <= _ON * self.mesh.size
+        on = (distance <= _ON * self.mesh.size) | (features == 0)  # a short offset's direction is rounding
         size = np.where(on, 1.0, distance)
         normal = np.where(on[:, None], outward, (sign / size)[:, None] * offset)
         along = self._directions[np.clip(features - 1, 0, 2), triangles]
         free = np.eye(3) - ((features > 0) & (features < 4))[:, None, None] * along[:, :, None] * along[:, None, :]
         curvature = (sign / size)[:, None, None] * (free - normal[:, :, None] * normal[:, None, :])
-        curvature[on | (features == 0)] = 0.0
+        curvature[on] = 0.0
         return sign * distance, normal, curvature
 
     def surface(self, corners: Array) -> Surface:  # noqa: ARG002 (it is drawn whole)

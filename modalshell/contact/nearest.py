@@ -43,10 +43,12 @@ def _nearest_of_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
 def nearest_points(points, vertices, faces, centres, radii, found, triangles, features):  # type: ignore[no-untyped-def]
     """Nearest points ``found`` (k, 3) of a mesh to ``points`` (k, 3), their triangles and features (k,).
 
-    ``centres`` (T, 3) and ``radii`` (T,) are balls about the triangles, which pass over most of them.
+    ``centres`` (T, 3) and ``radii`` (T,) are balls about the triangles, which pass over most of them. Of a point that
+    is not finite the nearest is NaN.
     """
     for k in range(points.shape[0]):
         p, best = points[k], np.inf
+        found[k], triangles[k], features[k] = np.nan, 0, 0
         for t in range(faces.shape[0]):
             x, y, z = p[0] - centres[t, 0], p[1] - centres[t, 1], p[2] - centres[t, 2]
             if np.sqrt(x * x + y * y + z * z) - radii[t] >= best:

@@ -18,6 +18,7 @@ from modalshell.contact import kernels
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, first_drag
 from modalshell.contact.rotated import Rotated
+from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import INSIDE, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
@@ -92,9 +93,10 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
     reached, iterations = _begun(touching, start), 0
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
-        found = _Step(loaded, touching, reached.rest.point).solve(reached, _MOST)
+        step = _Step(loaded, touching, reached.rest.point)
+        found = step.solve(reached, _MOST) if step.rubs else _unrubbed(loaded, touching, reached)
         iterations += found.rest.iterations
-        if not found.message and not _arrived(touching, reached, found):
+        if step.rubs and not found.message and not _arrived(touching, reached, found):
             found = _slowly(loaded, touching, reached)
             iterations += found.rest.iterations
         if not _arrived(touching, reached, found):
@@ -108,6 +110,14 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
 def _arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:
     """Whether a step found a minimum that does not lie behind a collider."""
     return bool(found.rest.stable) and not touching.crossed(before.rest.point, found.rest.point)
+
+
+def _unrubbed(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
+    """Where a step ends at whose beginning nothing rubs: it may be that of a sheet without stiffness."""
+    rest = rest_on_contacts(problem, touching, before.rest.point)
+    sets = replace(before.sets, active=rest.active, sticks=np.zeros_like(rest.active))
+    message = "" if rest.stable else "no equilibrium was found before anything rubs"
+    return Rubbed(rest, np.zeros_like(before.friction), message, sets)
 
 
 def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
@@ -146,6 +156,11 @@ class _Step:
         self._friction = np.where(gaps <= INSIDE * touching.size, coefficients, 0.0)
         self._axes = touching.at(touching.time)  # rows of the normals, and two of each along the surface
         self._axes.vertices = np.tile(touching.vertices, 3)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether anything with friction touches at its beginning."""
+        return bool(self._friction.any())
 
     def solve(self, before: Rubbed, most: int, accepted: float = method.ACCEPTED) -> Rubbed:
         """At most ``most`` Newton steps with sets of what sticks and slips, from those of the step ``before``.

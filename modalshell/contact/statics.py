@@ -34,9 +34,10 @@ def rest_on_contacts(
     """Minimum of a potential outside the contacts' colliders, from ``start`` (n, 3) [m].
 
     The whole load is tried at once, with the rows that touch at the start; where that ends at no minimum, or at one
-    that lies behind a collider, it is tried from the ``guess`` (n, 3) that is then asked for, if there is one; where
-    that does not help either, the shell goes downhill from the start, by :mod:`.descent`. A start inside colliders that
-    push out is led out in steps, without a guess: the surfaces come from where they touch its deepest vertices.
+    that lies behind a collider, it is tried from the ``guess`` (n, 3) that is then asked for, if there is one; then, of
+    loads without a potential, in growing shares; where that does not help either, the shell goes downhill from the
+    start, by :mod:`.descent`. A start inside colliders that push out is led out in steps, without a guess: the surfaces
+    come from where they touch its deepest vertices.
 
     Iterations are Newton's of all that was tried; but from the guess on where the minimum is found from it.
 
@@ -57,6 +58,11 @@ def rest_on_contacts(
             if rest.stable:
                 return rest
             tried += rest.iterations
+        if problem.live is not None and not problem.live.conservative:
+            rest = _growing(problem, touching, start, tried)
+            if rest.stable:
+                return rest
+            tried = rest.iterations
         return _slowly(problem, touching, start, tried)
     x, iterations, steps = start, 0, Steps(_FIRST_STEP)
     while steps.fraction < 1.0:
@@ -107,6 +113,21 @@ def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
     solver = ActiveSet(problem, touching, problem.measure(problem.push))
     rest = solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
     return replace(rest, stable=False) if rest.stable and touching.crossed(start, rest.point) else rest
+
+
+def _growing(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
+    """Where the shell comes to as the load grows, after some ``iterations`` in vain: for loads without a potential."""
+    x, steps = start, Steps(_FIRST_STEP)
+    while True:
+        rest = _directly(problem.loaded(steps.target), touching, x)
+        iterations += rest.iterations
+        if rest.stable:
+            x = rest.point
+            steps.accept()
+            if steps.fraction >= 1.0:
+                return replace(rest, iterations=iterations)
+        elif not steps.refuse():
+            return replace(rest, point=x, converged=False, iterations=iterations)
 
 
 def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Array) -> Rest:

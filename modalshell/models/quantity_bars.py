@@ -8,7 +8,7 @@ order, ``J(x_2) - z . g(x_2)`` with the adjoint ``K_1(x_2) z = dJ/dx``, and one 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -22,7 +22,7 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.error_bars import shell_of
 from modalshell.shell import Sheet, Shell
-from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, share_as_text
+from modalshell.statics.error_bar import LARGEST_BAR, ErrorBar, ErrorEstimator, share_as_text
 from modalshell.statics.live_loads import LiveLoads
 
 UNITS = {"tip": "m", "von_mises": "Pa", "reactions": "N", "frequency": "Hz"}
@@ -45,7 +45,8 @@ class QuantityBar:
     unit : str
         Of both; empty if unknown.
     valid : bool
-        Whether the bar holds; see :class:`modalshell.ErrorBar`.
+        Whether the bar holds and the answer is at most 30 % off; see :class:`modalshell.ErrorBar`. That of reactions
+        holds no more where the corrected answer is out of balance by more than 30 % of them, as under pure moments.
     """
 
     value: float
@@ -110,7 +111,11 @@ def quantity_bars(
     found = {}
     for name, read in chosen.items():
         value, corrected = (checked_number(name, float(read(x)), error=OptionError) for x in (answer.positions, finer))
-        found[name] = QuantityBar(value, corrected, UNITS.get(name, ""), bar.valid)
+        found[name] = QuantityBar(value, corrected, UNITS.get(name, ""), bar.valid and not bar.beyond)
+    if "reactions" in found and not isinstance(of, Mapping):
+        force, bar_of = loading.force(finer), found["reactions"]
+        lost = float(np.linalg.norm((force + shell.reactions(finer, force=force)).sum(axis=0)))
+        found["reactions"] = replace(bar_of, valid=bar_of.valid and lost <= LARGEST_BAR * bar_of.corrected)
     if "frequency" in of and not isinstance(of, Mapping):
         found["frequency"] = _frequency(model_or_shell, answer, estimator, bar)
     return {name: found[name] for name in of}
@@ -151,4 +156,4 @@ def _frequency(model: Model | Shell, answer: Equilibrium, estimator: ErrorEstima
         raise OptionError("a frequency needs the model that found the answer, one that has frequencies")
     values: list[Any] = [own, estimator.lowest_eigenvalue()]
     value, corrected = (float(np.sqrt(max(one, 0.0)) / (2.0 * np.pi)) for one in values)
-    return QuantityBar(value, corrected, UNITS["frequency"], bar.valid)
+    return QuantityBar(value, corrected, UNITS["frequency"], bar.valid and not bar.beyond)

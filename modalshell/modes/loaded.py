@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, Protocol, final
 
@@ -11,7 +12,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import finite_answer
-from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
@@ -80,6 +81,7 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     And how many of them are of eigenspaces that ``count`` does not cut.
     """
     given: Any = about
+    _warn_of_what_is_left_out(given)
     state: State | None = given if hasattr(given, "load_stiffness") else None
     x = shell.checked_positions(getattr(given, "positions", given))
     unknowns = shell.unknowns
@@ -120,6 +122,18 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     modes = np.asarray(unknowns.prolong(vectors / root[:, None]))
     finite_answer("the modes", values, modes)
     return LoadedModes(shell, read_only(x.copy()), read_only(values.copy()), read_only(modes)), whole
+
+
+def _warn_of_what_is_left_out(about: Any) -> None:
+    touching, held = np.any(getattr(about, "in_contact", False)), np.size(getattr(about, "constraint_residuals", ()))
+    if touching or held:
+        what, mend = ("contacts", "touches") if touching else ("constraints", "they hold")
+        warnings.warn(
+            f"about is a state under {what}, which vibrations about it leave out: the shell moves freely there; clamp "
+            f"what {mend} in another shell to hold it",
+            ModalShellWarning,
+            stacklevel=4,
+        )
 
 
 def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[Array, Array, int]:

@@ -33,6 +33,8 @@ _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
 """Share of the largest energy below which kinetic energy counts as none."""
+_INSIDE = 1e-3
+"""Depth of a vertex in a collider, as a share of the shell's size, from which it is reported."""
 _HUGE = 1e9
 """Coordinate from which positions may overflow single precision."""
 _FAULTS = {
@@ -240,9 +242,19 @@ class Recorder:
         said = [motion.errors.remark(motion.state), motion.errors.undersampled()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
-        said.append(motion.model.account(motion.state))
+        said += [motion.model.account(motion.state), self._inside()]
         notes += [note for note in said if note]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
+
+    def _inside(self) -> str:
+        """What is said of vertices inside colliders that do not push them out; "" of none."""
+        deepest = [touched.deepest for touched in self.touched]
+        pushed = any(getattr(contact, "push_out", 0.0) for contact in self.motion.setup.contacts)
+        if pushed or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
+            return ""
+        time = self.times[int(np.argmax(deepest))]
+        where = f"up to {max(deepest):.2g} m inside a collider, at {time:.6g} s"
+        return f"vertices are {where}: take a finer mesh, the coarse one of models that have it, or shorter steps"
 
     @property
     def _steady(self) -> bool:

@@ -196,3 +196,15 @@ def test_fast_colliders_and_starts_inside_are_refused(models):
             ms.simulate(models[name], duration=0.2, contacts=[ball], **GIVEN)
         with pytest.raises(ms.OptionError, match="inside contact 0"):
             ms.simulate(models[name], duration=0.2, contacts=[inside], **GIVEN)
+
+
+def test_a_motion_says_how_deep_vertices_between_coarse_ones_are():
+    fine = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
+    shell = ms.Shell(fine, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")
+    coarse = ms.coarse_shell(shell, ms.flat_beam(length=0.4, width=0.12, cells=(6, 2)))
+    ball = [ms.Contact(ms.Sphere((0.33, 0.02, -0.15), 0.1))]
+    options = {"duration": 0.25, "dt": 1 / 120, "gravity": (0.0, 0.0, -3.0), "contacts": ball}
+    run = ms.simulate(ms.CoarseDiscreteShell(shell, coarse), **options)
+    assert run.deepest.max() > 1e-3
+    assert f"vertices are up to {run.deepest.max():.2g} m inside a collider" in run.message
+    assert "inside" not in ms.simulate(ms.DiscreteShell(shell), **options).message

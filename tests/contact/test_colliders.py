@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.contact import COLLIDERS
@@ -89,10 +90,15 @@ def test_a_mesh_of_a_ball_is_nearly_the_ball():
     assert agrees[smooth].mean() > 0.9
 
 
-def test_a_mesh_of_a_box_is_the_box():
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.5, 0.3, 0.2]
+def box_mesh(half):
+    """A closed mesh of a box about the origin."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh = ms.TriangleMesh(corners, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    return ms.TriangleMesh(corners, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+
+
+def test_a_mesh_of_a_box_is_the_box():
+    mesh = box_mesh((0.5, 0.3, 0.2))
     box, x = ms.Box((0, 0, 0), (0.5, 0.3, 0.2)), points(3)
     found, exact = ms.MeshCollider(mesh).gap(x), box.gap(x)
     np.testing.assert_allclose(found[0], exact[0], atol=1e-12)
@@ -117,6 +123,30 @@ def test_a_strip_lies_on_a_mesh_as_on_its_ball():
     assert on_mesh.converged
     assert on_mesh.deepest <= 1e-9
     assert ms.measure.displacement_error(on_mesh.positions, on_ball.positions, shell) < 0.05
+
+
+def test_normals_on_a_mesh_are_those_of_its_faces_next_to_it_too():
+    """Offsets of some 1e-12 m have no direction but by rounding: a strip came to rest elsewhere than on the box."""
+    turn, half = Rotation.from_rotvec((0.05, 0.1, 0.0)), np.array((0.05, 0.2, 0.05))
+    box = ms.Box((0.3, 0.01, -0.12), half, rotation=turn.as_rotvec())
+    mesh = box_mesh(half.tolist())
+    collider = ms.MeshCollider(ms.TriangleMesh(turn.apply(np.array(mesh.vertices)) + box.center, mesh.faces))
+    inner = np.random.default_rng(0).uniform(-0.9, 0.9, (50, 2)) * half[:2]
+    top = turn.apply(np.column_stack([inner, np.full(50, half[2])])) + box.center
+    up = turn.apply((0.0, 0.0, 1.0))
+    for away in (1e-14, 1e-12, 1e-11, -1e-12):
+        np.testing.assert_allclose(collider.gap(top + away * up)[1], np.tile(up, (50, 1)), atol=1e-12)
+    mesh = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")
+    for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 8))):
+        answers = [model.equilibrium(gravity=(0.0, 0.0, -2.943), contacts=[ms.Contact(one)]) for one in (box, collider)]
+        assert answers[1].converged
+        np.testing.assert_allclose(answers[1].positions, answers[0].positions, atol=1e-9)
+
+
+def test_a_point_that_is_not_finite_has_no_gap():
+    """A search that has lost its way asks for it: the kernel left its room unwritten, which crashed."""
+    assert np.isnan(ms.MeshCollider(sphere_mesh()).gap(np.full((2, 3), np.nan))[0]).all()
 
 
 @pytest.mark.parametrize("key", [key for key in EXAMPLES if key != "height-field"])

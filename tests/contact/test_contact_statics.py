@@ -307,3 +307,20 @@ def test_a_limp_cloth_finds_its_folds_in_few_iterations(kind, where):
         state.positions, gravity=(0.0, 0.0, -9.81), force=state.contact_forces
     ).sum(axis=0)
     np.testing.assert_allclose(pushed, [0.0, 0.0, 9.81 * shell.mass.sum()], atol=1e-6 * 9.81 * shell.mass.sum())
+
+
+@pytest.mark.parametrize("load", [ms.Pressure(-0.6), ms.Wind((0.0, 0.0, -2.0), density=1.2)])
+def test_loads_without_a_potential_grow_where_all_of_them_at_once_are_too_much(load):
+    """A way downhill knows no such load: strips under a pressure or in wind did not settle, in empty space too."""
+    mesh = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")
+    model = ms.DiscreteShell(shell)
+    free = model.equilibrium(loads=[load])
+    far = model.equilibrium(loads=[load], contacts=[ms.Contact(ms.Plane((0.0, 0.0, 1.0), -5.0))])
+    assert far.converged
+    assert ms.measure.displacement_error(far.positions, free.positions, shell) < 1e-6
+    near = model.equilibrium(loads=[load], contacts=[ms.Contact(ms.Plane((0.1, 0.05, 1.0), -0.06))])
+    assert near.converged
+    pushes = near.contact_forces.sum(axis=0)
+    held = shell.reactions(near.positions, force=near.loading.force(near.positions) + near.contact_forces).sum(axis=0)
+    np.testing.assert_allclose(held + pushes + near.loading.force(near.positions).sum(axis=0), 0.0, atol=1e-9)

@@ -226,3 +226,10 @@ def test_nothing_else_imports_the_library():
         "assert 'ipctk' not in sys.modules and 'modalshell.contact.layers' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_statics_without_a_potential_say_what_serves():
+    mesh = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")
+    answer = ms.DiscreteShell(shell).equilibrium(loads=[ms.Pressure(-0.6)], contacts=[ms.SelfContact()])
+    assert answer.converged or "simulate the damped motion" in answer.message

@@ -136,3 +136,18 @@ def test_what_statics_with_friction_do_not_take_is_refused(loose):
     shell = ms.Shell(loose.mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, density=DENSITY), clamped="x < 1e-6")
     with pytest.raises(ms.OptionError, match="statics on a coarse shell take contacts without friction"):
         ms.CoarseDiscreteShell(shell, shell).equilibrium(contacts=[ms.Contact(ms.Plane((0, 0, 1), -1.0), friction=0.2)])
+
+
+def test_springs_that_have_no_stiffness_at_rest_come_down_to_what_rubs():
+    """Nothing touches at first, and a flat sheet of springs does not bend there: "it slides" was said of it."""
+    mesh = ms.flat_beam(length=0.4, width=0.1, cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Material(stretch=4e3, shear=12.0, flexure=1.4e-3, density=0.6), "x < 0.07")
+    model, far = ms.SpringSheet(shell), ms.Plane((0.0, 0.0, 1.0), -1.0)
+    free = model.equilibrium(gravity=(0.0, 0.0, -2.9), contacts=[ms.Contact(far)])
+    held = model.equilibrium(gravity=(0.0, 0.0, -2.9), contacts=[ms.Contact(far, friction=0.3)])
+    assert held.converged
+    assert ms.measure.displacement_error(held.positions, free.positions, shell) < 1e-4
+    near = ms.Plane((0.0, 0.0, 1.0), -0.05)
+    lying = model.equilibrium(gravity=(0.0, 0.0, -2.9), contacts=[ms.Contact(near, friction=0.3)])
+    assert lying.converged
+    assert lying.in_contact.any()

@@ -54,6 +54,20 @@ def test_past_a_snap_they_are_void(shell):
     assert str(bar).endswith("m, void")
 
 
+def test_reactions_that_are_nothing_and_answers_far_off_are_void():
+    mesh, sheet = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4)), ms.Isotropic(1e8, 0.3, 1e-3, 200.0)
+    cantilever = ms.Shell(mesh, sheet, "x < 0.001")
+    rung = ms.LinearModal(ms.solve_modes(cantilever, 8))
+    bars = ms.quantity_bars(rung, rung.equilibrium(loads=[ms.EdgeMoment("x > 0.999", 1e-3)]))
+    assert bars["tip"].valid
+    assert not bars["reactions"].valid  # a moment alone asks for no force
+    held = ms.Shell(mesh, sheet, supports=[ms.Clamp("x < 0.001"), ms.Pin("x > 0.999")])
+    rung, load = ms.LinearModal(ms.solve_modes(held, 8)), [ms.EdgeMoment("abs(x - 0.5) < 0.001", 1e-2)]
+    answer = rung.equilibrium(loads=load)
+    assert ms.error_bar(rung, answer).beyond
+    assert not any(bar.valid for bar in ms.quantity_bars(rung, answer).values())
+
+
 def test_what_is_unknown_is_refused(shell):
     rung = ms.ModalWarping(ms.solve_modes(shell, 4))
     answer = rung.equilibrium(**LOAD)

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 from modalshell import (
     Buckling,
+    Contact,
     DiscreteShell,
     EdgeMoment,
     Fix,
@@ -19,9 +20,12 @@ from modalshell import (
     LoadedModes,
     LoadError,
     Material,
+    ModalShellWarning,
     OptionError,
     Pin,
+    Plane,
     PointForce,
+    PositionConstraint,
     Pressure,
     Roller,
     Shell,
@@ -250,3 +254,18 @@ def test_modes_about_a_state_know_the_stiffness_of_its_load(load):
     assert about.eigenvalues == pytest.approx(expected, rel=1e-5)
     dead = solve_modes(shell, 4, about=x).eigenvalues
     assert np.abs(about.eigenvalues / dead - 1.0).max() > 1e-4
+
+
+def test_modes_about_a_state_that_something_else_holds_say_that_this_is_left_out():
+    shell = Shell(strip((10, 2)), STRIP, "x < 1e-6")
+    model, gravity = DiscreteShell(shell), (0.0, 0.0, -1e-3)
+    free = model.equilibrium(gravity=gravity)
+    low = free.positions[:, 2].min()
+    lying = model.equilibrium(gravity=gravity, contacts=[Contact(Plane(offset=0.5 * low))])
+    tip = int(free.positions[:, 0].argmax())
+    held = model.equilibrium(gravity=gravity, constraints=[PositionConstraint(tip, shell.rest_positions[tip])])
+    for state, what in ((lying, "contacts"), (held, "constraints")):
+        assert state.converged
+        with pytest.warns(ModalShellWarning, match=f"a state under {what}, which vibrations about it leave out"):
+            solve_modes(shell, 2, about=state)
+    solve_modes(shell, 2, about=free)

@@ -74,6 +74,8 @@ def equilibrium_on_contacts(
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
             further, closest = -layers.gradient(rest.point), layers.least(rest.point)
     gaps = touching.distances(rest.point)
+    if own is not None and problem.live is not None and not problem.live.conservative:
+        told = "self-contact settles under loads with a potential alone: simulate the damped motion"
     notes = [] if rest.converged else [told]
     if rubs and rest.converged:
         notes.append(_AT_ONCE if steps == 1 else _IN_STEPS)
