@@ -31,7 +31,7 @@ def known_analysis(kind: str, matrix: sps.csc_array, make: Callable[[], Analysis
         return make()
     digest = hashlib.blake2b(repr((matrix.shape, matrix.indices.dtype.str)).encode(), digest_size=16)
     for part in (matrix.indptr, matrix.indices):
-        digest.update(memoryview(part).cast("B"))
+        digest.update(part.data)
     key = kind, digest.digest()
     with _lock:
         if key in _known:
