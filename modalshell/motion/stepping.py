@@ -16,7 +16,6 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.loads import Loading
-from modalshell.loads.work import dead_work
 from modalshell.models import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
@@ -157,10 +156,10 @@ class Motion:
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
-        own = self.stepper.loaded_positions(self.state)
         model, state, loading = self.present_model, self.state, self.setup.loading
-        potential = -dead_work(self._load, own, self.model.shell.rest_positions)
+        potential = -self.stepper.load_work(self._load, state)
         if loading.live:
+            own = self.stepper.loaded_positions(state)
             potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
         elastic = model.elastic_energy(state) + self.stepper.further_energy(state)
         return np.array([model.kinetic_energy(state), elastic, potential])

@@ -279,6 +279,12 @@ class ModalStepper(ContactStepper):
         state = super().state_at(positions, time)
         return state if self._contacts is None else self._contacts.clear(state)
 
+    def load_work(self, load: Array, state: MotionState) -> float:
+        """Work [J] of a dead load (n, 3) [N] from rest to a state, by the modal force where that stays."""
+        if self._dead is not None and load is self._seen and self.model.straight:
+            return float(self._dead.at(state.coordinates) @ state.coordinates)
+        return super().load_work(load, state)
+
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints, and outside the contacts' colliders."""
         model, damping, contacts = self.model, self.setup.damping, self._contacts

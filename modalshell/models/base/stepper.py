@@ -12,6 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionState
+from modalshell.loads.work import dead_work
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
@@ -118,6 +119,10 @@ class Stepper(ABC):
     def loaded_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states on which loads do their work."""
         return self.own_positions(state)
+
+    def load_work(self, load: Array, state: MotionState) -> float:
+        """Work [J] of a dead load (n, 3) [N] from rest to a state."""
+        return float(dead_work(load, self.loaded_positions(state), self.model.shell.rest_positions))
 
     def further_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of a state in addition to the model's own."""
