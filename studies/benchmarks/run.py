@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +50,20 @@ def main(
             raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(jobs)}")
         jobs = {only: jobs[only]}
     make_folder(out)
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for done, (name, job) in enumerate(jobs.items(), start=1):
-        rows[name] = job()
-        if on_step is not None:
-            on_step(done, len(jobs))
     record = run_record({"quick": quick, "only": only})
     stem = "benchmarks" if only is None else f"benchmarks_{only}"
+    rows: dict[str, list[dict[str, Any]]] = {}
+    written: list[Path] = []
+    for done, (name, job) in enumerate(jobs.items(), start=1):
+        rows[name] = job()
+        written = written_to(out, stem, rows, record)  # each time, as a run that is stopped keeps what it has
+        if on_step is not None:
+            on_step(done, len(jobs))
+    return written
+
+
+def written_to(out: Path, stem: str, rows: dict[str, list[dict[str, Any]]], record: Mapping[str, Any]) -> list[Path]:
+    """The files of the tables so far: their rows with the record of the run, a page, and a picture if there is one."""
     written = [write_text(out / f"{stem}.json", json.dumps({"record": record, "rows": rows}, indent=1) + "\n")]
     pages = "\n\n".join(f"## {name}\n\n{table(found)}" for name, found in rows.items())
     written.append(

@@ -10,6 +10,7 @@ from modalshell.files.atomic_io import write_atomically
 from modalshell.files.provenance import repository_module, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
+from studies.benchmarks import run
 from studies.reproduce import chosen_studies, studies
 
 
@@ -162,3 +163,15 @@ import studies.benchmarks.run
     extras = ["pyvista", "vtkmodules", "warp", "sympy", "petsc4py", "distributed", "pyarrow"]
     extras += ["sksparse", "pypardiso", "trame", "pytest", "hypothesis"]
     subprocess.run([sys.executable, "-c", program, *extras], check=True, timeout=120)
+
+
+def test_benchmarks_that_are_stopped_keep_the_tables_that_are_done(tmp_path, monkeypatch):
+    def stop():
+        raise RuntimeError("stopped")
+
+    monkeypatch.setattr(run.frame, "benchmark", lambda *_: [{"n": 1000, "seconds": 0.5}])
+    monkeypatch.setattr(run.frame, "scaling", stop)
+    with pytest.raises(RuntimeError, match="stopped"):
+        run.main(tmp_path)
+    assert json.loads((tmp_path / "benchmarks.json").read_text())["rows"] == {"frame": [{"n": 1000, "seconds": 0.5}]}
+    assert "| 1000 | 0.5 |" in (tmp_path / "benchmarks.md").read_text()
