@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import scipy.optimize
 
 _LIMIT = 100
-"""Shells that are solved at most."""
+"""Shells that are solved at most in one search."""
 _ALIKE = 1e-9
 """Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
 _SLOPING, _NOTHING = 1e-2, 1e-5
@@ -286,8 +286,8 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
             break
         for start in misfit.deeper(guess if best is None else best.x):
             try:
-                other = search(start)
-            except SolverError:
+                other = search(np.clip(start, *misfit.bounds(guess)))
+            except (SolverError, OptionError):  # the latter where two modes share an eigenvalue
                 continue
             if best is None or other.cost < _LOWER * best.cost:
                 best = other

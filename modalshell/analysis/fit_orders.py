@@ -14,7 +14,7 @@ from modalshell.core.typing import Array
 
 _STARTS, _STEPS = 96, 25
 _REACH = 2.5
-"""Farthest start in parameters: constants by a factor of 12."""
+"""Farthest start in parameters, of which moduli and thicknesses are logarithms: these change by a factor of 12."""
 _DEEPER = 1.0
 """Norm of the misfit of another order, over that of this one, up to which it is worth a search."""
 _APART = 0.02

@@ -29,6 +29,7 @@ from modalshell.statics.potential import Potential
 LOAD_STEPS = 10
 """Steps of the load from the rest shape."""
 SLIDES = "it slides: friction does not hold the shell"
+_UNHELD = "no equilibrium was found before anything rubs: hold the shell, begin in touch, or simulate its damped motion"
 _SUB_STEPS = 150
 """Steps in the thick fluid at most."""
 _MOST, _SLOW = 150, 30
@@ -82,7 +83,8 @@ class Rubbed(NamedTuple):
 def rest_with_friction(problem: Potential, touching: Touching, start: Array, steps: int) -> Rubbed:
     """Equilibrium from ``start`` (n, 3) [m] on a way on which the load grows in equal ``steps``.
 
-    What touches at the beginning of a step rubs in it; what comes to touch within it does from the next one on.
+    What touches at the beginning of a step rubs in it; what comes to touch within it does from the next one on, and in
+    the last one while the shell goes there in a thick fluid.
 
     Raises
     ------
@@ -96,12 +98,15 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         step = _Step(loaded, touching, reached.rest.point)
         found = step.solve(reached, _MOST) if step.rubs else _unrubbed(loaded, touching, reached)
         iterations += found.rest.iterations
-        if step.rubs and not found.message and not _arrived(touching, reached, found):
+        failed = step.rubs and not found.message and not _arrived(touching, reached, found)
+        # What touches first in the last step has no further one to rub in.
+        if failed or (count == steps and not step.rubs and step.would_rub(found.rest.active)):
             found = _slowly(loaded, touching, reached)
             iterations += found.rest.iterations
         if not _arrived(touching, reached, found):
             message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
-            rest = replace(reached.rest, iterations=iterations, converged=False)
+            residual = min(reached.rest.residual, found.rest.residual)
+            rest = replace(reached.rest, residual=residual, iterations=iterations, converged=False)
             return reached._replace(rest=rest, message=message)
         reached = found
     return reached._replace(rest=replace(reached.rest, iterations=iterations))
@@ -116,7 +121,7 @@ def _unrubbed(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
     """Where a step ends at whose beginning nothing rubs: it may be that of a sheet without stiffness."""
     rest = rest_on_contacts(problem, touching, before.rest.point)
     sets = replace(before.sets, active=rest.active, sticks=np.zeros_like(rest.active))
-    message = "" if rest.stable else "no equilibrium was found before anything rubs"
+    message = "" if rest.stable else _UNHELD
     return Rubbed(rest, np.zeros_like(before.friction), message, sets)
 
 
@@ -137,8 +142,11 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
         if found.rest.iterations > EASY:
             continue
         drag *= FALL
-        last = _Step(problem, touching, found.rest.point).solve(found, _SLOW)
+        end = _Step(problem, touching, found.rest.point)
+        last = end.solve(found, _SLOW)
         iterations += last.rest.iterations
+        if not end.rubs and end.would_rub(last.rest.active):
+            continue  # first to where it touches
         if last.message or _arrived(touching, found, last):
             return last._replace(rest=replace(last.rest, iterations=iterations))
     return reached._replace(rest=replace(reached.rest, iterations=iterations, stable=False))
@@ -153,6 +161,7 @@ class _Step:
         self._solver = ActiveSet(problem, touching, problem.measure(problem.push))
         coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
         gaps = touching.distances(begin)
+        self._coefficients = coefficients
         self._friction = np.where(gaps <= INSIDE * touching.size, coefficients, 0.0)
         self._axes = touching.at(touching.time)  # rows of the normals, and two of each along the surface
         self._axes.vertices = np.tile(touching.vertices, 3)
@@ -161,6 +170,10 @@ class _Step:
     def rubs(self) -> bool:
         """Whether anything with friction touches at its beginning."""
         return bool(self._friction.any())
+
+    def would_rub(self, active: Mask) -> bool:
+        """Whether any of the rows (r,) that touch at its end has friction."""
+        return bool(self._coefficients[active].any())
 
     def solve(self, before: Rubbed, most: int, accepted: float = method.ACCEPTED) -> Rubbed:
         """At most ``most`` Newton steps with sets of what sticks and slips, from those of the step ``before``.

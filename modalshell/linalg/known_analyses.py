@@ -12,6 +12,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any, TypeVar
 
+import numpy as np
 import scipy.sparse as sps
 
 Analysis = TypeVar("Analysis")
@@ -19,7 +20,7 @@ Analysis = TypeVar("Analysis")
 _KEPT = 8
 """Analyses that are kept."""
 _ENTRIES = 10_000_000
-"""Entries of all their matrices, at most: an analysis takes four to eight bytes for each."""
+"""Entries of all their matrices, at most: an analysis takes four to thirteen bytes for each."""
 
 _known: OrderedDict[tuple[str, bytes], tuple[int, Any]] = OrderedDict()
 _lock = Lock()
@@ -31,7 +32,7 @@ def known_analysis(kind: str, matrix: sps.csc_array, make: Callable[[], Analysis
         return make()
     digest = hashlib.blake2b(repr((matrix.shape, matrix.indices.dtype.str)).encode(), digest_size=16)
     for part in (matrix.indptr, matrix.indices):
-        digest.update(part.data)
+        digest.update(np.ascontiguousarray(part).data)
     key = kind, digest.digest()
     with _lock:
         if key in _known:

@@ -268,3 +268,17 @@ def test_a_fit_that_explains_little_says_so(strip, measured):
     seen = ms.solve_modes(strip, 4).frequencies * (1.0, 1.3, 1.0, 1.3)
     with pytest.warns(ms.ModalShellWarning, match="% off what was measured"):
         assert ms.fit(strip, "young", frequencies=seen).converged
+
+
+@pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")
+def test_poissons_ratio_stays_within_its_bounds_where_other_orders_are_tried():
+    """Frequencies that no sheet has: starts of further searches may lie beyond 0.495."""
+    mesh = ms.sheet(cells=(8, 6))
+
+    def shell(young, poisson):
+        return ms.Shell(mesh, ms.Isotropic(young, poisson, 1e-2, 100.0), clamped="x < 1e-6")
+
+    measured = ms.solve_modes(shell(1e6, 0.3), 8).frequencies * np.linspace(0.8, 1.3, 8)
+    for names in (["young", "poisson"], ["poisson"]):
+        found = ms.fit(shell(1.3e6, 0.1), names, frequencies=measured)
+        assert -1.0 < found.values["poisson"] < 0.5

@@ -151,3 +151,17 @@ def test_springs_that_have_no_stiffness_at_rest_come_down_to_what_rubs():
     lying = model.equilibrium(gravity=(0.0, 0.0, -2.9), contacts=[ms.Contact(near, friction=0.3)])
     assert lying.converged
     assert lying.in_contact.any()
+
+
+@pytest.mark.parametrize("start", ["rest", "near"])
+def test_what_touches_first_in_the_last_step_rubs(start):
+    """A strip that hangs just above a plane under nine tenths of its weight, or from the start, and aside."""
+    mesh = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")
+    model, gravity = ms.DiscreteShell(shell), np.array([0.0, 0.5, -6.0])
+    hanging = [model.equilibrium(gravity=part * gravity).positions for part in (0.9, 1.0)]
+    height = np.mean([positions[:, 2].min() for positions in hanging])
+    table = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), height), friction=5.0)]
+    answer = model.equilibrium(gravity=gravity, contacts=table, start=hanging[0] if start == "near" else None)
+    assert answer.converged
+    assert np.linalg.norm(answer.contact_forces[:, :2]) > 1e-3 * np.linalg.norm(answer.contact_forces)

@@ -1,5 +1,6 @@
 """The hybrid on shells of shell theory: coupled folds, a membrane of edge lengths, motions through snaps."""
 
+import threading
 import warnings
 
 import junctions
@@ -229,3 +230,12 @@ def test_a_step_does_not_depend_on_what_the_last_one_kept():
     kept[:] = np.nan
     again, _ = model.step(state, 1 / 30, load, damping)
     np.testing.assert_array_equal(after.coordinates, again.coordinates)
+
+
+def test_threads_keep_their_own():
+    model, kept = small_hybrid(lambda: folded((8, 2)), (0, 0, -70)), []
+    for _ in range(2):
+        thread = threading.Thread(target=lambda: kept.append(model._moving._last().kept))
+        thread.start()
+        thread.join()
+    assert not np.shares_memory(*kept)

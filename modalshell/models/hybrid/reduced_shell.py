@@ -37,6 +37,10 @@ class _Last:
     kept: Array = field(default_factory=lambda: np.empty(0))
 
 
+def _nothing_known(size: int) -> _Last:
+    return _Last(kept=np.full(size, np.nan))
+
+
 @final
 class ReducedShell:
     """Steps of a reduced shell in coordinates (m,), and their checks.
@@ -65,7 +69,7 @@ class ReducedShell:
         self._products = 2 * modes * size**2 + 2 * len(bending.hinges) * size * (size + 9) + size**3 // 6
         read = *reduced.membrane[:2], bending.flat, bending.modes, bending.across
         self._bytes = sum(part.nbytes for part in read)
-        self._last = PerThread(partial(_Last, kept=np.full(size + modes, np.nan)))
+        self._last = PerThread(partial(_nothing_known, size + modes))  # an array of its own for each thread
 
     def count(self, evaluations: int) -> None:
         """Count evaluations of the reduced energy with its derivatives."""
