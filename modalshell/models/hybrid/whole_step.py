@@ -90,7 +90,7 @@ def _membrane(surface, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
+def _unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
     """Membrane energy [J] at coordinates z (m,) that stresses of the energy ``seen`` [J] do not see."""
     return abs(_membrane(surface, _positions(surface, z)) - seen)
 
@@ -149,6 +149,6 @@ def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # typ
     z, solved, energy, seen, iterations = implicit_step(reduced, begin, force, length, drag, viscosity, limits[0], kept)
     taken = solved
     if solved and surface.edges.shape[0] > 0:
-        taken = unseen_energy(surface, z, seen) <= limits[3] * (energy + limits[2])
+        taken = _unseen_energy(surface, z, seen) / (energy + limits[2]) <= limits[3]
     _end(state, ratio, length, z, start, ends)
     return taken, iterations, energy, seen
