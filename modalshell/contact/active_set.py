@@ -146,7 +146,7 @@ class ActiveSet:
                 stalled = 0 if size <= 0.5 * best else stalled + 1
                 best = min(best, size)
                 solved = size <= max(rules.accepted, allowed)
-                if (solved and (size <= rules.goal or stalled > 0)) or stalled == rules.stalled:
+                if (solved and (size <= rules.goal or stalled > 0)) or stalled == method.STALLED:
                     break
             else:
                 best, stalled, solved = np.inf, 0, False

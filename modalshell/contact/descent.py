@@ -148,7 +148,7 @@ class _Way:
     def _flow(self) -> bool:
         """Go a step in the thick fluid, unless Newton's method fails in it or the potential rises; whether so."""
         fluid = self.solver.dragged(self.x, self.drag)
-        loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP, method.STALLED, method.NO_DESCENT)
+        loose = method.Rules(method.LOOSE, method.LOOSE, method.GOAL, 0, _SUB_STEP)
         step = fluid.iterate(self.x, self.active, loose, self._stresses())
         self.iterations += step.iterations
         reached = self._potential(step.point) if step.converged else np.inf

@@ -14,7 +14,7 @@ from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.continuation import Steps
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.mixed_newton import CONTINUED, STALLED_SOON
+from modalshell.statics.mixed_newton import CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
@@ -56,7 +56,7 @@ def continue_boundary(
         try:
             guess, stresses, reaction, straight = _predicted(problem, shell, x, vertices, target)
             scale = max(size, reaction, 1e-300)
-            result = mixed_newton(problem, guess, scale, limit=CONTINUED, stalled=STALLED_SOON, stresses=stresses)
+            result = mixed_newton(problem, guess, scale, limit=CONTINUED, stresses=stresses)
             iterations += 1 + result.iterations
             solved = straight and is_minimum(problem, result)
         except SolverError:

@@ -11,13 +11,15 @@ from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bifurcation import branch_end
-from modalshell.statics.mixed_newton import CONTINUED, GOAL, STALLED_SOON
+from modalshell.statics.mixed_newton import CONTINUED, GOAL
 from modalshell.statics.newton import Matrix, NewtonResult, Problem, is_minimum, mixed_newton
 
 _LOAD_STEPS = 200
 """Load steps at most."""
 _BEYOND = 1.02
 """Load at which a shell is equilibrated after a snap, over the last one of its branch."""
+_LAST_DESCENTS = 2
+"""Further descents under the whole load, each from where the last one ended: thin folds crumple on the way."""
 _SMALLEST_LOAD = 1e-3
 _GROWTH = 2.0
 """Factor on the step after a success."""
@@ -116,9 +118,7 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
                 stuck = True
                 continue
             problem, goal = whole.loaded(target), GOAL if target == 1.0 else whole.path_goal
-            result = mixed_newton(
-                problem, guess, scale, limit=CONTINUED, stalled=STALLED_SOON, goal=goal, stresses=stresses
-            )
+            result = mixed_newton(problem, guess, scale, limit=CONTINUED, goal=goal, stresses=stresses)
             iterations += result.iterations
             if not is_minimum(problem, result, exactly=target == 1.0):
                 stuck = not steps.refuse()
@@ -132,6 +132,12 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
             result = whole.loaded(target).descend(x, scale)
             iterations += result.iterations
             left = left or result.left_saddle
+            for _ in range(_LAST_DESCENTS if target == 1.0 else 0):
+                if result.converged:
+                    break
+                further = whole.descend(result.point, scale)
+                iterations += further.iterations
+                left, result = left or further.left_saddle, further
             if not result.converged and target < 1.0:
                 snaps = whole.snaps
                 continue

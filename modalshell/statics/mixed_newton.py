@@ -30,10 +30,8 @@ GOAL = 1e-10
 """Residual that is aimed at: near what double precision leaves."""
 ACCEPTED = 1e-7
 """Residual at which an answer counts as converged."""
-STALLED: int = np.int64(7)  # type: ignore[assignment]
-STALLED_SOON: int = np.int64(4)  # type: ignore[assignment]
-"""Iterations without halving the residual after which mixed Newton gives up: and the same within a continuation and a
-descent, where a failure only costs a smaller step."""
+STALLED = 7
+"""Iterations without halving the residual after which mixed Newton gives up."""
 LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
 FIRST = 5e-3
@@ -47,15 +45,10 @@ MOST: int = np.int64(40)  # type: ignore[assignment]  # compiled code takes a pl
 CONTINUED: int = np.int64(25)  # type: ignore[assignment]
 SHORT: int = np.int64(12)  # type: ignore[assignment]
 """Iterations at most; within a continuation and a descent, where a failure only costs a smaller step, fewer."""
-DESCENT: int = np.int64(150)  # type: ignore[assignment]
-LONG_DESCENT: int = np.int64(300)  # type: ignore[assignment]
-NO_DESCENT: int = np.int64(0)  # type: ignore[assignment]
-"""Steps of a descent at most: in a step of a motion; in statics, which crumples thin folds on the way; and in solves
-that no descent follows."""
+DESCENT = 150
+"""Steps of a descent at most."""
 EASY = 5
 """Iterations in a step of a descent up to which the drag falls."""
-WAIT: int = np.int64(2)  # type: ignore[assignment]
-"""Steps of a descent after one that failed in which the drag does not fall: it would fail again."""
 LOOSE = 1e-3
 """Residual of the steps of a descent: the next step lowers the rest."""
 NEAR = 0.3
@@ -95,10 +88,6 @@ class Rules(NamedTuple):
         First iterations that do not ask for the residual, where a solution assembles its own equations.
     most : int
         Iterations at most.
-    stalled : int
-        Iterations without halving the residual after which it gives up.
-    descent : int
-        Steps of a descent at most, where one follows.
     """
 
     goal: float
@@ -106,8 +95,6 @@ class Rules(NamedTuple):
     untouched: float
     unchecked: int
     most: int
-    stalled: int
-    descent: int
 
 
 class Solved(NamedTuple):
@@ -228,7 +215,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
                 solved = size <= (rules.accepted if iteration > 0 else rules.untouched)
             solved = solved or (found_at > 0 and best <= allowed)
             ended = solved and (size <= rules.goal or stalled > 0)
-            if ended or iteration == rules.most or stalled == rules.stalled:
+            if ended or iteration == rules.most or stalled == STALLED:
                 break
             if found_at == iteration:
                 write(x, slots[BEST])
@@ -250,14 +237,13 @@ def descend(problem: Any, rules: Rules) -> Solved:
 
     Steps of implicit Euler on ``drag M dx/dt = -grad V`` (theory 8, eq. 4), each solved by mixed Newton, whose number
     of iterations does not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a
-    step fails. Newton's method is tried without it once the residual is small, and again each time it has halved.
+    step fails.
     """
     x, slots = problem.x, problem.slots
-    loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT, STALLED_SOON, NO_DESCENT)
-    short = Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT, STALLED_SOON, NO_DESCENT)
+    loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
-    factor, iterations, saddles, easy, near = first_drag(problem, size), 0, 0, WAIT, NEAR
-    for _ in range(rules.descent):
+    factor, iterations, saddles = first_drag(problem, size), 0, 0
+    for _ in range(DESCENT):
         write(x, slots[START])
         drag(problem, factor)
         step = iterate(problem, loose)
@@ -267,27 +253,25 @@ def descend(problem: Any, rules: Rules) -> Solved:
         if not reached <= value:
             write(slots[START], x)
             factor *= 4.0
-            easy = 0
             if not np.isfinite(factor):
                 break
             continue
-        value, size, easy = reached, out_of_balance, easy + 1
-        if step.iterations <= EASY and easy > WAIT:
+        value, size = reached, out_of_balance
+        if step.iterations <= EASY:
             factor *= 0.5
-        if size > near or (size > LOOSE and not is_minimum(problem)):
+        if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
         write(x, slots[START])
-        last = iterate(problem, short)
+        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
             write(slots[START], x)
-            near = 0.5 * size
             continue
         minimum = is_minimum(problem)
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
-        saddles, near = saddles + 1, NEAR
+        saddles += 1
         value, factor = leave_saddle(problem, reached)
     return Solved(size, iterations, False, saddles)
 

@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
-from modalshell.statics.mixed_newton import ACCEPTED, DESCENT, GOAL, LONG_DESCENT, MOST, STALLED, Rules, Solved, iterate
+from modalshell.statics.mixed_newton import ACCEPTED, GOAL, MOST, Rules, Solved, iterate
 
 Matrix = TypeVar("Matrix")
 
@@ -319,11 +319,10 @@ class NewtonIterate(Iterate[Matrix]):
     """An iterate of mixed Newton alone."""
 
 
-def rules_of(problem: Equations[Matrix], goal: float, most: int = MOST, stalled: int = STALLED) -> Rules:
-    """When mixed Newton, and a descent, ends on a problem with this goal."""
+def rules_of(problem: Equations[Matrix], goal: float, most: int = MOST) -> Rules:
+    """When mixed Newton ends on a problem with this goal."""
     accepted = max(ACCEPTED, goal)
-    untouched, descent = (GOAL, DESCENT) if problem.is_step else (accepted, LONG_DESCENT)
-    return Rules(goal, accepted, untouched, 0, most, stalled, descent)
+    return Rules(goal, accepted, GOAL if problem.is_step else accepted, 0, most)
 
 
 def mixed_newton(
@@ -332,13 +331,12 @@ def mixed_newton(
     scale: float,
     *,
     limit: int = MOST,
-    stalled: int = STALLED,
     goal: float = GOAL,
     stresses: list[Array] | None = None,
 ) -> NewtonResult:
     """Full mixed Newton steps from ``start``, with the ``stresses`` predicted there; see :func:`.iterate`."""
     state = NewtonIterate(problem, start, scale, stresses)
-    return state.result(iterate(state, rules_of(problem, goal, limit, stalled)))
+    return state.result(iterate(state, rules_of(problem, goal, limit)))
 
 
 def is_minimum(problem: Problem[Matrix], result: NewtonResult, *, exactly: bool = True) -> bool:

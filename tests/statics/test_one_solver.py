@@ -89,7 +89,7 @@ def test_it_stops_after_so_many_steps(steps):
     shell, load = strip()
     problem = ms.DiscreteShell(shell).followable(load).problem
     state = NewtonIterate(problem, shell.rest_positions, problem.scale_at(None))
-    found = method.iterate(state, method.Rules(0.0, 0.0, 0.0, 0, steps, method.STALLED, method.NO_DESCENT))
+    found = method.iterate(state, method.Rules(0.0, 0.0, 0.0, 0, steps))
     assert found.iterations == steps
     assert not found.solved
     reached = problem.measure(problem.residual(state.x)) / problem.scale_at(None)

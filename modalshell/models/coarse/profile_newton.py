@@ -18,11 +18,9 @@ from modalshell.linalg.profile import factorise, solve, substitute_back
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import (
-    DESCENT,
     FIRST_MOVE,
     LARGEST_TURN,
     MOST,
-    STALLED,
     START,
     STRAIGHT_TURN,
     Rules,
@@ -335,5 +333,5 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
     step = Step(body, room, start.origin, viscous, x, room.slots)
-    found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST, STALLED, DESCENT))
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return found.iterations, found.solved

@@ -23,7 +23,7 @@ from modalshell.models.hybrid.energy_kernels import (
     write_squares,
 )
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import ALL_CHECKED, DESCENT, MOST, STALLED, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _operation = _options | UNCOUNTED
@@ -270,7 +270,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
         np.empty(width * width), slots, np.empty(count), at, np.empty(width),
         np.array([scale, 0.0, 0.0, np.inf]), room,
     )  # fmt: skip
-    found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST, STALLED, DESCENT))
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
     for i in range(count):
         kept[i] = at[i]
     for k in range(modes):
