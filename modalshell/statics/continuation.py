@@ -19,7 +19,7 @@ _LOAD_STEPS = 200
 _BEYOND = 1.02
 """Load at which a shell is equilibrated after a snap, over the last one of its branch."""
 _LAST_DESCENTS = 2
-"""Further descents under the whole load, each from where the last one ended: thin folds crumple on the way."""
+"""Further descents under a whole dead load, each from where the last one ended: thin folds crumple on the way."""
 _SMALLEST_LOAD = 1e-3
 _GROWTH = 2.0
 """Factor on the step after a success."""
@@ -132,7 +132,7 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
             result = whole.loaded(target).descend(x, scale)
             iterations += result.iterations
             left = left or result.left_saddle
-            for _ in range(_LAST_DESCENTS if target == 1.0 else 0):
+            for _ in range(_LAST_DESCENTS if target == 1.0 and whole.is_dead else 0):
                 if result.converged:
                     break
                 further = whole.descend(result.point, scale)
