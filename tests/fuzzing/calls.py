@@ -289,7 +289,7 @@ def _models() -> list[Target]:
                 "force": force},
                {"wrt": ("flexure", "young"), "average": (False, True, 1)}, {"shell": shell, "wrt": "flexure"}),
         Target("fit, frequencies", ms.fit,
-               {"frequencies": shell.then(lambda found: 1.02 * ms.solve_modes(found, 3).frequencies), "confidence": 0.9},
+               {"frequencies": shell.then(lambda one: 1.02 * ms.solve_modes(one, 3).frequencies), "confidence": 0.9},
                {"wrt": ("flexure", "young", "density")}, {"shell": shell, "wrt": "flexure"}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
