@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from modalshell.loads import Load, Scaled
 from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.discrete_shell import DiscreteShell
-from modalshell.modes import solve_modes
+from modalshell.modes import Basis, solve_modes
 from modalshell.shell import Material, Sheet, Shell
 from modalshell.shell.energies_of import ANY_SIGN, material_constants
 from modalshell.statics.mixed_newton import GOAL
@@ -110,18 +109,15 @@ class MeasuredFrequencies(Measurements):
 
     def deeper(self, shell: Shell, names: list[str], scale: Array) -> list[Array]:
         """Steps to where modes stand in another order, those above the measured ones counted in."""
-        basis = self._basis
-        count = min(len(basis.frequencies) + _ABOVE, shell.unknowns.count)
-        with warnings.catch_warnings(), contextlib.suppress(OptionError):  # two may share an eigenvalue
-            warnings.simplefilter("ignore", ModalShellWarning)  # of modes that were not asked for
-            further = solve_modes(shell, count)
-            further.sensitivity(names[0])
-            basis = further
-        elastic, rigid = basis.frequencies[basis.rigid_modes :], basis.rigid_modes
-        columns = [basis.sensitivity(name).frequencies[rigid:] / elastic for name in names]
-        slopes = np.stack(columns, axis=1) * scale
+        count = min(len(self._basis.frequencies) + _ABOVE, shell.unknowns.count)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModalShellWarning)  # of modes that were not asked for
+                logs, slopes = _linearised(solve_modes(shell, count), names)
+        except OptionError:  # two of them may share an eigenvalue
+            logs, slopes = _linearised(self._basis, names)
         rows = np.flatnonzero(self._seen)
-        return deeper_minima(np.log(elastic), slopes, rows, np.log(self._values[rows]), _TRIED)
+        return deeper_minima(logs, slopes * scale, rows, np.log(self._values[rows]), _TRIED)
 
     def _elastic(self, values: Array) -> Array:
         rigid = self._basis.rigid_modes
@@ -239,6 +235,14 @@ class MeasuredPositions(Measurements):
             if answer.converged:
                 return KnownEquilibrium.of(body, answer, names if self._known else [*names, "load"])
         raise SolverError(f"no equilibrium was found ({answer.status}): begin nearer to the answer")
+
+
+def _linearised(basis: Basis, names: list[str]) -> tuple[Array, Array]:
+    """Logarithms (M,) of the frequencies of elastic modes, and their derivatives (M, p) by constants."""
+    rigid = basis.rigid_modes
+    elastic = basis.frequencies[rigid:]
+    columns = [basis.sensitivity(name).frequencies[rigid:] / elastic for name in names]
+    return np.log(elastic), np.stack(columns, axis=1)
 
 
 def _steps(names: list[str], old: Material | Sheet, new: Material | Sheet) -> Array:
