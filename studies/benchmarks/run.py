@@ -59,18 +59,18 @@ def main(
         written = written_to(out, stem, rows, record)  # each time, as a run that is stopped keeps what it has
         if on_step is not None:
             on_step(done, len(jobs))
+    if "frame" in rows and "frame_scaling" in rows:
+        written.append(draw(rows["frame"], rows["frame_scaling"], out / "benchmarks.png"))
     return written
 
 
 def written_to(out: Path, stem: str, rows: dict[str, list[dict[str, Any]]], record: Mapping[str, Any]) -> list[Path]:
-    """The files of the tables so far: their rows with the record of the run, a page, and a picture if there is one."""
+    """The files of the tables so far: their rows with the record of the run, and a page."""
     written = [write_text(out / f"{stem}.json", json.dumps({"record": record, "rows": rows}, indent=1) + "\n")]
     pages = "\n\n".join(f"## {name}\n\n{table(found)}" for name, found in rows.items())
     written.append(
         write_text(out / f"{stem}.md", f"# Benchmarks\n\nMade by `modalshell bench` on {processor()}.\n\n{pages}\n")
     )
-    if "frame" in rows and "frame_scaling" in rows:
-        written.append(draw(rows["frame"], rows["frame_scaling"], out / "benchmarks.png"))
     return written
 
 
