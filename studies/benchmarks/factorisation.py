@@ -25,14 +25,19 @@ GAMMA = 20.0
 """Weight of the cantilever times its length cubed over its bending stiffness and width."""
 
 
+def step_matrix(side: int, energy: str) -> Any:
+    """Hessian of an implicit step of a hanging sheet of ``side`` squared vertices at rest."""
+    shell = hanging_sheet(side, energy)
+    data = shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
+    data[shell.pattern.diagonal] += np.repeat(shell.mass, 3) / STEP**2
+    return shell.pattern.free_matrix(data)
+
+
 def refactorisation(sides: tuple[int, ...] = (50, 100, 115), repeats: int = 7) -> list[dict[str, Any]]:
     """CPU milliseconds of a factor of an implicit step's Hessian: SuperLU in symmetric mode, and ours."""
     rows = []
     for side, energy in itertools.product(sides, ENERGIES):
-        shell = hanging_sheet(side, energy)
-        data = shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
-        data[shell.pattern.diagonal] += np.repeat(shell.mass, 3) / STEP**2
-        matrix = shell.pattern.free_matrix(data)
+        matrix = step_matrix(side, energy)
         analysis = CholeskyAnalysis(matrix)
         factor, right_side = analysis.factorise(matrix), np.ones(matrix.shape[0])
         order = np.argsort(_superlu(sps.csc_matrix(matrix), "MMD_AT_PLUS_A").perm_c)

@@ -16,7 +16,7 @@ from modalshell.files.atomic_io import make_folder, write_text
 from modalshell.files.provenance import run_record
 from modalshell.kernels import packed
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes, motion, self_contact
+from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes, motion, peers, self_contact
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 
@@ -34,6 +34,7 @@ def main(
         "hinge_kernel": lambda: [frame.hinge_kernel()],
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "refactorisation": lambda: factorisation.refactorisation((50,) if quick else (50, 100, 115)),
+        "peers": lambda: peers.peers((50,) if quick else (50, 100, 200)),
         "statics": lambda: factorisation.statics((60, 10) if quick else (245, 40)),
         "building": lambda: factorisation.building(99 if quick else 999),
         "assembly": lambda: [discrete_shell.assembly(energy) for energy in discrete_shell.ENERGIES],
