@@ -97,6 +97,6 @@ def with_stretch_remark(
     if not stored > _UNLIKE * own > 0.0:
         return run
     return run.with_remark(
-        f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in stretch that "
-        "it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
+        f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in stretch "
+        "that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
     )
