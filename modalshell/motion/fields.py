@@ -96,7 +96,8 @@ def with_stretch_remark(
     stored = shell_at(shell, run, frame).stored_energy(x)
     if not stored > _UNLIKE * own > 0.0:
         return run
-    return run.with_remark(
+    remark = (
         f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in stretch "
         "that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
     )
+    return run if remark in run.message else run.with_remark(remark)

@@ -125,6 +125,7 @@ class ShellRun(SceneRun[SceneResult]):
         if record.get("look") != self._look.plain():
             whole[:] = [suffix for suffix in whole if suffix not in ("png", "mp4")]
         self._take(found)
+        self._trajectory = with_stretch_remark(self._trajectory, self.shell, build_path(self._scene.supports))
         return True
 
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:

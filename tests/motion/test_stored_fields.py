@@ -64,3 +64,16 @@ def test_scenes_say_so_of_stresses_of_equilibria(tmp_path):
     assert "von_mises: wrong" in ms.run_scene(scene, out=tmp_path).summary
     scene.write_text(scene.read_text().replace('"mwts"\nmodes = 4', '"ds"'))
     assert "wrong" not in ms.run_scene(scene, out=tmp_path).summary
+
+
+def test_stored_motions_are_looked_at_when_they_are_coloured_anew(tmp_path):
+    scene = tmp_path / "strip.toml"
+    scene.write_text(
+        '[mesh]\nshape = "flat_beam"\ncells = [16, 4]\n'
+        "[material]\nyoung = 1e8\npoisson = 0.3\nthickness = 5e-3\ndensity = 100.0\n"
+        '[supports]\nclamped = "x < 0.001"\n[loads]\ngravity = [0, 0, -9.81]\n'
+        '[model]\nname = "mwts"\nmodes = 4\n[motion]\nduration = 0.1\n[output]\nlook = "plain"\n'
+    )
+    for color, wrong in (("displacement", 0), ("von_mises", 1), ("von_mises", 1)):
+        result = ms.run_scene(scene, out=tmp_path, color=color)
+        assert result.summary.count(": wrong") == wrong, color
