@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,7 @@ _UNLIKE = 1.5
 
 def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:
     """The names, each once; OptionError for one that is no field, or none of this shell."""
-    if isinstance(names, str):
+    if isinstance(names, str) or not isinstance(names, Iterable):
         raise OptionError(f"fields must be a list of names (got {names!r}); these are {', '.join(FIELDS)}")
     chosen = tuple(dict.fromkeys(checked_choice("each of fields", name, tuple(FIELDS)) for name in names))
     if chosen and not isinstance(shell.material, Isotropic):
