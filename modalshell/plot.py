@@ -6,6 +6,7 @@ Nothing that is drawn imports this module: it enters its functions where the met
 
 from __future__ import annotations
 
+import inspect
 from functools import singledispatch
 from typing import Any
 
@@ -48,8 +49,15 @@ def plot(thing: Any, **options: Any) -> Picture:
     Raises
     ------
     OptionError
-        For an object that cannot be drawn, an equilibrium without its mesh, or a trajectory without triangles.
+        For an object that cannot be drawn, an option that it has not, an equilibrium without its mesh, or a trajectory
+        without triangles.
     """
+    known = inspect.signature(_drawn.dispatch(type(thing))).parameters.values()
+    names = [option.name for option in known if option.kind is option.KEYWORD_ONLY]
+    if names and (others := sorted(options.keys() - set(names))):
+        raise OptionError(
+            f"a picture of {type(thing).__name__} has the options {', '.join(names)} (got {', '.join(others)})"
+        )
     return _drawn(thing, **options)
 
 

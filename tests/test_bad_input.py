@@ -414,3 +414,16 @@ def test_winds_of_a_wrong_shape(shape):
 def test_switches(value):
     with pytest.raises(ms.OptionError, match="follower must be True or False"):
         ms.Pressure(1.0, follower=value)
+
+
+def test_one_load_in_place_of_a_list_is_refused():
+    """It ended in a TypeError."""
+    mesh = ms.flat_beam(cells=(4, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-3, 100.0), mesh.vertices[:, 0] < 1e-6)
+    for loads in (ms.Wind((1.0, 0.0, 0.0)), 3):
+        with pytest.raises(ms.LoadError, match="loads must be a list of loads"):
+            ms.DiscreteShell(shell).equilibrium(loads=loads)
+    with pytest.raises(ms.OptionError, match="fields must be a list of names"):
+        ms.simulate(ms.DiscreteShell(shell), duration=0.1, fields=3)
+    with pytest.raises(ms.OptionError, match="run must be a Trajectory"):
+        ms.save_trajectory(shell, "shell.npz")

@@ -112,6 +112,8 @@ def test_pictures_are_drawn_shown_and_saved(v_basis, tmp_path):
         drawn.save(tmp_path / "a.jpg")
     with pytest.raises(ms.OptionError, match=r"draw a shell by shell\.mesh"):
         ms.plot(v_basis.shell)
+    with pytest.raises(ms.OptionError, match=r"Equilibrium has the options size \(got color\)"):
+        answer.plot(color="von_mises")
 
 
 def test_a_trajectory_saves_itself(v_basis, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,7 @@ from modalshell.core.checks import (
     checked_vectors,
     shown,
 )
-from modalshell.core.errors import LoadError, OptionError
+from modalshell.core.errors import LoadError, OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
@@ -34,7 +35,7 @@ from modalshell.shell import Shell
 from modalshell.statics.bifurcation import BIFURCATION, PathEvent, Range, Trace, follow, switched
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import EnergyFunction
-from modalshell.statics.path import CONTROLS, Control, Followable, Tracer
+from modalshell.statics.path import CONTROLS, Control, Followable, PathPoint, Tracer
 from modalshell.statics.potential import Potential
 
 if TYPE_CHECKING:
@@ -250,10 +251,7 @@ def equilibrium_path(
 
     with np.errstate(over="ignore", invalid="ignore"):
         walker = tracer()
-        x = problem.origin if followed.first is None else followed.first
-        if begin != 0.0 and followed.first is None:
-            x = equilibrium(problem.loaded(begin), None).point
-        trace = follow(walker, walker.first(x, begin, np.sign(until - begin)), span, on_point=on_step)
+        trace = follow(walker, _first(walker, followed, begin, np.sign(until - begin)), span, on_point=on_step)
         path = EquilibriumPath._of(trace, followed, walker.iterations, watch_time())
         crossings = [event for event in trace.events if event.kind == BIFURCATION]
         ends = [trace.points[event.index] for event in crossings]
@@ -267,6 +265,17 @@ def equilibrium_path(
                     EquilibriumPath._of(branch, followed, walker.iterations, watch_time(), event.index)
                 )
     return path
+
+
+def _first(walker: Tracer[object], followed: _Followed, begin: float, sense: float) -> PathPoint:
+    """The point at which a path begins."""
+    problem = followed.model.problem
+    if followed.first is not None:
+        return walker.first(followed.first, begin, sense)
+    if begin == 0.0:
+        with contextlib.suppress(SolverError):  # a shell under much stress is far from its equilibrium at rest
+            return walker.first(problem.origin, begin, sense)
+    return walker.first(equilibrium(problem.loaded(begin), None).point, begin, sense)
 
 
 def _with_contacts(

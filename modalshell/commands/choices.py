@@ -152,5 +152,7 @@ def motion_as_text(run: ms.Trajectory, size: float) -> str:
     if run.outcome in (ms.Outcome.DISTORTED, ms.Outcome.WOUND_UP) or moved > LARGE:
         return f"too soft ({reach}): raise --young or --thickness, or lower --gravity"
     if moved < UNSEEN:
-        return f"too stiff to see ({reach}): lower --young, about {UNSEEN / max(moved, 1e-12):.1g} times or more"
+        return (
+            f"too stiff to see ({reach}): lower --young, about {max(UNSEEN / max(moved, 1e-12), 2.0):.1g} times or more"
+        )
     return reach

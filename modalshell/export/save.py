@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.export.archive import save_archive
@@ -79,7 +80,7 @@ def save_trajectory(
     FileFormatError
         If the file cannot be written.
     """
-    return run.save(path, on_frame=on_frame)
+    return checked_kind("run", run, Trajectory).save(path, on_frame=on_frame)
 
 
 def _save(run: Trajectory, path: Path, on_frame: Progress | None) -> Path:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.checks import checked_kind, checked_vectors, shown
+from modalshell.core.errors import LoadError
 from modalshell.core.typing import Array, Index
 from modalshell.loads.applied import AppliedLoad
 from modalshell.loads.base import Load
@@ -66,6 +67,8 @@ class Loading:
         LoadError where the forces of a load are of the wrong shape or not finite.
         """
         live, rest_of_mesh = [], np.asarray(mesh.vertices)
+        if isinstance(loads, Load) or not isinstance(loads, Iterable):
+            raise LoadError(f"loads must be a list of loads (got {shown(loads)}): write loads=[...]")
         for load in loads:
             checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
             applied = load.applied(mesh, mass)

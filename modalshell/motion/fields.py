@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +14,15 @@ from modalshell.shell import Isotropic, Shell
 from modalshell.shell.fields import FIELDS
 from modalshell.supports import SupportPath
 
+_OF_MEMBRANE = {"membrane_strain", "membrane_force", "von_mises", "von_mises_faces", "energy_density"}
+"""Fields that feel how a shell's positions stretch it."""
+_UNLIKE = 1.5
+"""Energy of positions, over that which their model has for them, from which these fields are reported as wrong."""
+
 
 def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:
     """The names, each once; OptionError for one that is no field, or none of this shell."""
-    if isinstance(names, str):
+    if isinstance(names, str) or not isinstance(names, Iterable):
         raise OptionError(f"fields must be a list of names (got {names!r}); these are {', '.join(FIELDS)}")
     chosen = tuple(dict.fromkeys(checked_choice("each of fields", name, tuple(FIELDS)) for name in names))
     if chosen and not isinstance(shell.material, Isotropic):
@@ -62,3 +67,37 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: S
         )
     found = {name: np.stack([fields.values(name) for fields in frames]) for name in missing}
     return replace(run, fields={**run.fields, **found})
+
+
+def with_stretch_remark(
+    run: Trajectory, shell: Shell, supports: SupportPath | None = None, own: float | None = None
+) -> Trajectory:
+    """The motion, with a remark where its model's positions stretch the shell otherwise than the model knows.
+
+    Warped modes, and coarse shells drawn on finer ones, bend a sheet well and stretch it by what they leave out: its
+    stresses are then many times too large.
+
+    Parameters
+    ----------
+    run : Trajectory
+        A motion of the shell, or an answer, with fields.
+    shell, supports
+        As for :func:`with_fields`.
+    own : float, optional
+        Elastic energy [J] of the model at the frame that has most of it; by default the run's.
+    """
+    wrong = sorted(_OF_MEMBRANE.intersection(run.fields))
+    if not wrong or not len(run.energies):
+        return run
+    frame = int(run.energies[:, 1].argmax())
+    own = float(run.energies[frame, 1]) if own is None else own
+    x = np.asarray(run.positions[frame], dtype=np.float64)
+    x = x if supports is None else supports.at(float(run.times[frame])).to_shell(x)
+    stored = shell_at(shell, run, frame).stored_energy(x)
+    if not stored > _UNLIKE * own > 0.0:
+        return run
+    remark = (
+        f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in stretch "
+        "that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
+    )
+    return run if remark in run.message else run.with_remark(remark)

@@ -13,7 +13,7 @@ from modalshell.core.memory import demand_memory
 from modalshell.core.typing import Progress
 from modalshell.loads import Load
 from modalshell.models import Model
-from modalshell.motion.fields import checked_fields, with_fields
+from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
 from modalshell.motion.motion_check import wanted_bars, with_bars
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.step_error import Tolerance
@@ -144,7 +144,9 @@ def simulate(
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)
     positions = _stored_frames(recorder, dtype, on_step)
-    run = with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
+    run = with_stretch_remark(
+        with_fields(recorder.trajectory(positions), model.shell, chosen, supports), model.shell, supports
+    )
     if wanted is None:
         return run
     setup = motion.setup

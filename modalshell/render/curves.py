@@ -20,6 +20,8 @@ _SPREAD = 0.6
 """Width over which dots of one category are spread, as a share of the distance between categories."""
 _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""
+_SHORT = 34
+"""Letters of a name below the axes that leave room for a second column."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,9 @@ def _add_legend(axes: Axes, panel: Panel) -> None:
     if inside:
         axes.legend(frameon=False, fontsize=9)
     else:
-        axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+        longest = max(map(len, axes.get_legend_handles_labels()[1]), default=0)
+        columns = 2 if longest <= _SHORT else 1
+        axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns)
 
 
 MARKERS = {"limit": "^", "bifurcation": "s"}

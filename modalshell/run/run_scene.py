@@ -17,6 +17,7 @@ from modalshell.core.typing import Progress
 from modalshell.export import check_formats
 from modalshell.motion import Trajectory
 from modalshell.run.protocol import RunResult, SceneRun
+from modalshell.run.results import DISPLACEMENT
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.tables import Format
@@ -94,7 +95,7 @@ def new_run(scene: Scene, shell: Shell, folder: Path) -> SceneRun[Any]:
 
 def _coloured(scene: Scene, color: str) -> Scene:
     """The scene with another field for the colours of its film and picture."""
-    checked_choice("color", color, tuple(FIELDS))
+    checked_choice("color", color, (*FIELDS, DISPLACEMENT))
     shown: Format = "png" if scene.motion is None else "mp4"
     formats = list(dict.fromkeys([*scene.output.formats, shown]))
     return replace(scene, output=msgspec.structs.replace(scene.output, color=color, formats=formats))

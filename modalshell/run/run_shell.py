@@ -23,7 +23,7 @@ from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
-from modalshell.motion.fields import checked_fields, with_fields
+from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
@@ -125,6 +125,7 @@ class ShellRun(SceneRun[SceneResult]):
         if record.get("look") != self._look.plain():
             whole[:] = [suffix for suffix in whole if suffix not in ("png", "mp4")]
         self._take(found)
+        self._trajectory = with_stretch_remark(self._trajectory, self.shell, build_path(self._scene.supports))
         return True
 
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
@@ -143,6 +144,10 @@ class ShellRun(SceneRun[SceneResult]):
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
         self._take(replace(built.with_bars(run), units=scene.unit_system))
+        own = None
+        if self._answer is not None and self._fields:
+            own = built.model.elastic_energy(built.model.start_motion(self._answer.positions))
+        self._trajectory = with_stretch_remark(self._trajectory, self.shell, built.path, own)
         return resumed
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)

@@ -35,8 +35,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
 
-SHARP = np.radians(20.0)
-"""Rest fold [rad] above which strains are not smoothed across an edge."""
+SHARP = np.radians(20.001)
+"""Rest fold [rad] above which strains are not smoothed across an edge: folds of just 20 degrees all are, as rounded."""
 
 SHARE_EXPONENT = 4
 """Power of the lengths by which the edges of a triangle share its area."""

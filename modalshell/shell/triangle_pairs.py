@@ -38,6 +38,10 @@ _SLOTS = ([0, 1, 2], [0, 3, 4])
 """Edges of either triangle of a pair among its five."""
 ALIKE = 1.25
 """Largest ratio of the bending stiffnesses of a pair: moments along an edge jump where the sheet does."""
+_LIKE_POISSON = 0.05
+"""Largest difference of its Poisson's ratios."""
+_ROUNDING = 1e-9
+"""By which both may be larger."""
 _SLENDER = 0.05
 """Least height of a pair's triangles, over their longest edge."""
 
@@ -64,7 +68,8 @@ def paired_triangles(
     first, second = both[candidates].T
     stiff = np.sort(rigidity[both[candidates]], axis=1)
     flat = np.sum(mesh.face_normals[first] * mesh.face_normals[second], axis=1) >= np.cos(SHARP)
-    alike = (stiff[:, 1] <= ALIKE * stiff[:, 0]) & (np.abs(poisson[first] - poisson[second]) <= 0.05)
+    alike = stiff[:, 1] <= (ALIKE + _ROUNDING) * stiff[:, 0]
+    alike &= np.abs(poisson[first] - poisson[second]) <= _LIKE_POISSON + _ROUNDING
     kept = stout[first] & stout[second] & flat & alike
     candidates, first, second = candidates[kept], first[kept], second[kept]
     over = np.full(len(mesh.faces), -1)

@@ -10,8 +10,8 @@ import numpy as np
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
-from modalshell.integrators.full.base import Body, FullIntegrator
-from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler
+from modalshell.integrators.full.base import Body
+from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler, LinearisedEuler
 from modalshell.integrators.state import MotionState
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -20,7 +20,7 @@ from modalshell.springs.springs import Springs
 
 
 @final
-class ConjugateGradientEuler(FullIntegrator):
+class ConjugateGradientEuler(LinearisedEuler):
     """:class:`LinearImplicitEuler` of springs by conjugate gradients on blocks of particles [baraff1998].
 
     Order one. As stable as implicit Euler while one linearisation serves a step. Each step starts from the last one's

@@ -180,3 +180,22 @@ def test_a_path_that_ends_early_says_so():
     assert path.outcome is ms.Outcome.NOT_CONVERGED
     assert "in 5 points" in path.message
     assert len(path.factors) == 5
+
+
+def test_a_path_of_a_sheet_under_much_stress_begins_at_its_equilibrium():
+    """It said that there is none: Newton's method from the shape at rest did not find it."""
+    mesh = ms.cylinder_panel(length=0.5, radius=0.4, angle=60.0, cells=(8, 6))
+    x, strain, bent = mesh.vertices[:, 0], np.zeros((3, 3)), np.zeros((3, 3))
+    strain[:2, :2], bent[:2, :2] = [[3e-4, 1e-4], [1e-4, -2e-4]], [[0.0, 0.2], [0.2, 0.5]]
+    shell = ms.Shell(
+        mesh,
+        ms.Isotropic(young=3e9, poisson=0.3, thickness=8e-4, density=1000.0),
+        supports=[ms.Clamp(x < 1e-6), ms.Roller(x > 0.4999, (1, 0, 0))],
+        prestrain=strain,
+        rest_curvature=bent,
+        temperature=ms.Temperature(5.0, 1e-5, through=2.0),
+    )
+    path = ms.equilibrium_path(shell, gravity=(1.0, 2.0, -9.81), until=0.2)
+    assert path.converged
+    still = ms.DiscreteShell(shell).equilibrium()
+    np.testing.assert_allclose(path.positions[0], still.positions, rtol=0, atol=1e-12)

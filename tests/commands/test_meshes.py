@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.commands.choices import SAG, Timing, hold_one_end, motion_as_text, softening
+from modalshell.commands.choices import SAG, UNSEEN, Timing, hold_one_end, motion_as_text, softening
 from modalshell.commands.cli import main
 from modalshell.core.outcome import Outcome
 
@@ -343,3 +343,10 @@ def test_auto_is_not_told_to_take_what_it_took(capsys, tmp_path, monkeypatch):
     assert "steps by DS 100 %" in out
     assert "take --model ds" not in out
     assert "take --model ds" in run(capsys, *arguments, "--model", "mwts")[1]
+
+
+def test_a_motion_that_is_hardly_seen_is_not_asked_to_grow_once(v_basis):
+    """It said "about 1 times or more"."""
+    run = ms.simulate(ms.LinearModal(v_basis), duration=0.1, gravity=(0.0, 0.0, -1e-3))
+    moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max()
+    assert "about 2 times" in motion_as_text(run, 1.2 * float(moved) / UNSEEN)

@@ -44,3 +44,14 @@ def test_pictures(tmp_path, monkeypatch, axes, kind):
         assert (len(cells), cells.count("no value")) == (count, 1)
     else:
         assert sum(len(curve.x) for panel in drawn[0][1] for curve in panel.curves) == count - 1
+
+
+def test_long_names_of_curves_are_whole(tmp_path):
+    """Those below the axes were cut at both borders."""
+    from matplotlib.image import imread
+
+    from modalshell.render.curves import Curve, Panel, draw_curves
+
+    curves = [Curve([0, 1], [0, k], f"model.name = md-rom, loads.pressure.0.p = {k}", "red") for k in range(6)]
+    picture = imread(draw_curves([Panel(curves, "", "x", "y")], tmp_path / "curves.png"))
+    assert (picture[:, [0, 1, -2, -1], :3] == picture[0, 0, :3]).all()

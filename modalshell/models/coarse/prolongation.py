@@ -22,11 +22,10 @@ from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.closest import TOGETHER, all_closest, lowest
 from modalshell.mesh.topology import connected_parts
+from modalshell.shell.smoothed_membrane import SHARP
 
 _NEIGHBOURS = 14
 """Number of nearest coarse vertices with a weight; that of the farthest is zero."""
-_SHARP = np.cos(np.radians(20.0))
-"""Cosine of the rest angle from which an edge ends a smooth patch, if the fine mesh has such an edge at all."""
 _INDEPENDENT = 1e-6
 """Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
 _AT = 1e-4
@@ -156,7 +155,7 @@ def sharp_edges(mesh: TriangleMesh) -> tuple[Index, NDArray[np.bool_]]:
     inner = np.flatnonzero((mesh.edge_faces >= 0).all(axis=1))
     pairs = mesh.edge_faces[inner]
     cosines = np.sum(mesh.face_normals[pairs[:, 0]] * mesh.face_normals[pairs[:, 1]], axis=1)
-    return inner, (cosines < _SHARP) | np.isin(inner, mesh.joints.edges)
+    return inner, (cosines < np.cos(SHARP)) | np.isin(inner, mesh.joints.edges)
 
 
 def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None) -> Index:
