@@ -38,7 +38,7 @@ SHORTER = {
 """In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only folded_map",
-    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",
+    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 0 --collect-only -q",
     ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[docs]'",
 }
 """The same for what follows the making of an environment, by a study of few kernels, which that copy compiles anew.
