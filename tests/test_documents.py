@@ -30,6 +30,7 @@ SHORTER = {
     ADVISE: f"{ADVISE} --modes 4",
     TRADEOFF: f"{TRADEOFF} --modes 4",
     VIEW: f"{VIEW} --screenshot leaf.png",
+    "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
     "modalshell bench": "modalshell bench --only assembly",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
