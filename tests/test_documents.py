@@ -30,6 +30,7 @@ SHORTER = {
     ADVISE: f"{ADVISE} --modes 4",
     TRADEOFF: f"{TRADEOFF} --modes 4",
     VIEW: f"{VIEW} --screenshot leaf.png",
+    "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
     "modalshell bench": "modalshell bench --only assembly",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
@@ -38,7 +39,7 @@ SHORTER = {
 """In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only folded_map",
-    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 1 --collect-only -q",
+    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 0 --collect-only -q",
     ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[docs]'",
 }
 """The same for what follows the making of an environment, by a study of few kernels, which that copy compiles anew.

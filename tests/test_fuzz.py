@@ -50,7 +50,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 280, 1050
+DEFAULT, LONG = 280, 700
 
 
 def attempts(surface, count, folder, seed=None):
@@ -276,7 +276,7 @@ needs_interchange = pytest.mark.skipif(
 )
 
 
-SEEDS = {two_lines: 1}
+SEEDS = {two_lines: 4}
 """Random seeds with which what is found late by the derandomised search is found soon; it is found with any."""
 PARTS = {
     not_a_number: arrays.measures,

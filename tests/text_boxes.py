@@ -12,7 +12,7 @@ SLACK = 1.5
 def faults(figure):
     """What is wrong with the texts of a figure, in words."""
     renderer = FigureCanvasAgg(figure).get_renderer()
-    figure.canvas.draw()
+    figure.draw_without_rendering()  # places the texts, and fills no pixels
     boxes, left_out = [], _not_drawn(figure)
     for text in figure.findobj(Text):
         if text.get_visible() and text.get_text().strip() and text not in left_out:

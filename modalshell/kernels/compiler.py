@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, final
+from typing import Any, cast, final
 
 from modalshell.core.errors import ModalShellWarning
 
@@ -37,6 +37,7 @@ import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
 from modalshell.kernels import ahead  # noqa: E402
+from modalshell.kernels.turns import take_turns  # noqa: E402
 
 _REFERENCE = 14.0, 4.0e-4
 """Seconds that the kernels of a long command take to compile, and this file, by Python, on one machine."""
@@ -182,6 +183,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
     if kept is not None:
         kept._load_index = functools.partial(_known_index, kept._load_index)
+        take_turns(made, cast(Path, folder))
     return made
 
 

@@ -42,7 +42,7 @@ def refuse_guesses(monkeypatch):
 
 
 LONG = [pytest.param(body, 80, marks=pytest.mark.slow) for body in BODIES]
-LONG += [pytest.param(body, 160, marks=pytest.mark.slow) for body in ("low table", "sphere")]
+LONG += [pytest.param(body, 120, marks=pytest.mark.slow) for body in ("low table", "sphere")]
 
 
 @pytest.mark.by_default("low table-40", "cylinder-40")

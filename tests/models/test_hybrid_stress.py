@@ -271,7 +271,7 @@ def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fold", "width", "cells", "gravities"),
-    [(160.0, 0.2, 20, (30.0, 45.0)), (150.0, 0.3, 33, (80.0, 130.0))],  # on coarser shells wide flanges are 6 % off
+    [(160.0, 0.2, 20, (30.0, 45.0)), (150.0, 0.3, 27, (80.0, 130.0))],
 )
 def test_other_folds_and_flanges_are_as_near_at_rest_after_their_snap(fold, width, cells, gravities):
     """On twice as many cells as the shell that trains."""

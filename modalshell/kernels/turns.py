@@ -1,0 +1,72 @@
+"""Processes take turns to compile: what one of them compiles for the cache, the others wait for and load.
+
+Where several begin at once on an empty cache, as those of a sweep or of the tests do, each would compile the same.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import zlib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+if sys.platform != "win32":
+    import fcntl
+
+_LOCK = "turns.lock"
+_WAIT, _LONGEST = 0.05, 600.0
+"""Seconds from one look to the next at what another process compiles, and after which it is no longer waited for."""
+_held: list[int] = []
+"""Bytes of the lock's file that this process has locked, the innermost compilation's last."""
+_opened: dict[Path, int] = {}
+
+
+def take_turns(dispatcher: Any, folder: Path) -> None:
+    """Let a kernel that is kept in the cache ``folder`` be compiled by one process at a time (not under Windows).
+
+    A byte of one file stands for a kernel with its arguments. The system frees it when the process ends, and a process
+    that is forked has none of them.
+    """
+    if sys.platform == "win32":
+        return
+    cache, compiled = dispatcher._cache, dispatcher.compile
+    load, name = cache.load_overload, f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
+
+    def load_or_wait(signature: Any, context: Any) -> Any:
+        found = load(signature, context)
+        if found is None and _locked(folder, zlib.crc32(f"{name} {signature}".encode())):
+            found = load(signature, context)  # by now another process may have saved it
+        return found
+
+    def compile_in_turn(signature: Any) -> Any:
+        outer = len(_held)
+        try:
+            return compiled(signature)
+        finally:
+            while len(_held) > outer:
+                with suppress(OSError):
+                    fcntl.lockf(_opened[folder], fcntl.LOCK_UN, 1, _held.pop())
+
+    cache.load_overload, dispatcher.compile = load_or_wait, compile_in_turn
+
+
+def _locked(folder: Path, byte: int) -> bool:
+    """Whether a byte of the folder's file could be locked, after other processes that hold it."""
+    if byte in _held:
+        return False
+    end = time.monotonic() + _LONGEST
+    try:
+        if folder not in _opened:
+            _opened[folder] = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        while time.monotonic() < end:
+            with suppress(BlockingIOError, PermissionError):  # as systems say that it is another's
+                fcntl.lockf(_opened[folder], fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+                _held.append(byte)
+                return True
+            time.sleep(_WAIT)
+    except OSError:  # a file system without locks
+        pass
+    return False
