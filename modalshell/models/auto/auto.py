@@ -27,6 +27,7 @@ from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.coarse.coarse_shell import coarse_shell
+from modalshell.models.coarse.profile_step import quick_check
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.rotation_strain import RotationStrain
@@ -35,7 +36,7 @@ from modalshell.modes import model_basis
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
 from modalshell.supports.constraints import Constraint
 
 
@@ -110,7 +111,7 @@ class Auto(Model):
         count: int = 8,
         *,
         error: float = 0.05,
-        check_every: int = 5,
+        check_every: int | None = None,
         coarse: Shell | None = None,
         triangles: int | None = None,
     ) -> None:
@@ -118,7 +119,7 @@ class Auto(Model):
         self._free = free_parts_of(shell)
         count = checked_count("count", count)
         self.error = checked_number("error", error, at_least=1e-4, at_most=0.3)
-        self.check_every = checked_count("check_every", check_every)
+        self.check_every = None if check_every is None else checked_count("check_every", check_every)
         if self._free is not None and not (coarse is None and triangles is None):
             raise OptionError(
                 f"{self.name} has no level of a coarse shell in free flight: leave out coarse and triangles"
@@ -201,7 +202,7 @@ class Auto(Model):
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
         if self._free is None:
-            return HeldCheck(self.shell, setup.loading, setup.damping)
+            return HeldCheck(self.shell, setup.loading, setup.damping, ErrorEstimator(self.shell, self._quick_check))
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
@@ -209,14 +210,28 @@ class Auto(Model):
         return AutoStepper(self, self.levels, setup)
 
     @property
+    def count(self) -> int:
+        """Number of modes, rigid ones with them."""
+        return self._basis.count
+
+    @property
     def highest(self) -> float:
         """Largest angular frequency [rad/s] of the modes."""
         return float(np.sqrt(self._basis.eigenvalues[-1]))
 
     @cached_property
+    def periods(self) -> Array:
+        """Periods of the modes (m,) over 2 pi [s]."""
+        return np.asarray(1.0 / np.sqrt(np.maximum(self._basis.eigenvalues, 1e-300)))
+
+    @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""
         return LinearAnswers(self._basis)
+
+    @cached_property
+    def _quick_check(self) -> QuickCheck | None:
+        return quick_check(self.shell)
 
     @cached_property
     def _templates(self) -> list[MotionState]:
@@ -236,10 +251,9 @@ class Auto(Model):
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
-        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates], self._basis.count)
+        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates])
         memory["level"][0] = level
-        numbers = self.levels[level].packed(inner)
-        memory["inner"][: numbers.size] = numbers
+        memory["inner"] = self.levels[level].packed(inner, memory["inner"].size)
         return MotionState(x, np.zeros_like(x), memory)
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:
@@ -250,6 +264,10 @@ class Auto(Model):
             found = level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
             self._unpacked = state, found  # energies ask for it, too
         return found
+
+    def keep(self, state: MotionState, level: int, inner: MotionState) -> None:
+        """Remember what :meth:`inner` finds of a state."""
+        self._unpacked = state, (level, inner)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None

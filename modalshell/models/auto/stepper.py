@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -11,11 +13,12 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
+from modalshell.models.auto.answered import Answer
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
-from modalshell.models.auto.trusted import SELDOM, SURE, trust, trusts
+from modalshell.models.auto.trusted import EVERY, RARER, SELDOM, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.base.stepper import Stepper
+from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN
 
 _SWITCH = 0.5
@@ -43,6 +46,7 @@ where it does."""
 _MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _LARGE = 1e9
+_ONE = np.ones(1)
 
 
 class _Seen(NamedTuple):
@@ -60,6 +64,24 @@ class _Seen(NamedTuple):
     @property
     def alarm(self) -> bool:
         return not self.margin > LEAST_MARGIN
+
+
+class _Step(NamedTuple):
+    """A step of a level.
+
+    The level, its own states before and after, the last three frames (n, 3) [m], what finds the velocities at the last
+    one, how far that has moved, its time [s], the step [s] and the dead load (n, 3) [N].
+    """
+
+    level: int
+    inner: MotionState
+    after: MotionState
+    frames: tuple[Array, Array, Array]
+    velocities: Callable[[], Array]
+    moved: float
+    time: float
+    dt: float
+    load: Array
 
 
 @final
@@ -83,22 +105,32 @@ class AutoStepper(Stepper):
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, setup)
         self._levels = levels
-        self._made = {number: levels[number].stepper(setup) for number in (0, len(levels) - 1)}
+        self._made = {0: levels[0].stepper(setup)}
         self._check: Check = model.check(setup)
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
-        self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
+        every = EVERY if model.check_every is None else model.check_every
+        self._every = min(every, _FRAMES) if self._check.least else every
+        self._fixed = bool(self._check.least or model.check_every is not None)
+        live = setup.loading.live
+        self._factors = [(load, max(abs(load.factor_at(time)) for time in load.times) or 1.0) for load in live]
+        self._at = -math.inf, np.empty(0)
+        self._seen_states = KnownStates(len(live))
+        forces = [most * load.constant for load, most in self._factors if load.constant is not None]
+        self._parts = forces if len(forces) == len(live) else None
+        self._dead: Array | None = None
+        self._calmed: Array | None = None
         self._mass = model.shell.mass[:, None]
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     def _stepper(self, level: int) -> Stepper:
-        """What takes the steps of a level; those between the first and the last are made when they are wanted."""
+        """What takes the steps of a level; those beyond the first are made when they are wanted."""
         if level not in self._made:
             self._made[level] = self._levels[level].stepper(self.setup)
         return self._made[level]
 
     @staticmethod
-    def memory(x: Array, sizes: Sequence[int], modes: int) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes and of modes."""
+    def memory(x: Array, sizes: Sequence[int]) -> dict[str, Array]:
+        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes."""
         return {
             "level": np.zeros(1),
             "since": np.zeros(1),
@@ -110,7 +142,8 @@ class AutoStepper(Stepper):
             "largest": np.zeros(1),
             "checked": np.zeros(1),
             "looked": np.zeros(1),
-            "trusted": np.zeros((modes, modes)),
+            "known": np.zeros((2, 0, 0)),
+            "seldom": np.full(1, float(SELDOM)),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
@@ -121,7 +154,6 @@ class AutoStepper(Stepper):
             "ahead": np.zeros(1),
             "log": np.zeros((_MOST_TOLD, 6)),
             "switches": np.zeros(1),
-            "time": np.zeros(1),
         }
 
     def start(self, positions: Array | None) -> MotionState:
@@ -132,7 +164,7 @@ class AutoStepper(Stepper):
         is asked alone, and whether it comes near.
         """
         if positions is None:
-            return super().start(positions)
+            return self._fitted(super().start(positions))
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in range(1 if self._check.least else last):
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
@@ -147,7 +179,7 @@ class AutoStepper(Stepper):
 
     def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
         """The state of a start on a level, with what the first one lacks of it, over what it may."""
-        state: MotionState = self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0))
+        state = self._fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
         if level > 0:
             self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, LACKS_START))
         return state
@@ -166,16 +198,21 @@ class AutoStepper(Stepper):
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
         inner = self._stepper(top).state_at(positions, time)
-        state: MotionState = self.model.on_level(top, inner, self._stepper(top).positions(inner, time))
+        return self._fitted(self.model.on_level(top, inner, self._stepper(top).positions(inner, time)))
+
+    def _fitted(self, state: MotionState) -> MotionState:
+        """The state, with room for what is known of states under these loads."""
+        size = 2 * self.model.count + len(self._factors)
+        if state.memory["known"].shape[1] != size:
+            state.memory["known"] = np.zeros((2, size, size))
         return state
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
         level, inner = self.model.inner(state)
-        memory = {name: part.copy() for name, part in state.memory.items()}
-        time = begin + dt
+        memory, time = self._fitted(state).memory.copy(), begin + dt  # its arrays are replaced, never written into
         while self._levels[level].quadratic:
-            switch = self._foreseen(level, state.coordinates, state.rates, memory, (begin, time, load))
+            switch = self._foreseen(level, state, memory, (begin, time, load))
             if switch is None:
                 break
             inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
@@ -183,64 +220,76 @@ class AutoStepper(Stepper):
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
-        x, v = self._levels[level].left(stepper, after, time, dt)
-        memory["time"][0] = time
-        memory["since"] += 1.0
+        x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
+        memory["since"] = memory["since"] + 1.0
+        memory["steps"] = memory["steps"].copy()
         memory["steps"][level] += 1.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            memory["largest"][0] = max(memory["largest"][0], self._check.moved(x))
-        if np.isfinite(memory["largest"][0]) and memory["frames"][0] >= 1.0:
-            frames = np.stack([memory["before"], state.coordinates, x])
-            level, after = self._switched(level, (inner, after), (frames, v), memory, (time, dt, load))
-        numbers = self._levels[level].packed(after)
-        memory["inner"][: numbers.size] = numbers
-        memory["before"], memory["step"] = state.coordinates.copy(), np.array([dt])
-        memory["frames"] += 1.0
-        return MotionState(x, v, memory), solved
+        moved, largest = self._moved(level, after, x, float(memory["largest"][0]))
+        if largest != memory["largest"][0]:
+            memory["largest"] = np.array([largest])
+        if math.isfinite(largest) and memory["frames"][0] >= 1.0:
+            frames = memory["before"], state.coordinates, x
+            step = _Step(level, inner, after, frames, rates, moved, time, dt, load)
+            level, after = self._switched(step, memory)
+        memory["inner"] = self._levels[level].packed(after, memory["inner"].size)
+        memory["before"] = state.coordinates
+        if memory["step"][0] != dt:
+            memory["step"] = np.array([dt])
+        if memory["frames"][0] < 1.0:
+            memory["frames"] = np.ones(1)
+        moving = MotionState.late(x, rates, memory)
+        self.model.keep(moving, level, after)
+        return moving, solved
 
-    def _switched(
-        self,
-        level: int,
-        states: tuple[MotionState, MotionState],
-        motion: tuple[Array, Array],
-        memory: dict[str, Array],
-        now: tuple[float, float, Array],
-    ) -> tuple[int, MotionState]:
-        """The level and its state to take, after a step from one of two states to the other."""
-        (inner, after), (frames, v), time, since = states, motion, now[0], int(memory["since"][0])
+    def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
+        """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
+
+        Warped displacements are no longer than those of the modes, which are known without them.
+        """
+        modal = self._levels[level].quadratic and not self._check.least
+        moved = math.sqrt(after.coordinates @ after.coordinates) if modal else math.inf
+        if moved <= largest:
+            return moved, largest
+        with np.errstate(over="ignore", invalid="ignore"):
+            exact = self._check.moved(x)
+        return moved if modal else exact, max(largest, exact)
+
+    def _switched(self, step: _Step, memory: dict[str, Array]) -> tuple[int, MotionState]:
+        """The level and its state to take after a step."""
+        level, since = step.level, int(memory["since"][0])
         seen: _Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            moved = self._check.moved(frames[2])
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
             back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
-            grown = moved > _GROWN * max(memory["checked"][0], self._calm)
-            if back or grown or self._due(after.coordinates, memory):
-                memory["checked"][0], memory["looked"][0] = moved, since
-                seen = self._seen(frames, memory, now)
-                self._checked(seen, inner.coordinates, memory)
+            if back or self._due(step, memory):
+                memory["checked"], memory["looked"] = np.array([step.moved]), np.array([float(since)])
+                seen = self._seen(step, memory)
+                self._checked(seen, step, memory)
                 if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
-                seen = self._seen(frames, memory, now)
+                seen = self._seen(step, memory)
                 if seen.alarm:  # a coarse shell snaps under another load
                     wanted = level + 1
                 elif seen.bar > _SWITCH * self.model.error:
+                    memory["barred"] = memory["barred"].copy()
                     memory["barred"][level] = 1.0
                     wanted = level + 1
             if wanted == level and since >= memory["wait"][0]:
-                seen = self._returning(frames, v, seen, memory, now)
-                memory["ready"][0] = 0.0 if seen is None else memory["ready"][0] + 1.0
+                seen = self._returning(step, seen, memory)
+                memory["ready"] = np.zeros(1) if seen is None else memory["ready"] + 1.0
                 if seen is None:
-                    memory["wait"][0] = max(memory["wait"][0], _RARER * since)
+                    memory["wait"] = np.maximum(memory["wait"], _RARER * since)
                 elif memory["ready"][0] >= _IN_A_ROW:
                     wanted = 0
         if wanted == level or seen is None:
-            return level, after
-        switch = time, wanted, seen.bar, seen.margin, 0.0
-        return wanted, self._taken_over(after, (frames[2], v), memory, (time, now[2]), switch)
+            return level, step.after
+        switch = step.time, wanted, seen.bar, seen.margin, 0.0
+        x, v = step.frames[2], step.velocities()
+        return wanted, self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
 
     def _taken_over(
         self,
@@ -258,20 +307,40 @@ class AutoStepper(Stepper):
         self._note(memory, switch, gained)
         return after
 
-    def _checked(self, seen: _Seen, q: Array, memory: dict[str, Array]) -> None:
-        """Trust coordinates (m,) that a check was sure of, of held shells, and none from one that was not."""
-        if not (seen.bar <= SURE * self.model.error and seen.margin > _BACK_MARGIN):
-            memory["trusted"][:] = 0.0
-        elif not self._check.least:
-            trust(memory["trusted"], q)
+    def _checked(self, seen: _Seen, step: _Step, memory: dict[str, Array]) -> None:
+        """Remember the state that a check has seen, where it is right, with what room it left; none where it is not."""
+        if self._fixed:
+            return
+        allowed = _SWITCH * self.model.error
+        if seen.alarm or not seen.bar <= allowed:
+            memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+            return
+        z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
+        if self._seen_states.holds(memory["known"], z):
+            memory["seldom"] = RARER * memory["seldom"]
+        memory["known"] = self._seen_states.grown(memory["known"], z, room(seen.bar, seen.margin, allowed), largest)
 
-    def _due(self, q: Array, memory: dict[str, Array]) -> bool:
-        """Whether a modal rung at coordinates (m,) is to be checked: each time its turn comes, trusted ones seldom."""
-        since = memory["since"][0]
-        if since % self._check_every:
-            return False
-        late = since - memory["looked"][0] >= SELDOM * self._check_every
-        return bool(late or not trusts(memory["trusted"], q, memory["largest"][0]))
+    def _due(self, step: _Step, memory: dict[str, Array]) -> bool:
+        """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
+        turn = memory["since"][0] % self._every == 0.0
+        grown = step.moved > _GROWN * max(memory["checked"][0], self._calm)
+        if self._fixed:
+            return bool(turn or grown)
+        known, factors = memory["known"], self._factors_at(step.time)
+        if not (turn or grown):
+            return bool(factors.size) and self._seen_states.is_sudden(known, factors)
+        late = memory["since"][0] - memory["looked"][0] >= memory["seldom"][0]
+        return bool(late or not self._seen_states.holds(known, self._state(step.after, step.time)))
+
+    def _state(self, inner: MotionState, time: float) -> Array:
+        """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
+        return np.concatenate([inner.coordinates, inner.rates * self.model.periods, self._factors_at(time)])
+
+    def _factors_at(self, time: float) -> Array:
+        """Factors of the loads that change, over the largest of each that is known."""
+        if self._factors and self._at[0] != time:
+            self._at = time, np.array([load.factor_at(time) / most for load, most in self._factors])
+        return self._at[1]
 
     def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
@@ -282,19 +351,20 @@ class AutoStepper(Stepper):
         gap = self._length(answer.positions - seen.corrected)
         return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
 
-    @staticmethod
-    def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0) -> None:
+    def _note(
+        self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0
+    ) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
         if place < _MOST_TOLD:
+            memory["log"] = memory["log"].copy()
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
-        memory["switches"] += 1.0
-        memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
-        memory["ahead"][0] = memory["looked"][0] = 0.0
-        memory["trusted"][:] = 0.0
+        memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
+        memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
+        memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
 
     def _foreseen(
-        self, level: int, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, float, Array]
+        self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> tuple[float, int, float, float, float] | None:
         """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
 
@@ -304,26 +374,47 @@ class AutoStepper(Stepper):
         leads there within a few steps.
         """
         begin, time, dead = now
-        loading = self.setup.loading
-        with np.errstate(over="ignore", invalid="ignore"):
-            force = dead + loading.live_force(x, v, time) if loading.live else dead
-        if not np.isfinite(force).all():
-            return None  # the motion itself says so
-        force = self._check.standing(force, x, v)
-        if not force.any():
+        if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
-        answer = self.model.answers.following(force, memory)
-        missed = answer.missing / max(answer.whole, float(memory["largest"][0]), self._check.least)
+        answer, largest = self._answered(state, memory, time, dead), float(memory["largest"][0])
+        if answer is None:
+            return None
+        missed = answer.missing / max(answer.whole, largest, self._check.least)
         if missed > _SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
+        if not (self.setup.loading.live or self._check.least):
+            self._calmed = dead
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
-        memory["ahead"][0] = answer.whole
+        memory["ahead"] = np.array([answer.whole])
+        force = self._force(state, time, dead)
         found = self._levels[level].still.equilibrium(force=force)
         bar = self._check.static(found.positions, force)
         if found.converged and bar.valid and not bar.beyond:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
+
+    def _answered(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
+        """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
+        if self._parts is not None and not self._check.least:
+            if dead is not self._dead:
+                self._dead, self._answers = dead, self.model.answers.of_sums([dead, *self._parts])
+            return self._answers.of(np.concatenate([_ONE, self._factors_at(time)]))
+        force = self._force(state, time, dead)
+        if not (np.isfinite(force).all() and force.any()):
+            return None
+        found: Answer = self.model.answers.following(force, memory)
+        return found
+
+    def _force(self, state: MotionState, time: float, dead: Array) -> Array:
+        """Load (n, 3) [N] in the frames that bends the shell in a state."""
+        loading, x = self.setup.loading, state.coordinates
+        if not (loading.live or self._check.least):
+            return dead
+        v = state.rates if loading.by_velocity or self._check.least else np.zeros_like(x)
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = loading.moving_force(dead, x, x - LEAD * self.setup.dt * v, 1.0 / (LEAD * self.setup.dt), time)
+            return self._check.standing(force, x, v) if np.isfinite(force).all() else force
 
     def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
         """The level that takes over.
@@ -337,42 +428,40 @@ class AutoStepper(Stepper):
             for k in range(level + 1, last + 1)
             if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
         )
-        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
-        memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
-        memory["again"][0] = memory["wait"][0]
+        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._every
+        wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
+        memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
-    def _seen(self, frames: Array, memory: dict[str, Array], now: tuple[float, float, Array]) -> _Seen:
-        """The check of the middle one of three frames, the last of them at the present time."""
-        time, dt, dead = now
-        middle = time - dt
-        bar, load = self._check.bar_under(np.array([middle - memory["step"][0], middle, time]), frames, dead)
+    def _seen(self, step: _Step, memory: dict[str, Array]) -> _Seen:
+        """The check of the middle one of a step's three frames, the last of them at the present time."""
+        middle = step.time - step.dt
+        times = np.array([middle - memory["step"][0], middle, step.time])
+        bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
         largest = max(memory["largest"][0], self._check.least)
-        off = self._check.off(bar, frames[1])
+        off = self._check.off(bar, step.frames[1])
         return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
 
-    def _returning(
-        self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
-    ) -> _Seen | None:
+    def _returning(self, step: _Step, seen: _Seen | None, memory: dict[str, Array]) -> _Seen | None:
         """The check by which the lowest level can take over, or None.
 
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
         not be left at once: the cheapest first.
         """
-        lowest = self._levels[0]
+        lowest, v, (_, middle, x) = self._levels[0], step.velocities(), step.frames
         allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
-        state = lowest.entered(self._stepper(0), frames[2], v, now[0])
-        fitted, rates = lowest.left(self._stepper(0), state, now[0], now[1])
+        state = lowest.entered(self._stepper(0), x, v, step.time)
+        fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
-        if not max(self._length(fitted - frames[2]), lost) <= allowed:
+        if not max(self._length(fitted - x), lost) <= allowed:
             return None
-        seen = seen or self._seen(frames, memory, now)
+        seen = seen or self._seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(frames[1]))
-        near = answer.converged and self._check.apart(answer.positions, frames[1]) <= allowed
-        trial = {name: part.copy() for name, part in memory.items()}
-        stays = near and self._foreseen(0, frames[2], v, trial, (now[0], now[0], now[2])) is None
+        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))
+        near = answer.converged and self._check.apart(answer.positions, middle) <= allowed
+        now = step.time, step.time, step.load
+        stays = near and self._foreseen(0, MotionState(x, v), memory.copy(), now) is None
         return seen if stays else None
 
     def _length(self, displacement: Array) -> float:
