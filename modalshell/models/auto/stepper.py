@@ -13,13 +13,13 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
-from modalshell.models.auto.answered import Answer
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
-from modalshell.models.auto.trusted import EVERY, RARER, SELDOM, KnownStates, room
+from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
+from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.base.stepper import LEAD, Stepper
-from modalshell.statics.error_bar import LEAST_MARGIN
+from modalshell.models.base.stepper import Stepper
+from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
 _SWITCH = 0.5
 """Bar over the error allowed from which a rung is left."""
@@ -46,7 +46,6 @@ where it does."""
 _MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _LARGE = 1e9
-_ONE = np.ones(1)
 
 
 class _Seen(NamedTuple):
@@ -111,13 +110,8 @@ class AutoStepper(Stepper):
         every = EVERY if model.check_every is None else model.check_every
         self._every = min(every, _FRAMES) if self._check.least else every
         self._fixed = bool(self._check.least or model.check_every is not None)
-        live = setup.loading.live
-        self._factors = [(load, max(abs(load.factor_at(time)) for time in load.times) or 1.0) for load in live]
-        self._at = -math.inf, np.empty(0)
-        self._seen_states = KnownStates(len(live))
-        forces = [most * load.constant for load, most in self._factors if load.constant is not None]
-        self._parts = forces if len(forces) == len(live) else None
-        self._dead: Array | None = None
+        self._loads = LoadsAhead(model, setup, self._check)
+        self._states = KnownStates(len(setup.loading.live))
         self._calmed: Array | None = None
         self._mass = model.shell.mass[:, None]
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
@@ -152,6 +146,7 @@ class AutoStepper(Stepper):
             "pushed": np.zeros_like(x),
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
+            "felt": np.zeros(1),
             "log": np.zeros((_MOST_TOLD, 6)),
             "switches": np.zeros(1),
         }
@@ -202,7 +197,7 @@ class AutoStepper(Stepper):
 
     def _fitted(self, state: MotionState) -> MotionState:
         """The state, with room for what is known of states under these loads."""
-        size = 2 * self.model.count + len(self._factors)
+        size = 2 * self.model.count + len(self.setup.loading.live)
         if state.memory["known"].shape[1] != size:
             state.memory["known"] = np.zeros((2, size, size))
         return state
@@ -311,14 +306,14 @@ class AutoStepper(Stepper):
         """Remember the state that a check has seen, where it is right, with what room it left; none where it is not."""
         if self._fixed:
             return
-        allowed = _SWITCH * self.model.error
-        if seen.alarm or not seen.bar <= allowed:
+        wider = room(seen.bar, seen.margin, _SWITCH * self.model.error)
+        if not wider >= ROOMY:
             memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
             return
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
-        if self._seen_states.holds(memory["known"], z):
+        if self._states.holds(memory["known"], z):
             memory["seldom"] = RARER * memory["seldom"]
-        memory["known"] = self._seen_states.grown(memory["known"], z, room(seen.bar, seen.margin, allowed), largest)
+        memory["known"] = self._states.grown(memory["known"], z, wider, largest)
 
     def _due(self, step: _Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
@@ -326,21 +321,16 @@ class AutoStepper(Stepper):
         grown = step.moved > _GROWN * max(memory["checked"][0], self._calm)
         if self._fixed:
             return bool(turn or grown)
-        known, factors = memory["known"], self._factors_at(step.time)
+        known, factors = memory["known"], self._loads.factors(step.time)
         if not (turn or grown):
-            return bool(factors.size) and self._seen_states.is_sudden(known, factors)
-        late = memory["since"][0] - memory["looked"][0] >= memory["seldom"][0]
-        return bool(late or not self._seen_states.holds(known, self._state(step.after, step.time)))
+            return bool(factors.size) and self._states.is_sudden(known, factors)
+        looked = memory["looked"][0]
+        late = looked == 0.0 or memory["since"][0] - looked >= memory["seldom"][0]
+        return bool(late or not self._states.holds(known, self._state(step.after, step.time)))
 
     def _state(self, inner: MotionState, time: float) -> Array:
         """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
-        return np.concatenate([inner.coordinates, inner.rates * self.model.periods, self._factors_at(time)])
-
-    def _factors_at(self, time: float) -> Array:
-        """Factors of the loads that change, over the largest of each that is known."""
-        if self._factors and self._at[0] != time:
-            self._at = time, np.array([load.factor_at(time) / most for load, most in self._factors])
-        return self._at[1]
+        return np.concatenate([inner.coordinates, inner.rates * self.model.periods, self._loads.factors(time)])
 
     def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
@@ -376,45 +366,54 @@ class AutoStepper(Stepper):
         begin, time, dead = now
         if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
-        answer, largest = self._answered(state, memory, time, dead), float(memory["largest"][0])
+        if self._waits(state, memory, time):
+            return None
+        answer, largest = self._loads.answer(state, memory, time, dead), float(memory["largest"][0])
         if answer is None:
             return None
+        memory["felt"] = np.array([answer.whole])
         missed = answer.missing / max(answer.whole, largest, self._check.least)
         if missed > _SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
-        if not (self.setup.loading.live or self._check.least):
+        if not (self._loads.change or self._check.least):
             self._calmed = dead
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
+        if memory["ahead"][0] == 0.0 and not self._fixed and (most := self._loads.coming(dead)) is not None:
+            if most.whole > answer.whole and self._rests(level, most, memory) is None:
+                memory["ahead"] = np.array([most.whole])
+                return None
         memory["ahead"] = np.array([answer.whole])
-        force = self._force(state, time, dead)
-        found = self._levels[level].still.equilibrium(force=force)
-        bar = self._check.static(found.positions, force)
-        if found.converged and bar.valid and not bar.beyond:
+        now_felt = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
+        bar = self._rests(level, now_felt, memory)
+        if bar is None:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
 
-    def _answered(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
-        """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
-        if self._parts is not None and not self._check.least:
-            if dead is not self._dead:
-                self._dead, self._answers = dead, self.model.answers.of_sums([dead, *self._parts])
-            return self._answers.of(np.concatenate([_ONE, self._factors_at(time)]))
-        force = self._force(state, time, dead)
-        if not (np.isfinite(force).all() and force.any()):
-            return None
-        found: Answer = self.model.answers.following(force, memory)
-        return found
+    def _waits(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
+        """Whether a load that changes, and is dear to find, may be looked at later: it is like that seen last."""
+        if self._fixed or memory["ahead"][0] == 0.0 or memory["since"][0] % self._every == 0.0:
+            return False
+        inner = self.model.inner(state)[1]
+        pushed = inner.memory["force"] * self.model.periods**2
+        alike = math.sqrt(pushed @ pushed) <= _GROWN * memory["felt"][0]
+        return alike and not self._states.is_sudden(memory["known"], self._loads.factors(time))
 
-    def _force(self, state: MotionState, time: float, dead: Array) -> Array:
-        """Load (n, 3) [N] in the frames that bends the shell in a state."""
-        loading, x = self.setup.loading, state.coordinates
-        if not (loading.live or self._check.least):
-            return dead
-        v = state.rates if loading.by_velocity or self._check.least else np.zeros_like(x)
-        with np.errstate(over="ignore", invalid="ignore"):
-            force = loading.moving_force(dead, x, x - LEAD * self.setup.dt * v, 1.0 / (LEAD * self.setup.dt), time)
-            return self._check.standing(force, x, v) if np.isfinite(force).all() else force
+    def _rests(self, level: int, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
+        """The bar of a modal level's statics under a load, where that is void or too large; else None, and it is known.
+
+        A level that moves there soon is vouched for as far as that statics is right.
+        """
+        found = self._levels[level].still.equilibrium(force=load.force)
+        bar = self._check.static(found.positions, load.force)
+        if not (found.converged and bar.valid and not bar.beyond):
+            return bar
+        wider = room(bar.displacement, bar.margin, _SWITCH * self.model.error)
+        if not self._fixed and found.coordinates is not None and wider >= ROOMY:
+            z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
+            largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
+            memory["known"] = self._states.grown(memory["known"], z, wider, largest)
+        return None
 
     def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
         """The level that takes over.

@@ -20,10 +20,15 @@ EVERY = 5
 """Steps from one check to the next where states are new."""
 SELDOM, RARER = 8 * EVERY, 2.0
 """Steps after which a known state is checked all the same, and the factor on that each time it holds."""
-_WIDEST = 1.5
+_WIDEST = 2.0
 """Factor by which the state of a check may grow at most."""
-_NOISE = 0.1
-"""What any component of a known state may have: a share of the largest displacement, and of a load's largest factor."""
+ROOMY = 1.25
+"""Such a factor of a check from which it vouches for states: what is nearly wrong is looked at each time."""
+_NOISE, _FASTER = 0.1, 4.0
+"""What any component of a known state may have, a share of the largest displacement or of a load's largest factor that
+was checked; and that of a rate, over it, as what it does grows with its square."""
+_LEAST = 1e-9
+"""Such a share of a load that has not acted yet."""
 _THIN = 1e-3
 """Width of an ellipsoid, in noise, in directions of which no check has seen anything."""
 _SUDDEN = 1.5
@@ -31,12 +36,12 @@ _SUDDEN = 1.5
 
 
 def room(bar: float, margin: float, allowed: float) -> float:
-    """Factor by which a state may grow until a bar and what stresses take are as large as they may be, at least 1."""
+    """Factor by which a state may grow until a bar and what stresses take are as large as they may be."""
     taken = max(1.0 - margin, 0.0)
     wide = _WIDEST**3 * bar <= allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
     by_bar = _WIDEST if wide[0] else (allowed / bar) ** (1.0 / 3.0)
     by_margin = _WIDEST if wide[1] else ((1.0 - LEAST_MARGIN) / taken) ** 0.5
-    return max(1.0, min(by_bar, by_margin))
+    return min(by_bar, by_margin)
 
 
 @final
@@ -56,11 +61,12 @@ class KnownStates:
 
     def grown(self, known: Array, z: Array, wider: float, largest: float) -> Array:
         """The ellipsoid with ``wider`` times a state on it or inside; ``largest`` is the largest displacement."""
-        noise = np.full(z.size, _NOISE * largest)
-        noise[z.size - self._factors :] = _NOISE
+        point, matrix, modes = wider * z, known[0], (z.size - self._factors) // 2
+        noise = np.maximum(_NOISE * np.maximum(np.sqrt(np.diagonal(matrix)), np.abs(point)), _LEAST)
+        noise[: 2 * modes] = _NOISE * largest
+        noise[modes : 2 * modes] *= _FASTER
         if not noise.all():
             return known
-        point, matrix = wider * z, known[0]
         beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
         if beyond > 1.0:
             matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
@@ -73,5 +79,5 @@ class KnownStates:
     def is_sudden(self, known: Array, factors: Array) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
         first = known.shape[1] - self._factors
-        seen = np.diagonal(known[0])[first:] + _NOISE**2
-        return bool(known[1, 0, 0] > 0.0 and (factors**2 > _SUDDEN**2 * seen).any())
+        seen = np.diagonal(known[0])[first:]
+        return bool(factors.size and known[1, 0, 0] > 0.0 and (factors**2 > _SUDDEN**2 * seen).any())
