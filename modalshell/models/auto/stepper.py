@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
@@ -16,22 +16,18 @@ from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, ene
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, KnownStates, room
+from modalshell.models.auto.trusted import SELDOM
+from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
-from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
+from modalshell.statics.error_bar import LEAST_MARGIN
 
-_SWITCH = 0.5
-"""Bar over the error allowed from which a rung is left."""
-_FRAMES, _EARLY = 3, 1.0
-"""Frames of a check, and the same for the first three of a rung that has come back: a full one takes over again."""
+_EARLY = 1.0
+"""Bar over the error allowed from which a rung is left again on the first frames after it has come back."""
 _BACK = 0.4
 """Misses over the error allowed within which it may come back."""
 _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
-_GROWN, _CALM = 1.5, 0.02
-"""Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
-mean square, in sizes of the shell, up to which it may wait."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
 _TRY_EVERY = 6
@@ -48,41 +44,6 @@ _MOST_TOLD = 24
 _LARGE = 1e9
 
 
-class _Seen(NamedTuple):
-    """What a check found.
-
-    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
-    the bar's steps lead to.
-    """
-
-    bar: float
-    margin: float
-    load: Array
-    corrected: Array
-
-    @property
-    def alarm(self) -> bool:
-        return not self.margin > LEAST_MARGIN
-
-
-class _Step(NamedTuple):
-    """A step of a level.
-
-    The level, its own states before and after, the last three frames (n, 3) [m], what finds the velocities at the last
-    one, how far that has moved, its time [s], the step [s] and the dead load (n, 3) [N].
-    """
-
-    level: int
-    inner: MotionState
-    after: MotionState
-    frames: tuple[Array, Array, Array]
-    velocities: Callable[[], Array]
-    moved: float
-    time: float
-    dt: float
-    load: Array
-
-
 @final
 class AutoStepper(Stepper):
     """Takes each step by the present level, and switches levels after it.
@@ -90,11 +51,11 @@ class AutoStepper(Stepper):
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
-    that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the coordinates that
-    checks were sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how
-    often in a row it could have ("ready"), the last load that was compared with what the modes answer ("pushed",
-    "answer"), the linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why
-    ("log").
+    that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the states that
+    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), levels that are barred, the steps
+    before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that was
+    compared with what the modes answer ("pushed", "answer"), the linear answers at the last look at a load ("felt") and
+    the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -106,15 +67,10 @@ class AutoStepper(Stepper):
         self._levels = levels
         self._made = {0: levels[0].stepper(setup)}
         self._check: Check = model.check(setup)
-        # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
-        every = EVERY if model.check_every is None else model.check_every
-        self._every = min(every, _FRAMES) if self._check.least else every
-        self._fixed = bool(self._check.least or model.check_every is not None)
         self._loads = LoadsAhead(model, setup, self._check)
-        self._states = KnownStates(len(setup.loading.live))
+        self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: Array | None = None
         self._mass = model.shell.mass[:, None]
-        self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""
@@ -159,7 +115,7 @@ class AutoStepper(Stepper):
         is asked alone, and whether it comes near.
         """
         if positions is None:
-            return self._fitted(super().start(positions))
+            return self._watch.fitted(super().start(positions))
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in range(1 if self._check.least else last):
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
@@ -174,7 +130,7 @@ class AutoStepper(Stepper):
 
     def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
         """The state of a start on a level, with what the first one lacks of it, over what it may."""
-        state = self._fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
+        state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
         if level > 0:
             self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, LACKS_START))
         return state
@@ -193,19 +149,15 @@ class AutoStepper(Stepper):
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
         inner = self._stepper(top).state_at(positions, time)
-        return self._fitted(self.model.on_level(top, inner, self._stepper(top).positions(inner, time)))
-
-    def _fitted(self, state: MotionState) -> MotionState:
-        """The state, with room for what is known of states under these loads."""
-        size = 2 * self.model.count + len(self.setup.loading.live)
-        if state.memory["known"].shape[1] != size:
-            state.memory["known"] = np.zeros((2, size, size))
-        return state
+        return self._watch.fitted(self.model.on_level(top, inner, self._stepper(top).positions(inner, time)))
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
         level, inner = self.model.inner(state)
-        memory, time = self._fitted(state).memory.copy(), begin + dt  # its arrays are replaced, never written into
+        memory, time = (
+            self._watch.fitted(state).memory.copy(),
+            begin + dt,
+        )  # its arrays are replaced, never written into
         while self._levels[level].quadratic:
             switch = self._foreseen(level, state, memory, (begin, time, load))
             if switch is None:
@@ -224,7 +176,7 @@ class AutoStepper(Stepper):
             memory["largest"] = np.array([largest])
         if math.isfinite(largest) and memory["frames"][0] >= 1.0:
             frames = memory["before"], state.coordinates, x
-            step = _Step(level, inner, after, frames, rates, moved, time, dt, load)
+            step = Step(level, inner, after, frames, rates, moved, time, dt, load)
             level, after = self._switched(step, memory)
         memory["inner"] = self._levels[level].packed(after, memory["inner"].size)
         memory["before"] = state.coordinates
@@ -249,27 +201,25 @@ class AutoStepper(Stepper):
             exact = self._check.moved(x)
         return moved if modal else exact, max(largest, exact)
 
-    def _switched(self, step: _Step, memory: dict[str, Array]) -> tuple[int, MotionState]:
+    def _switched(self, step: Step, memory: dict[str, Array]) -> tuple[int, MotionState]:
         """The level and its state to take after a step."""
         level, since = step.level, int(memory["since"][0])
-        seen: _Seen | None = None
+        seen: Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
-            back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
-            if back or self._due(step, memory):
-                memory["checked"], memory["looked"] = np.array([step.moved]), np.array([float(since)])
-                seen = self._seen(step, memory)
-                self._checked(seen, step, memory)
-                if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
+            back = level == 0 and memory["switches"][0] > 0.0 and since == FRAMES and not self._check.least
+            if back or self._watch.due(step, memory):
+                seen = self._watch.checked(step, memory)
+                if seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
-                seen = self._seen(step, memory)
+                seen = self._watch.seen(step, memory)
                 if seen.alarm:  # a coarse shell snaps under another load
                     wanted = level + 1
-                elif seen.bar > _SWITCH * self.model.error:
+                elif seen.bar > SWITCH * self.model.error:
                     memory["barred"] = memory["barred"].copy()
                     memory["barred"][level] = 1.0
                     wanted = level + 1
@@ -302,44 +252,14 @@ class AutoStepper(Stepper):
         self._note(memory, switch, gained)
         return after
 
-    def _checked(self, seen: _Seen, step: _Step, memory: dict[str, Array]) -> None:
-        """Remember the state that a check has seen, where it is right, with what room it left; none where it is not."""
-        if self._fixed:
-            return
-        wider = room(seen.bar, seen.margin, _SWITCH * self.model.error)
-        if not wider >= ROOMY:
-            memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
-            return
-        z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
-        if self._states.holds(memory["known"], z):
-            memory["seldom"] = RARER * memory["seldom"]
-        memory["known"] = self._states.grown(memory["known"], z, wider, largest)
-
-    def _due(self, step: _Step, memory: dict[str, Array]) -> bool:
-        """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
-        turn = memory["since"][0] % self._every == 0.0
-        grown = step.moved > _GROWN * max(memory["checked"][0], self._calm)
-        if self._fixed:
-            return bool(turn or grown)
-        known, factors = memory["known"], self._loads.factors(step.time)
-        if not (turn or grown):
-            return bool(factors.size) and self._states.is_sudden(known, factors)
-        looked = memory["looked"][0]
-        late = looked == 0.0 or memory["since"][0] - looked >= memory["seldom"][0]
-        return bool(late or not self._states.holds(known, self._state(step.after, step.time)))
-
-    def _state(self, inner: MotionState, time: float) -> Array:
-        """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
-        return np.concatenate([inner.coordinates, inner.rates * self.model.periods, self._loads.factors(time)])
-
-    def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
+    def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
         level = self._levels[number]
         if not level.quadratic or self._check.least:
             return False
         answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
         gap = self._length(answer.positions - seen.corrected)
-        return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
+        return not (answer.converged and gap <= SWITCH * self.model.error * float(memory["largest"][0]))
 
     def _note(
         self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0
@@ -351,7 +271,7 @@ class AutoStepper(Stepper):
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
         memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
         memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
-        memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+        self._watch.forget(memory)
 
     def _foreseen(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
@@ -366,54 +286,24 @@ class AutoStepper(Stepper):
         begin, time, dead = now
         if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
-        if self._waits(state, memory, time):
+        if self._loads.change and self._watch.is_alike(state, memory, time):
             return None
         answer, largest = self._loads.answer(state, memory, time, dead), float(memory["largest"][0])
         if answer is None:
             return None
         memory["felt"] = np.array([answer.whole])
         missed = answer.missing / max(answer.whole, largest, self._check.least)
-        if missed > _SWITCH * self.model.error:
+        if missed > SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
         if not (self._loads.change or self._check.least):
             self._calmed = dead
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
-        if memory["ahead"][0] == 0.0 and not self._fixed and (most := self._loads.coming(dead)) is not None:
-            if most.whole > answer.whole and self._rests(level, most, memory) is None:
-                memory["ahead"] = np.array([most.whole])
-                return None
-        memory["ahead"] = np.array([answer.whole])
-        now_felt = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
-        bar = self._rests(level, now_felt, memory)
+        load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
+        bar = self._watch.first_bar(self._levels[level], dead, load, memory)
         if bar is None:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
-
-    def _waits(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
-        """Whether a load that changes, and is dear to find, may be looked at later: it is like that seen last."""
-        if self._fixed or memory["ahead"][0] == 0.0 or memory["since"][0] % self._every == 0.0:
-            return False
-        inner = self.model.inner(state)[1]
-        pushed = inner.memory["force"] * self.model.periods**2
-        alike = math.sqrt(pushed @ pushed) <= _GROWN * memory["felt"][0]
-        return alike and not self._states.is_sudden(memory["known"], self._loads.factors(time))
-
-    def _rests(self, level: int, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
-        """The bar of a modal level's statics under a load, where that is void or too large; else None, and it is known.
-
-        A level that moves there soon is vouched for as far as that statics is right.
-        """
-        found = self._levels[level].still.equilibrium(force=load.force)
-        bar = self._check.static(found.positions, load.force)
-        if not (found.converged and bar.valid and not bar.beyond):
-            return bar
-        wider = room(bar.displacement, bar.margin, _SWITCH * self.model.error)
-        if not self._fixed and found.coordinates is not None and wider >= ROOMY:
-            z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
-            largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
-            memory["known"] = self._states.grown(memory["known"], z, wider, largest)
-        return None
 
     def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
         """The level that takes over.
@@ -427,21 +317,12 @@ class AutoStepper(Stepper):
             for k in range(level + 1, last + 1)
             if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
         )
-        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._every
+        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._watch.every
         wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
         memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
-    def _seen(self, step: _Step, memory: dict[str, Array]) -> _Seen:
-        """The check of the middle one of a step's three frames, the last of them at the present time."""
-        middle = step.time - step.dt
-        times = np.array([middle - memory["step"][0], middle, step.time])
-        bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
-        largest = max(memory["largest"][0], self._check.least)
-        off = self._check.off(bar, step.frames[1])
-        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
-
-    def _returning(self, step: _Step, seen: _Seen | None, memory: dict[str, Array]) -> _Seen | None:
+    def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
 
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
@@ -454,7 +335,7 @@ class AutoStepper(Stepper):
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
         if not max(self._length(fitted - x), lost) <= allowed:
             return None
-        seen = seen or self._seen(step, memory)
+        seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
         answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))

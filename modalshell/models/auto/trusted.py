@@ -29,6 +29,8 @@ _NOISE, _FASTER = 0.1, 4.0
 was checked; and that of a rate, over it, as what it does grows with its square."""
 _LEAST = 1e-9
 """Such a share of a load that has not acted yet."""
+_TINY = 1e-100
+"""Displacement [kg^(1/2) m] up to which nothing is known: inverses of its square overflow."""
 _THIN = 1e-3
 """Width of an ellipsoid, in noise, in directions of which no check has seen anything."""
 _SUDDEN = 1.5
@@ -65,7 +67,7 @@ class KnownStates:
         noise = np.maximum(_NOISE * np.maximum(np.sqrt(np.diagonal(matrix)), np.abs(point)), _LEAST)
         noise[: 2 * modes] = _NOISE * largest
         noise[modes : 2 * modes] *= _FASTER
-        if not noise.all():
+        if not noise.min() > _TINY:
             return known
         beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
         if beyond > 1.0:
