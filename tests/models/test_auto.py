@@ -165,15 +165,17 @@ def test_what_is_known_grows_by_what_was_checked(seed, modes, factors, count, ex
     points[:, : 2 * modes] *= 10.0**exponent
     largest = float(np.linalg.norm(points[:, :modes]))
     unit = np.concatenate([np.full(2 * modes, largest), np.ones(factors)])
-    known = np.zeros((2, size, size))
+    known = states.nothing(size)
     for point in points:
         assert states.holds(known, 0.0 * point) == known.any()
         before, known = known, states.grown(known, point, 1.3, largest)
-        gained = (known - before)[0] / unit / unit[:, None]
+        gained = (known - before)[:size] / unit / unit[:, None]
         assert np.linalg.eigvalsh(gained).min() >= -1e-9  # what was inside stays so
         assert states.holds(known, 1.29 * point)
         assert states.holds(known, -point)
         assert not states.is_sudden(known, point[2 * modes :])
+    for axis in range(size):  # an ellipsoid about several points goes beyond each of them
+        assert not states.holds(known, 1.5 * (np.abs(points[:, axis]).max() + 0.4 * unit[axis]) * np.eye(size)[axis])
     far = 1e6 * max(points, key=np.linalg.norm)
     assert not states.holds(known, far)
     assert states.is_sudden(known, far[2 * modes :]) == (factors > 0)
@@ -181,7 +183,7 @@ def test_what_is_known_grows_by_what_was_checked(seed, modes, factors, count, ex
 
 def test_a_state_may_grow_by_the_room_that_its_check_leaves():
     assert room(0.0, 1.0, 0.025) == room(1e-9, 1.2, 0.025) == 2.0
-    assert room(0.0125, 1.0, 0.025) == pytest.approx(2.0 ** (1.0 / 3.0))
+    assert room(0.0125, 1.0, 0.025) == pytest.approx(2.0**0.25)
     assert room(0.0, 0.5, 0.025) == pytest.approx(1.4**0.5)
     assert room(0.05, 0.9, 0.025) < 1.0
     assert room(np.inf, -np.inf, 0.025) == 0.0

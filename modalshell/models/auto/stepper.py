@@ -16,7 +16,7 @@ from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, ene
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import SELDOM
+from modalshell.models.auto.trusted import SELDOM, KnownStates
 from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
@@ -52,10 +52,10 @@ class AutoStepper(Stepper):
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
     that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the states that
-    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), levels that are barred, the steps
-    before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that was
-    compared with what the modes answer ("pushed", "answer"), the linear answers at the last look at a load ("felt") and
-    the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
+    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), levels that are barred, the
+    steps before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that
+    was compared with what the modes answer ("pushed", "answer"), the linear answers at the last look at a load ("felt")
+    and at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -92,7 +92,7 @@ class AutoStepper(Stepper):
             "largest": np.zeros(1),
             "checked": np.zeros(1),
             "looked": np.zeros(1),
-            "known": np.zeros((2, 0, 0)),
+            "known": KnownStates.nothing(0),
             "seldom": np.full(1, float(SELDOM)),
             "barred": np.zeros(len(sizes)),
             "wait": np.full(1, float(_TRY_EVERY)),

@@ -2,9 +2,10 @@
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
-Errors of a warp grow at most with the cube of the state, as its curvatures are quadratic, and stresses with its square:
-what is vouched for is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its
-margin leave. What the modes lack of the load is looked at apart.
+Errors of a warp are taken to grow with the fourth power of the state, a little faster than measured on strips, folds
+and leaves, and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked,
+each times a factor that its bar and its margin leave; and in every component no more than the largest of those, as an
+ellipsoid about two points of a plane goes beyond both. What the modes lack of the load is looked at apart.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ _SUDDEN = 1.5
 def room(bar: float, margin: float, allowed: float) -> float:
     """Factor by which a state may grow until a bar and what stresses take are as large as they may be."""
     taken = max(1.0 - margin, 0.0)
-    wide = _WIDEST**3 * bar <= allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
-    by_bar = _WIDEST if wide[0] else (allowed / bar) ** (1.0 / 3.0)
+    wide = _WIDEST**4 * bar <= allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
+    by_bar = _WIDEST if wide[0] else (allowed / bar) ** 0.25
     by_margin = _WIDEST if wide[1] else ((1.0 - LEAST_MARGIN) / taken) ** 0.5
     return min(by_bar, by_margin)
 
 
 @final
 class KnownStates:
-    """The ellipsoid ``z . A^-1 z <= 1`` of states z (k,), and the inverse by which it is looked up, (2, k, k).
+    """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
 
-    A state is made of coordinates and rates, both [kg^(1/2) m], and factors of loads.
+    A state is made of coordinates and rates, both [kg^(1/2) m], and factors of loads. What is known are rows
+    (2k + 2, k): the matrix A, the inverse by which it is looked up, the largest components checked, and the largest
+    that may be.
 
     Parameters
     ----------
@@ -61,10 +64,16 @@ class KnownStates:
     def __init__(self, factors: int) -> None:
         self._factors = factors
 
+    @staticmethod
+    def nothing(size: int) -> Array:
+        """What is known where nothing is."""
+        return np.zeros((2 * size + 2, size))
+
     def grown(self, known: Array, z: Array, wider: float, largest: float) -> Array:
-        """The ellipsoid with ``wider`` times a state on it or inside; ``largest`` is the largest displacement."""
-        point, matrix, modes = wider * z, known[0], (z.size - self._factors) // 2
-        noise = np.maximum(_NOISE * np.maximum(np.sqrt(np.diagonal(matrix)), np.abs(point)), _LEAST)
+        """The same with ``wider`` times a state in it; ``largest`` is the largest displacement."""
+        size, modes, point = z.size, (z.size - self._factors) // 2, wider * z
+        matrix, most = known[:size], np.maximum(known[2 * size], np.abs(point))
+        noise = np.maximum(_NOISE * most, _LEAST)
         noise[: 2 * modes] = _NOISE * largest
         noise[modes : 2 * modes] *= _FASTER
         if not noise.min() > _TINY:
@@ -72,14 +81,13 @@ class KnownStates:
         beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
         if beyond > 1.0:
             matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
-        return np.stack([matrix, np.linalg.inv(matrix + np.diag(noise**2))])
+        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), most, most + noise])
 
     def holds(self, known: Array, z: Array) -> bool:
-        """Whether a state is in the ellipsoid, a little wider all round by the noise of the last check."""
-        return bool(known[1, 0, 0] > 0.0 and z @ known[1] @ z <= 1.0)
+        """Whether a state is known, or near to that by the noise of the last check."""
+        return bool((np.abs(z) <= known[-1]).all() and z @ known[z.size : 2 * z.size] @ z <= 1.0 and known[-1, 0] > 0.0)
 
     def is_sudden(self, known: Array, factors: Array) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
-        first = known.shape[1] - self._factors
-        seen = np.diagonal(known[0])[first:]
-        return bool(factors.size and known[1, 0, 0] > 0.0 and (factors**2 > _SUDDEN**2 * seen).any())
+        seen = known[-2, known.shape[1] - self._factors :]
+        return bool(factors.size and known[-1, 0] > 0.0 and (np.abs(factors) > _SUDDEN * seen).any())

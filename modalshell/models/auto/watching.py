@@ -100,7 +100,7 @@ class Watch:
     def fitted(self, state: MotionState) -> MotionState:
         """The state, with room for what is known of states under these loads."""
         if state.memory["known"].shape[1] != self._size:
-            state.memory["known"] = np.zeros((2, self._size, self._size))
+            state.memory["known"] = self._states.nothing(self._size)
         return state
 
     def forget(self, memory: dict[str, Array]) -> None:
@@ -163,7 +163,11 @@ class Watch:
         if not (found.converged and bar.valid and not bar.beyond):
             return bar
         wider = room(bar.displacement, bar.margin, self._allowed)
-        if not self._fixed and found.coordinates is not None and wider >= ROOMY:
+        if self._fixed or found.coordinates is None:
+            return None
+        if not wider >= ROOMY:
+            self.forget(memory)
+        else:
             z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
             memory["known"] = self._states.grown(memory["known"], z, wider, largest)
