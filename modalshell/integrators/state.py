@@ -23,6 +23,9 @@ CREASES, HEAT = "creases", "crease_heat"
 
 _FIND = "_find"
 
+Found = tuple[Array, dict[str, Array]]
+"""Rates, and further memory."""
+
 
 @final
 @dataclass
@@ -42,8 +45,8 @@ class MotionState:
     memory: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
-    def late(cls, coordinates: Array, find: Callable[[], Array], memory: dict[str, Array]) -> MotionState:
-        """A state whose rates are found when they are first asked for."""
+    def late(cls, coordinates: Array, memory: dict[str, Array], find: Callable[[], Found]) -> MotionState:
+        """A state whose rates, and what its memory lacks, are found when rates or :meth:`arrays` are first wanted."""
         state = cls.__new__(cls)
         state.coordinates, state.memory = coordinates, memory
         state.__dict__[_FIND] = find
@@ -52,11 +55,12 @@ class MotionState:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Find the rates of a :meth:`late` state: nothing else is ever missing."""
+            """Find the rates of a :meth:`late` state: no other attribute is ever missing."""
             find = self.__dict__.get(_FIND) if name == "rates" else None
             if find is None:
                 raise AttributeError(name)
-            self.rates = find()
+            self.rates, further = find()
+            self.memory |= further
             return self.rates
 
     def __getstate__(self) -> dict[str, Any]:

@@ -494,12 +494,13 @@ def test_what_it_does_not_take_is_refused(beam):
 
 def test_rates_that_are_found_late_are_found_once_and_travel():
     found = []
-    state = MotionState.late(np.ones(2), lambda: found.append(1) or np.full(2, 3.0), {"a": np.zeros(1)})
+    late = np.full(2, 3.0), {"b": np.ones(1)}
+    state = MotionState.late(np.ones(2), {"a": np.zeros(1)}, lambda: found.append(1) or late)
     with pytest.raises(AttributeError, match="speed"):
         _ = state.speed
     assert not found
     other = pickle.loads(pickle.dumps(state))
-    assert list(other.arrays()) == ["coordinates", "rates", "a"]
+    assert list(other.arrays()) == ["coordinates", "rates", "a", "b"]
     assert np.array_equal(other.rates, state.rates)
     assert found == [1]
     assert np.array_equal(copy.deepcopy(other).rates, [3.0, 3.0])

@@ -238,6 +238,11 @@ class Auto(Model):
         return [level.model.start_motion() for level in self.levels]
 
     @cached_property
+    def room(self) -> int:
+        """Numbers of the largest state of a level."""
+        return max(sum(part.size for part in template.arrays().values()) for template in self._templates)
+
+    @cached_property
     def _centred(self) -> list[Model]:
         """The levels' models about the origin, where their steppers' states are."""
         return [level.model.centred()[0] for level in self.levels]
@@ -251,9 +256,9 @@ class Auto(Model):
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
-        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates])
+        memory = AutoStepper.memory(x, len(self.levels))
         memory["level"][0] = level
-        memory["inner"] = self.levels[level].packed(inner, memory["inner"].size)
+        memory["inner"] = self.levels[level].packed(inner, self.room)
         return MotionState(x, np.zeros_like(x), memory)
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:
@@ -261,7 +266,7 @@ class Auto(Model):
         known, found = self._unpacked
         if known is not state or found is None:
             level = int(state.memory["level"][0])
-            found = level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
+            found = level, self.levels[level].unpacked(self._templates[level], state.arrays()["inner"])
             self._unpacked = state, found  # energies ask for it, too
         return found
 
@@ -329,11 +334,6 @@ def free_parts_of(shell: Shell) -> FreeParts | None:
             "these; hold more vertices, or leave all supports out"
         )
     return parts
-
-
-def template_size(template: MotionState) -> int:
-    """Numbers of a state."""
-    return sum(part.size for part in template.arrays().values())
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

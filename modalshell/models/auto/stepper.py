@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, final
 
@@ -79,12 +79,11 @@ class AutoStepper(Stepper):
         return self._made[level]
 
     @staticmethod
-    def memory(x: Array, sizes: Sequence[int]) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes."""
+    def memory(x: Array, levels: int) -> dict[str, Array]:
+        """What the memory holds at the start at x (n, 3) [m] for some levels, but for the state of one."""
         return {
             "level": np.zeros(1),
             "since": np.zeros(1),
-            "inner": np.zeros(max(sizes)),
             "before": x.copy(),
             "step": np.zeros(1),
             COST: np.zeros(3),
@@ -94,11 +93,11 @@ class AutoStepper(Stepper):
             "looked": np.zeros(1),
             "known": KnownStates.nothing(0),
             "seldom": np.full(1, float(SELDOM)),
-            "barred": np.zeros(len(sizes)),
+            "barred": np.zeros(levels),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
             "ready": np.zeros(1),
-            "steps": np.zeros(len(sizes)),
+            "steps": np.zeros(levels),
             "pushed": np.zeros_like(x),
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
@@ -178,15 +177,18 @@ class AutoStepper(Stepper):
             frames = memory["before"], state.coordinates, x
             step = Step(level, inner, after, frames, rates, moved, time, dt, load)
             level, after = self._switched(step, memory)
-        memory["inner"] = self._levels[level].packed(after, memory["inner"].size)
         memory["before"] = state.coordinates
         if memory["step"][0] != dt:
             memory["step"] = np.array([dt])
         if memory["frames"][0] < 1.0:
             memory["frames"] = np.ones(1)
-        moving = MotionState.late(x, rates, memory)
+        moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
         self.model.keep(moving, level, after)
         return moving, solved
+
+    def _found(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
+        """Velocities (n, 3) [m/s], and a level's own state in the memory."""
+        return rates(), {"inner": self._levels[level].packed(inner, self.model.room)}
 
     def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
         """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
