@@ -2,10 +2,10 @@
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
-Errors of a warp are taken to grow with the fourth power of the state, a little faster than measured on strips, folds
-and leaves, and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked,
-each times a factor that its bar and its margin leave; and in every component no more than the largest of those, as an
-ellipsoid about two points of a plane goes beyond both. What the modes lack of the load is looked at apart.
+Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
+is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
+every component no more than the largest of those, as an ellipsoid about two points of a plane goes beyond both. What
+the modes lack of the load is looked at apart.
 """
 
 from __future__ import annotations
