@@ -1,25 +1,19 @@
 """The model that switches itself: it holds the error asked for, says what it did, and resumes to the same bits."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scenes import stiff_beam_text, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.core.outcome import Outcome
-from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
 from modalshell.models.auto.levels import FullLevel
-from modalshell.models.auto.trusted import KnownStates, room
+from modalshell.models.auto.trusted import KnownStates
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell.damping import Damping
 from studies import blind_motions
@@ -154,39 +148,6 @@ def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
     checked.clear()
     ms.simulate(ms.Auto(strip, check_every=5), **setting)
     assert len(checked) >= 60  # a number that is given is that number
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 4), st.integers(0, 2), st.integers(1, 8), st.floats(-60.0, 10.0))
-def test_what_is_known_grows_by_what_was_checked(seed, modes, factors, count, exponent):
-    rng = np.random.default_rng(seed)
-    states, size = KnownStates(factors), 2 * modes + factors
-    points = rng.standard_normal((count, size))
-    points[:, : 2 * modes] *= 10.0**exponent
-    largest = float(np.linalg.norm(points[:, :modes]))
-    unit = np.concatenate([np.full(2 * modes, largest), np.ones(factors)])
-    known = states.nothing(size)
-    for point in points:
-        assert states.holds(known, 0.0 * point) == known.any()
-        before, known = known, states.grown(known, point, 1.3, largest)
-        gained = (known - before)[:size] / unit / unit[:, None]
-        assert np.linalg.eigvalsh(gained).min() >= -1e-9  # what was inside stays so
-        assert states.holds(known, 1.29 * point)
-        assert states.holds(known, -point)
-        assert not states.is_sudden(known, point[2 * modes :])
-    for axis in range(size):  # an ellipsoid about several points goes beyond each of them
-        assert not states.holds(known, 1.5 * (np.abs(points[:, axis]).max() + 0.4 * unit[axis]) * np.eye(size)[axis])
-    far = 1e6 * max(points, key=np.linalg.norm)
-    assert not states.holds(known, far)
-    assert states.is_sudden(known, far[2 * modes :]) == (factors > 0)
-
-
-def test_a_state_may_grow_by_the_room_that_its_check_leaves():
-    assert room(0.0, 1.0, 0.025) == room(1e-9, 1.2, 0.025) == 2.0
-    assert room(0.0125, 1.0, 0.025) == pytest.approx(2.0**0.25)
-    assert room(0.0, 0.5, 0.025) == pytest.approx(1.4**0.5)
-    assert room(0.05, 0.9, 0.025) < 1.0
-    assert room(np.inf, -np.inf, 0.025) == 0.0
 
 
 def under_a_push(model, thickness, most):
@@ -490,17 +451,3 @@ def test_what_it_does_not_take_is_refused(beam):
         ms.simulate(ms.Auto(beam), duration=0.1, supports=path)
     with pytest.raises(ms.OptionError, match="constraints"):
         ms.simulate(ms.Auto(beam), duration=0.1, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
-
-
-def test_rates_that_are_found_late_are_found_once_and_travel():
-    found = []
-    late = np.full(2, 3.0), {"b": np.ones(1)}
-    state = MotionState.late(np.ones(2), {"a": np.zeros(1)}, lambda: found.append(1) or late)
-    with pytest.raises(AttributeError, match="speed"):
-        _ = state.speed
-    assert not found
-    other = pickle.loads(pickle.dumps(state))
-    assert list(other.arrays()) == ["coordinates", "rates", "a", "b"]
-    assert np.array_equal(other.rates, state.rates)
-    assert found == [1]
-    assert np.array_equal(copy.deepcopy(other).rates, [3.0, 3.0])

@@ -4,8 +4,8 @@ The bar of a modal rung under d'Alembert's load is a function of what its equati
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
 Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
 is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
-every component no more than the largest of those, as an ellipsoid about two points of a plane goes beyond both. What
-the modes lack of the load is looked at apart.
+every component no more than the least and the largest of those: an ellipsoid about two points of a plane goes beyond
+both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is looked at apart.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class KnownStates:
     """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
 
     A state is made of coordinates and rates, both [kg^(1/2) m], and factors of loads. What is known are rows
-    (2k + 2, k): the matrix A, the inverse by which it is looked up, the largest components checked, and the largest
-    that may be.
+    (2k + 3, k): the matrix A, the inverse by which it is looked up, the least and the largest components checked, not
+    above and below rest, and the noise that they may have beyond.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ class KnownStates:
     @staticmethod
     def nothing(size: int) -> Array:
         """What is known where nothing is."""
-        return np.zeros((2 * size + 2, size))
+        return np.zeros((2 * size + 3, size))
 
     def grown(self, known: Array, z: Array, wider: float, largest: float) -> Array:
         """The same with ``wider`` times a state in it; ``largest`` is the largest displacement."""
         size, modes, point = z.size, (z.size - self._factors) // 2, wider * z
-        matrix, most = known[:size], np.maximum(known[2 * size], np.abs(point))
-        noise = np.maximum(_NOISE * most, _LEAST)
+        matrix, least, most = known[:size], np.minimum(known[-3], point), np.maximum(known[-2], point)
+        noise = np.maximum(_NOISE * (most - least), _LEAST)
         noise[: 2 * modes] = _NOISE * largest
         noise[modes : 2 * modes] *= _FASTER
         if not noise.min() > _TINY:
@@ -81,13 +81,17 @@ class KnownStates:
         beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
         if beyond > 1.0:
             matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
-        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), most, most + noise])
+        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
 
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
-        return bool((np.abs(z) <= known[-1]).all() and z @ known[z.size : 2 * z.size] @ z <= 1.0 and known[-1, 0] > 0.0)
+        least, most, noise = known[-3:]
+        if not (noise[0] > 0.0 and (z >= least - noise).all() and (z <= most + noise).all()):
+            return False
+        return bool(z @ known[z.size : 2 * z.size] @ z <= 1.0)
 
     def is_sudden(self, known: Array, factors: Array) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
-        seen = known[-2, known.shape[1] - self._factors :]
+        first = known.shape[1] - self._factors
+        seen = np.maximum(known[-2, first:], -known[-3, first:])
         return bool(factors.size and known[-1, 0] > 0.0 and (np.abs(factors) > _SUDDEN * seen).any())

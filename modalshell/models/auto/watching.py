@@ -174,7 +174,7 @@ class Watch:
         return None
 
     def is_alike(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
-        """Whether the load need not be found anew at a modal level's state: it is about that which was looked at."""
+        """Whether the load need not be looked at in a modal level's state: it is about that looked at last."""
         if self._fixed or memory["ahead"][0] == 0.0 or memory["since"][0] % self.every == 0.0:
             return False
         pushed = self._model.inner(state)[1].memory["force"] * self._model.periods**2
