@@ -49,7 +49,7 @@ def test_what_is_right_bent_one_way_is_not_known_the_other():
     states = KnownStates(0)
     known = states.grown(states.nothing(4), np.array([1.0, 0.2, 0.0, 0.1]), 1.5, 1.0)
     assert states.holds(known, np.array([1.4, 0.3, 0.1, 0.2]))
-    assert states.holds(known, np.array([-0.05, 0.05, -0.3, 0.3]))
+    assert states.holds(known, np.array([-0.05, 0.03, -0.2, 0.2]))
     assert not states.holds(known, np.array([-0.5, -0.1, 0.0, 0.0]))
 
 

@@ -92,13 +92,15 @@ class LoadsAhead:
             force = loading.moving_force(dead, x, x - lead * v, 1.0 / lead, time)
             return self._check.standing(force, x, v) if np.isfinite(force).all() else force
 
-    def coming(self, dead: Array) -> Coming | None:
-        """The largest load that is known to come, of one that changes by a factor; None without any."""
+    def coming(self, dead: Array) -> list[Coming]:
+        """The largest loads that are known to come, one each way, of one load that changes by a factor alone.
+
+        Loads that follow the shell are others when they come.
+        """
         live = self._loading.live
-        if self._check.least or len(live) != 1 or live[0].factor is None:
-            return None
-        time = max(live[0].times, key=lambda moment: abs(live[0].factor_at(moment)))
-        force = dead + live[0].force(self._loading.rest, None, time)
-        if not np.isfinite(force).all():
-            return None
-        return Coming(force, self._model.answers.of(force).whole, np.array([live[0].factor_at(time)]))
+        if self._parts is None or len(live) != 1:
+            return []
+        factors = [live[0].factor_at(time) for time in live[0].times]
+        ends = [factor for factor in {min(factors), max(factors)} if factor]
+        answers, part = self._model.answers, self._parts[0]
+        return [Coming(dead + end * part, answers.of(dead + end * part).whole, np.array([end])) for end in sorted(ends)]

@@ -147,22 +147,24 @@ class Watch:
     def first_bar(self, level: Level, dead: Array, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
         """The bar of a modal level's statics under a load, where that is void or too large; None where it holds.
 
-        The first time the largest load that is known to come is taken, if its statics hold.
+        The first time the largest loads that are known to come are taken, if their statics hold with some room.
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
-            most = self._loads.coming(dead)
-            if most is not None and most.whole > load.whole and self._bar(level, most, memory) is None:
+            coming = self._loads.coming(dead)
+            most = max((one.whole for one in coming), default=0.0)
+            if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
+                memory["ahead"] = np.array([most])
                 return None
         return self._bar(level, load, memory)
 
-    def _bar(self, level: Level, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
-        """The same of one load; where statics hold with some room, their state is known."""
+    def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
+        """The same of one load, whose statics must leave at ``least`` such a room; if it is some, its state is known."""
         memory["ahead"] = np.array([load.whole])
         found = level.still.equilibrium(force=load.force)
         bar = self._check.static(found.positions, load.force)
-        if not (found.converged and bar.valid and not bar.beyond):
-            return bar
         wider = room(bar.displacement, bar.margin, self._allowed)
+        if not (found.converged and bar.valid and not bar.beyond and wider >= least):
+            return bar
         if self._fixed or found.coordinates is None:
             return None
         if not wider >= ROOMY:
