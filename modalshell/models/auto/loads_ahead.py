@@ -50,8 +50,8 @@ class LoadsAhead:
 
     Attributes
     ----------
-    change : bool
-        Whether any load changes.
+    change, dear : bool
+        Whether any load changes, and by more than a factor.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:
@@ -61,6 +61,7 @@ class LoadsAhead:
         self._at = -math.inf, np.empty(0)
         forces = [load.constant for load in live if load.constant is not None]
         self._parts = forces if len(forces) == len(live) and not check.least else None
+        self.dear = self.change and self._parts is None
         self._sums: tuple[Array, SumAnswers] | None = None
 
     def factors(self, time: float) -> Array:

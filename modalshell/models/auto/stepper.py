@@ -288,7 +288,7 @@ class AutoStepper(Stepper):
         begin, time, dead = now
         if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
-        if self._loads.change and self._watch.is_alike(state, memory, time):
+        if self._loads.dear and self._watch.is_alike(state, memory, time):
             return None
         answer, largest = self._loads.answer(state, memory, time, dead), float(memory["largest"][0])
         if answer is None:

@@ -24,6 +24,8 @@ FRAMES = 3
 _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
+_ALIKE = 1.2
+"""Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
 
 
 class Step(NamedTuple):
@@ -158,7 +160,7 @@ class Watch:
         return self._bar(level, load, memory)
 
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
-        """The same of one load, whose statics must leave at ``least`` such a room; if it is some, its state is known."""
+        """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
         memory["ahead"] = np.array([load.whole])
         found = level.still.equilibrium(force=load.force)
         bar = self._check.static(found.positions, load.force)
@@ -180,7 +182,7 @@ class Watch:
         if self._fixed or memory["ahead"][0] == 0.0 or memory["since"][0] % self.every == 0.0:
             return False
         pushed = self._model.inner(state)[1].memory["force"] * self._model.periods**2
-        alike = math.sqrt(pushed @ pushed) <= _GROWN * memory["felt"][0]
+        alike = math.sqrt(pushed @ pushed) <= _ALIKE * memory["felt"][0]
         return bool(alike and not self._states.is_sudden(memory["known"], self._loads.factors(time)))
 
     def _state(self, inner: MotionState, time: float) -> Array:
