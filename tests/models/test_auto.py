@@ -15,6 +15,7 @@ from modalshell.models.auto.checks import HeldCheck
 from modalshell.models.auto.levels import FullLevel
 from modalshell.models.auto.trusted import KnownStates
 from modalshell.models.base.setup import MotionSetup
+from modalshell.motion.stepping import Motion
 from modalshell.shell.damping import Damping
 from studies import blind_motions
 
@@ -451,3 +452,20 @@ def test_what_it_does_not_take_is_refused(beam):
         ms.simulate(ms.Auto(beam), duration=0.1, supports=path)
     with pytest.raises(ms.OptionError, match="constraints"):
         ms.simulate(ms.Auto(beam), duration=0.1, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
+
+
+@pytest.mark.parametrize("load", [ms.SelfWeight((0.0, 0.0, -0.3)), ms.Wind((0.0, 0.1, 2.0), density=1.2)])
+def test_a_motion_among_known_states_resumes_to_the_same_bits(load):
+    sheet = ms.Isotropic(2e11, 0.3, 0.002, 7850.0)
+    strip = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 2)), sheet, "x < 0.001")
+    loads = [ms.Scaled(load, ([0.0, 0.3, 3.0], [0.0, 1.0, 0.5]))]
+    whole, resumed = (Motion(ms.Auto(strip), strip.loading(None, None, loads), dt=DT) for _ in range(2))
+    for step in range(120):
+        whole.advance()
+        if step == 70:
+            resumed.restore(whole.snapshot())
+    assert whole.state.memory["known"].any()
+    while resumed.count < whole.count:
+        resumed.advance()
+    found = resumed.snapshot()
+    assert all(np.array_equal(found[name], part) for name, part in whole.snapshot().items())
