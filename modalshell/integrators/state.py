@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import final
+from typing import TYPE_CHECKING, Any, final
 
 from modalshell.core.typing import Array
 
@@ -19,6 +19,12 @@ PRESSED = "pressed"
 
 CREASES, HEAT = "creases", "crease_heat"
 """Names in a state's memory of the plastic folds (C,) [rad] of creases, and of the heat (1,) [J] they have made."""
+
+
+_FIND = "_find"
+
+Found = tuple[Array, dict[str, Array]]
+"""Rates, and further memory."""
 
 
 @final
@@ -37,6 +43,29 @@ class MotionState:
     coordinates: Array
     rates: Array
     memory: dict[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def late(cls, coordinates: Array, memory: dict[str, Array], find: Callable[[], Found]) -> MotionState:
+        """A state whose rates, and what its memory lacks, are found when rates or :meth:`arrays` are first wanted."""
+        state = cls.__new__(cls)
+        state.coordinates, state.memory = coordinates, memory
+        state.__dict__[_FIND] = find
+        return state
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Find the rates of a :meth:`late` state: no other attribute is ever missing."""
+            find = self.__dict__.get(_FIND) if name == "rates" else None
+            if find is None:
+                raise AttributeError(name)
+            self.rates, further = find()
+            self.memory |= further
+            return self.rates
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything in it, to be copied or stored."""
+        return {"coordinates": self.coordinates, "rates": self.rates, "memory": self.memory}
 
     def arrays(self) -> dict[str, Array]:
         """Everything in it, by name."""

@@ -86,8 +86,8 @@ class MotionCheck:
         How its supports move.
     coarse : CoarseDiscreteShell, optional
         The coarse shell of it on which bars are found, in place of itself.
-    once : bool
-        Whether one bar alone is wanted, for which nothing is compiled.
+    estimator : ErrorEstimator, optional
+        What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
 
     Raises
     ------
@@ -103,13 +103,12 @@ class MotionCheck:
         supports: SupportPath | None = None,
         coarse: CoarseDiscreteShell | None = None,
         *,
-        once: bool = False,
+        estimator: ErrorEstimator | None = None,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse = coarse
-        own = shell if coarse is None else coarse.coarse.shell
-        self._estimator = ErrorEstimator(own) if once else quick_estimator(own)
+        self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
@@ -159,7 +158,7 @@ def bar_at_largest(
     """
     if len(times) < 3:
         return None
-    check = MotionCheck(shell, loading, damping, once=True)
+    check = MotionCheck(shell, loading, damping, estimator=ErrorEstimator(shell))  # one bar is not worth compiling
     moved = [check.moved(check.own(0.0, frame)) for frame in frames[1:-1]]
     k = 1 + int(np.argmax(moved))
     around = slice(k - 1, k + 2)

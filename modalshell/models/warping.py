@@ -13,7 +13,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
-from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_frame
+from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_frame, work_frame
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
@@ -120,7 +120,7 @@ class ModalWarping(UnstretchedModel):
     def dead_force(self, load: Array) -> DeadForce:
         """See :meth:`ModalShape.dead_force`; the paper's tells its change by a sample of vertices, of many."""
         if self.consistent_force:
-            return super().dead_force(load)
+            return DeadForce(partial(_gradient_of, self._pushed, load_rows(load)))
         felt, sample = (self._pushed, load_rows(load)), self._sample
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
         return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
@@ -147,13 +147,7 @@ class ModalWarping(UnstretchedModel):
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
-        count_read(2 * self.basis.modes.nbytes + self.basis.rotations.nbytes)
-        count_products(_DERIVATIVES * len(load))
-        w = self.rotation_vectors(q)
-        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
-        averaged, slope = np.empty_like(load), np.empty_like(load)
-        work = rotations.warped_work(w, linear, load, averaged, slope)
-        return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
+        return _work_of(self._pushed, load_rows(load), q)
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
@@ -211,13 +205,32 @@ class ModalWarping(UnstretchedModel):
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 
 
-def _force_of(modal: Array, rows: Array, q: Array) -> Array:
-    """Modal force (m,) of a load in rows, at q; OptionError where the sizes of these are not of the modes."""
-    q = np.ascontiguousarray(q, dtype=np.float64)  # the kernel reads them as they lie in memory
+def _work_of(modal: Array, rows: Array, q: Array) -> tuple[float, Array]:
+    """Work [J] of a load in rows, and its gradient (m,); OptionError as below."""
+    q = _checked(modal, rows, q)
+    count_read(modal.nbytes)
+    count_products(_DERIVATIVES * rows.size // 3)
+    force = np.empty(q.size)
+    return work_frame(modal, rows, POWERS, q, np.empty(2 * ROWS), force), force
+
+
+def _gradient_of(modal: Array, rows: Array, q: Array) -> Array:
+    """The same without the work."""
+    return _work_of(modal, rows, q)[1]
+
+
+def _checked(modal: Array, rows: Array, q: Array) -> Array:
+    """Coordinates as they lie in a kernel's memory; OptionError where the sizes of these are not of the modes."""
     if 2 * rows.size * q.size != modal.size:
         raise OptionError(
             f"q and load must be of the basis's modes and vertices (got {q.shape} and {rows.size} numbers)"
         )
+    return np.ascontiguousarray(q, dtype=np.float64)
+
+
+def _force_of(modal: Array, rows: Array, q: Array) -> Array:
+    """Modal force (m,) of a load in rows, at q; OptionError where the sizes of these are not of the modes."""
+    q = _checked(modal, rows, q)
     count_read(modal.nbytes)
     force = np.empty(q.size)
     push_frame(modal, rows, POWERS, q, np.empty(ROWS), force)

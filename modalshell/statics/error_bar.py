@@ -38,6 +38,8 @@ LEAST_MARGIN = 0.3
 """Margin above which a bar holds."""
 LARGEST_BAR = 0.3
 """Bar above which two steps tell that the error is large, but not how large."""
+QuickCheck = Callable[[Array, Array], tuple[Array, float] | None]
+"""Positions (n, 3) [m] after a bar's steps and the margin, from positions and load (n, 3), or None."""
 _STEPS = 2
 _NOTHING = 1e-14
 """Displacement, in sizes of the shell, that is none."""
@@ -262,7 +264,7 @@ class ErrorEstimator(Estimator):
         leaves nothing for bars of quantities.
     """
 
-    def __init__(self, shell: Shell, compiled: Callable[[Array, Array], tuple[Array, float] | None] | None = None):
+    def __init__(self, shell: Shell, compiled: QuickCheck | None = None) -> None:
         super().__init__(shell)
         self._compiled = compiled
 

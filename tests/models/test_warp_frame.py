@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from modalshell import ModalWarping, OptionError
 from modalshell.kernels import frame as kernels
-from modalshell.kernels import push
+from modalshell.kernels import push, rotations
 from modalshell.kernels.rotations import coefficients
 from modalshell.models.reduction.warp_frame import WarpFrame
 from studies.benchmarks import frame as benchmarks
@@ -256,3 +256,19 @@ def test_a_pushed_frame_is_the_load_turned_back(angle, n):
     modal = WarpFrame(basis).modal_data.reshape(-1)
     push.push_frame(modal, rows, push.POWERS, q, np.empty(push.ROWS), force)
     assert np.abs(force - expected).max() <= 20.0 * TOLERANCE[np.float64] * np.linalg.norm(basis.modes, axis=0).max()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.5, 3.0, 6.2, 15.0])
+@pytest.mark.parametrize("n", [1, 128, 300])
+def test_the_work_of_a_frame_is_that_of_its_vertices(angle, n):
+    basis, q = random_case(n=n, angle=angle)
+    load = np.random.default_rng(1).standard_normal((n, 3))
+    turns, linear = ((part @ q).reshape(-1, 3) for part in (basis.rotations, basis.modes))
+    by_moves, by_turns = np.empty((2, n, 3))
+    work = rotations.warped_work(turns, linear, load, by_moves, by_turns)
+    gradient = basis.modes.T @ by_moves.ravel() + basis.rotations.T @ by_turns.ravel()
+    modal, found = WarpFrame(basis).modal_data.reshape(-1), np.empty(q.size)
+    done = push.work_frame(modal, push.load_rows(load), push.POWERS, q, np.empty(2 * push.ROWS), found)
+    size = np.abs(load).sum() * (1.0 + np.abs(linear).max())  # of terms that cancel near a whole turn
+    assert np.abs(found - gradient).max() <= 100.0 * np.finfo(float).eps * size * max(1.0, np.abs(basis.modes).max())
+    assert abs(done - work) <= 100.0 * np.finfo(float).eps * size

@@ -34,7 +34,7 @@ def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, 
 def cost_of(stepper: Stepper, before: MotionState, after: MotionState, dt: float) -> Array:
     """What :data:`COST` names of a level's step."""
     if (known := after.memory.get(COST)) is not None:
-        return known.copy()
+        return known
     error = stepper.model.local_error(before, after, dt)
     assert error is not None  # the rules that levels take by default know theirs
     changes = (error, after.rates - before.rates, after.coordinates - before.coordinates)

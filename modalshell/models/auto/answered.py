@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple, final
 
@@ -32,6 +34,23 @@ class Answer(NamedTuple):
     missing: float
 
 
+class SumAnswers(NamedTuple):
+    """Linear answers to sums of forces.
+
+    Attributes
+    ----------
+    products : ndarray, shape (2, k, k)
+        Products of the answers to k forces in the norm of the mass, and of what the modes lack of them [kg m^2].
+    """
+
+    products: Array
+
+    def of(self, factors: Array) -> Answer | None:
+        """The answer to the forces times factors (k,); None where that is none."""
+        whole, missing = (self.products @ factors @ factors).tolist()
+        return Answer(math.sqrt(whole), math.sqrt(max(missing, 0.0))) if 0.0 < whole < math.inf else None
+
+
 @final
 class LinearAnswers:
     """Compares the linear answers of a shell with those of its modes.
@@ -53,10 +72,20 @@ class LinearAnswers:
 
     def of(self, force: Array) -> Answer:
         """The answer to forces (n, 3) [N]."""
+        moved, rest = self._both(force)
+        return Answer(self._length(moved), self._length(rest))
+
+    def of_sums(self, forces: Sequence[Array]) -> SumAnswers:
+        """The answers to sums of forces (n, 3) [N]."""
+        both = np.array([self._both(force) for force in forces]) * np.sqrt(self._mass)
+        return SumAnswers(np.einsum("ika,jka->kij", both, both))
+
+    def _both(self, force: Array) -> tuple[Array, Array]:
+        """The linear answer (3n,) [m] to forces (n, 3) [N], and what the modes lack of it."""
         unknowns, modes = self._basis.shell.unknowns, self._basis.modes
         moved = np.asarray(unknowns.prolong(self._solver().solve(np.asarray(unknowns.restrict(force.ravel())))))
         rest = moved - modes @ (modes.T @ (self._mass * moved))
-        return Answer(self._length(moved), self._length(rest))
+        return moved, rest
 
     def following(self, force: Array, memory: dict[str, Array]) -> Answer:
         """As :meth:`of`, from the last load that was solved for where the force is nearly a multiple of it.
@@ -69,7 +98,7 @@ class LinearAnswers:
         share = float(np.vdot(force, last)) / size if size > 0.0 else 0.0
         if float(np.linalg.norm(force - share * last)) > _ALIKE * float(np.linalg.norm(force)):
             memory["pushed"], memory["answer"] = force.copy(), np.array(self.of(force))
-            memory["ahead"][0] = 0.0
+            memory["ahead"] = np.zeros(1)
             share = 1.0
         whole, missing = abs(share) * memory["answer"]
         return Answer(float(whole), float(missing))

@@ -27,6 +27,7 @@ from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.models.coarse.coarse_shell import coarse_shell
+from modalshell.models.coarse.profile_step import quick_check
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.rotation_strain import RotationStrain
@@ -35,7 +36,7 @@ from modalshell.modes import model_basis
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
 from modalshell.supports.constraints import Constraint
 
 
@@ -46,19 +47,21 @@ class Auto(Model):
     Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
     the first, unless its modes lack more than half of ``error`` of the linear answer to the load
     (:class:`modalshell.models.auto.answered.LinearAnswers`), or the bar of its statics under the load is void or beyond
-    30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every
-    ``check_every`` steps of a modal level, and as soon as the displacement has grown by half since the last check, its
-    error bar under d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`):
-    where it exceeds half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its
-    own statics under that load comes within as much of where the bar's steps lead); where the stability margin has
-    failed DS, as modal rungs err alike there and coarse DS snaps under another load. Where a bar is at most a tenth of
-    ``error``, and the margin above 0.39, modal coordinates that come no further than 1.2 times those, in an ellipsoid
-    about rest, are checked every eighth time alone, until a check finds otherwise. Coarse DS is left for DS where its
-    margin fails, and for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first
-    from time to time, more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4
-    ``error``, modal statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So
-    the motion stays on the branch of DS, which bars alone cannot tell after a snap. Bars are of one instant: of a free
-    vibration they do not see how a slightly wrong frequency adds up.
+    30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every five steps
+    of a modal level, and as soon as the displacement has grown by half since the last check, its error bar under
+    d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds
+    half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its own statics under
+    that load comes within as much of where the bar's steps lead); where the stability margin has failed DS, as modal
+    rungs err alike there and coarse DS snaps under another load. A bar and a margin that leave room vouch for
+    coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
+    (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load that is known
+    to come at first: such states are checked again after 40 steps, 80, 160 and so on, until a check leaves less room.
+    Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full
+    levels try to hand back to the first from time to time, more seldom where that has not lasted: twice in a row
+    the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to
+    within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
+    tell after a snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency
+    adds up.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
@@ -82,9 +85,9 @@ class Auto(Model):
         Number of modes, rigid ones not counted.
     error : float
         Share of the displacement by which positions may be off DS.
-    check_every : int
-        Steps from one check of a modal rung to the next, at most, where its coordinates are new. What happens between
-        two checks is not undone: where loads come suddenly and steps are long, take 1 or 2.
+    check_every : int, optional
+        Steps from one check of a modal rung to the next, in known states, too; by default five in new states alone.
+        What happens between two checks is not undone: where loads come suddenly and steps are long, take 1 or 2.
     coarse : Shell, optional
         The same surface with fewer vertices, for a level between; see :func:`modalshell.coarse_shell`.
     triangles : int, optional
@@ -110,7 +113,7 @@ class Auto(Model):
         count: int = 8,
         *,
         error: float = 0.05,
-        check_every: int = 5,
+        check_every: int | None = None,
         coarse: Shell | None = None,
         triangles: int | None = None,
     ) -> None:
@@ -118,7 +121,7 @@ class Auto(Model):
         self._free = free_parts_of(shell)
         count = checked_count("count", count)
         self.error = checked_number("error", error, at_least=1e-4, at_most=0.3)
-        self.check_every = checked_count("check_every", check_every)
+        self.check_every = None if check_every is None else checked_count("check_every", check_every)
         if self._free is not None and not (coarse is None and triangles is None):
             raise OptionError(
                 f"{self.name} has no level of a coarse shell in free flight: leave out coarse and triangles"
@@ -201,7 +204,7 @@ class Auto(Model):
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
         if self._free is None:
-            return HeldCheck(self.shell, setup.loading, setup.damping)
+            return HeldCheck(self.shell, setup.loading, setup.damping, ErrorEstimator(self.shell, self._quick_check))
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
@@ -209,9 +212,19 @@ class Auto(Model):
         return AutoStepper(self, self.levels, setup)
 
     @property
+    def count(self) -> int:
+        """Number of modes, rigid ones with them."""
+        return self._basis.count
+
+    @property
     def highest(self) -> float:
         """Largest angular frequency [rad/s] of the modes."""
         return float(np.sqrt(self._basis.eigenvalues[-1]))
+
+    @cached_property
+    def periods(self) -> Array:
+        """Periods of the modes (m,) over 2 pi [s]."""
+        return np.asarray(1.0 / np.sqrt(np.maximum(self._basis.eigenvalues, 1e-300)))
 
     @cached_property
     def answers(self) -> LinearAnswers:
@@ -219,8 +232,17 @@ class Auto(Model):
         return LinearAnswers(self._basis)
 
     @cached_property
+    def _quick_check(self) -> QuickCheck | None:
+        return quick_check(self.shell)
+
+    @cached_property
     def _templates(self) -> list[MotionState]:
         return [level.model.start_motion() for level in self.levels]
+
+    @cached_property
+    def room(self) -> int:
+        """Numbers of the largest state of a level."""
+        return max(sum(part.size for part in template.arrays().values()) for template in self._templates)
 
     @cached_property
     def _centred(self) -> list[Model]:
@@ -236,10 +258,9 @@ class Auto(Model):
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
-        memory = AutoStepper.memory(x, [template_size(template) for template in self._templates], self._basis.count)
+        memory = AutoStepper.memory(x, len(self.levels))
         memory["level"][0] = level
-        numbers = self.levels[level].packed(inner)
-        memory["inner"][: numbers.size] = numbers
+        memory["inner"] = self.levels[level].packed(inner, self.room)
         return MotionState(x, np.zeros_like(x), memory)
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:
@@ -247,9 +268,13 @@ class Auto(Model):
         known, found = self._unpacked
         if known is not state or found is None:
             level = int(state.memory["level"][0])
-            found = level, self.levels[level].unpacked(self._templates[level], state.memory["inner"])
+            found = level, self.levels[level].unpacked(self._templates[level], state.arrays()["inner"])
             self._unpacked = state, found  # energies ask for it, too
         return found
+
+    def keep(self, state: MotionState, level: int, inner: MotionState) -> None:
+        """Remember what :meth:`inner` finds of a state."""
+        self._unpacked = state, (level, inner)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -311,11 +336,6 @@ def free_parts_of(shell: Shell) -> FreeParts | None:
             "these; hold more vertices, or leave all supports out"
         )
     return parts
-
-
-def template_size(template: MotionState) -> int:
-    """Numbers of a state."""
-    return sum(part.size for part in template.arrays().values())
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

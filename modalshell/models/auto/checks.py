@@ -35,8 +35,8 @@ class HeldCheck:
 
     least = 0.0
 
-    def __init__(self, shell: Shell, loading: Loading, damping: Damping) -> None:
-        self._check = MotionCheck(shell, loading, damping)
+    def __init__(self, shell: Shell, loading: Loading, damping: Damping, estimator: ErrorEstimator) -> None:
+        self._check = MotionCheck(shell, loading, damping, estimator=estimator)
         self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
 
     def local(self, x: Array) -> Array:

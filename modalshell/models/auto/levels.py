@@ -54,12 +54,17 @@ class Level(ABC):
 
     def left(self, stepper: Stepper, state: MotionState, time: float, dt: float) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and velocities (n, 3) [m/s] of a state."""
-        own = stepper.own_positions(state)
-        return stepper.positions(state, time), np.array(stepper.model.velocities(state, own, LEAD * dt))
+        return stepper.positions(state, time), self.velocities(stepper, state, dt)
 
-    def packed(self, state: MotionState) -> Array:
-        """All numbers of a state in one array."""
-        return np.concatenate([part.ravel() for part in state.arrays().values()])
+    def velocities(self, stepper: Stepper, state: MotionState, dt: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state after a step of ``dt`` [s]."""
+        return np.array(stepper.model.velocities(state, stepper.own_positions(state), LEAD * dt))
+
+    def packed(self, state: MotionState, room: int) -> Array:
+        """All numbers of a state in one array, filled up with zeros to ``room``."""
+        numbers, parts = np.zeros(room), [part.ravel() for part in state.arrays().values()]
+        np.concatenate(parts, out=numbers[: sum(part.size for part in parts)])
+        return numbers
 
     def unpacked(self, template: MotionState, numbers: Array) -> MotionState:
         """The state of :meth:`packed`, like a ``template``; more numbers may follow."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, final
 
 import numpy as np
 
@@ -13,22 +15,19 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
-from modalshell.models.auto.trusted import SELDOM, SURE, trust, trusts
+from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
+from modalshell.models.auto.trusted import SELDOM, KnownStates
+from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN
 
-_SWITCH = 0.5
-"""Bar over the error allowed from which a rung is left."""
-_FRAMES, _EARLY = 3, 1.0
-"""Frames of a check, and the same for the first three of a rung that has come back: a full one takes over again."""
+_EARLY = 1.0
+"""Bar over the error allowed from which a rung is left again on the first frames after it has come back."""
 _BACK = 0.4
 """Misses over the error allowed within which it may come back."""
 _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
-_GROWN, _CALM = 1.5, 0.02
-"""Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
-mean square, in sizes of the shell, up to which it may wait."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
 _TRY_EVERY = 6
@@ -45,23 +44,6 @@ _MOST_TOLD = 24
 _LARGE = 1e9
 
 
-class _Seen(NamedTuple):
-    """What a check found.
-
-    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
-    the bar's steps lead to.
-    """
-
-    bar: float
-    margin: float
-    load: Array
-    corrected: Array
-
-    @property
-    def alarm(self) -> bool:
-        return not self.margin > LEAST_MARGIN
-
-
 @final
 class AutoStepper(Stepper):
     """Takes each step by the present level, and switches levels after it.
@@ -69,11 +51,11 @@ class AutoStepper(Stepper):
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
-    that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the coordinates that
-    checks were sure of ("trusted"), levels that are barred, the steps before the modal rung may come back ("wait"), how
-    often in a row it could have ("ready"), the last load that was compared with what the modes answer ("pushed",
-    "answer"), the linear answer at the last look ahead ("ahead"), steps by level, and what was switched when and why
-    ("log").
+    that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the states that
+    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), levels that are barred, the
+    steps before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that
+    was compared with what the modes answer ("pushed", "answer"), the linear answers at the last look at a load ("felt")
+    and at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
@@ -83,26 +65,25 @@ class AutoStepper(Stepper):
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, setup)
         self._levels = levels
-        self._made = {number: levels[number].stepper(setup) for number in (0, len(levels) - 1)}
+        self._made = {0: levels[0].stepper(setup)}
         self._check: Check = model.check(setup)
-        # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
-        self._check_every = min(model.check_every, _FRAMES) if self._check.least else model.check_every
+        self._loads = LoadsAhead(model, setup, self._check)
+        self._watch = Watch(model, setup, self._check, self._loads)
+        self._calmed: Array | None = None
         self._mass = model.shell.mass[:, None]
-        self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     def _stepper(self, level: int) -> Stepper:
-        """What takes the steps of a level; those between the first and the last are made when they are wanted."""
+        """What takes the steps of a level; those beyond the first are made when they are wanted."""
         if level not in self._made:
             self._made[level] = self._levels[level].stepper(self.setup)
         return self._made[level]
 
     @staticmethod
-    def memory(x: Array, sizes: Sequence[int], modes: int) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m], with room for states of these sizes and of modes."""
+    def memory(x: Array, levels: int) -> dict[str, Array]:
+        """What the memory holds at the start at x (n, 3) [m] for some levels, but for the state of one."""
         return {
             "level": np.zeros(1),
             "since": np.zeros(1),
-            "inner": np.zeros(max(sizes)),
             "before": x.copy(),
             "step": np.zeros(1),
             COST: np.zeros(3),
@@ -110,18 +91,19 @@ class AutoStepper(Stepper):
             "largest": np.zeros(1),
             "checked": np.zeros(1),
             "looked": np.zeros(1),
-            "trusted": np.zeros((modes, modes)),
-            "barred": np.zeros(len(sizes)),
+            "known": KnownStates.nothing(0),
+            "seldom": np.full(1, float(SELDOM)),
+            "barred": np.zeros(levels),
             "wait": np.full(1, float(_TRY_EVERY)),
             "again": np.full(1, float(_TRY_EVERY)),
             "ready": np.zeros(1),
-            "steps": np.zeros(len(sizes)),
+            "steps": np.zeros(levels),
             "pushed": np.zeros_like(x),
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
+            "felt": np.zeros(1),
             "log": np.zeros((_MOST_TOLD, 6)),
             "switches": np.zeros(1),
-            "time": np.zeros(1),
         }
 
     def start(self, positions: Array | None) -> MotionState:
@@ -132,7 +114,7 @@ class AutoStepper(Stepper):
         is asked alone, and whether it comes near.
         """
         if positions is None:
-            return super().start(positions)
+            return self._watch.fitted(super().start(positions))
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in range(1 if self._check.least else last):
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
@@ -147,7 +129,7 @@ class AutoStepper(Stepper):
 
     def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
         """The state of a start on a level, with what the first one lacks of it, over what it may."""
-        state: MotionState = self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0))
+        state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
         if level > 0:
             self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, LACKS_START))
         return state
@@ -166,16 +148,17 @@ class AutoStepper(Stepper):
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
         inner = self._stepper(top).state_at(positions, time)
-        state: MotionState = self.model.on_level(top, inner, self._stepper(top).positions(inner, time))
-        return state
+        return self._watch.fitted(self.model.on_level(top, inner, self._stepper(top).positions(inner, time)))
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
         level, inner = self.model.inner(state)
-        memory = {name: part.copy() for name, part in state.memory.items()}
-        time = begin + dt
+        memory, time = (
+            self._watch.fitted(state).memory.copy(),
+            begin + dt,
+        )  # its arrays are replaced, never written into
         while self._levels[level].quadratic:
-            switch = self._foreseen(level, state.coordinates, state.rates, memory, (begin, time, load))
+            switch = self._foreseen(level, state, memory, (begin, time, load))
             if switch is None:
                 break
             inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
@@ -183,64 +166,77 @@ class AutoStepper(Stepper):
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
-        x, v = self._levels[level].left(stepper, after, time, dt)
-        memory["time"][0] = time
-        memory["since"] += 1.0
+        x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
+        memory["since"] = memory["since"] + 1.0
+        memory["steps"] = memory["steps"].copy()
         memory["steps"][level] += 1.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            memory["largest"][0] = max(memory["largest"][0], self._check.moved(x))
-        if np.isfinite(memory["largest"][0]) and memory["frames"][0] >= 1.0:
-            frames = np.stack([memory["before"], state.coordinates, x])
-            level, after = self._switched(level, (inner, after), (frames, v), memory, (time, dt, load))
-        numbers = self._levels[level].packed(after)
-        memory["inner"][: numbers.size] = numbers
-        memory["before"], memory["step"] = state.coordinates.copy(), np.array([dt])
-        memory["frames"] += 1.0
-        return MotionState(x, v, memory), solved
+        moved, largest = self._moved(level, after, x, float(memory["largest"][0]))
+        if largest != memory["largest"][0]:
+            memory["largest"] = np.array([largest])
+        if math.isfinite(largest) and memory["frames"][0] >= 1.0:
+            frames = memory["before"], state.coordinates, x
+            step = Step(level, inner, after, frames, rates, moved, time, dt, load)
+            level, after = self._switched(step, memory)
+        memory["before"] = state.coordinates
+        if memory["step"][0] != dt:
+            memory["step"] = np.array([dt])
+        if memory["frames"][0] < 1.0:
+            memory["frames"] = np.ones(1)
+        moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
+        self.model.keep(moving, level, after)
+        return moving, solved
 
-    def _switched(
-        self,
-        level: int,
-        states: tuple[MotionState, MotionState],
-        motion: tuple[Array, Array],
-        memory: dict[str, Array],
-        now: tuple[float, float, Array],
-    ) -> tuple[int, MotionState]:
-        """The level and its state to take, after a step from one of two states to the other."""
-        (inner, after), (frames, v), time, since = states, motion, now[0], int(memory["since"][0])
-        seen: _Seen | None = None
+    def _found(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
+        """Velocities (n, 3) [m/s], and a level's own state in the memory."""
+        return rates(), {"inner": self._levels[level].packed(inner, self.model.room)}
+
+    def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
+        """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
+
+        Warped displacements are no longer than those of the modes, which are known without them.
+        """
+        modal = self._levels[level].quadratic and not self._check.least
+        moved = math.sqrt(after.coordinates @ after.coordinates) if modal else math.inf
+        if moved <= largest:
+            return moved, largest
+        with np.errstate(over="ignore", invalid="ignore"):
+            exact = self._check.moved(x)
+        return moved if modal else exact, max(largest, exact)
+
+    def _switched(self, step: Step, memory: dict[str, Array]) -> tuple[int, MotionState]:
+        """The level and its state to take after a step."""
+        level, since = step.level, int(memory["since"][0])
+        seen: Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
-            moved = self._check.moved(frames[2])
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
-            back = level == 0 and memory["switches"][0] > 0.0 and since == _FRAMES and not self._check.least
-            grown = moved > _GROWN * max(memory["checked"][0], self._calm)
-            if back or grown or self._due(after.coordinates, memory):
-                memory["checked"][0], memory["looked"][0] = moved, since
-                seen = self._seen(frames, memory, now)
-                self._checked(seen, inner.coordinates, memory)
-                if seen.alarm or seen.bar > (_EARLY if back else _SWITCH) * self.model.error:
+            back = level == 0 and memory["switches"][0] > 0.0 and since == FRAMES and not self._check.least
+            if back or self._watch.due(step, memory):
+                seen = self._watch.checked(step, memory)
+                if seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
-                seen = self._seen(frames, memory, now)
+                seen = self._watch.seen(step, memory)
                 if seen.alarm:  # a coarse shell snaps under another load
                     wanted = level + 1
-                elif seen.bar > _SWITCH * self.model.error:
+                elif seen.bar > SWITCH * self.model.error:
+                    memory["barred"] = memory["barred"].copy()
                     memory["barred"][level] = 1.0
                     wanted = level + 1
             if wanted == level and since >= memory["wait"][0]:
-                seen = self._returning(frames, v, seen, memory, now)
-                memory["ready"][0] = 0.0 if seen is None else memory["ready"][0] + 1.0
+                seen = self._returning(step, seen, memory)
+                memory["ready"] = np.zeros(1) if seen is None else memory["ready"] + 1.0
                 if seen is None:
-                    memory["wait"][0] = max(memory["wait"][0], _RARER * since)
+                    memory["wait"] = np.maximum(memory["wait"], _RARER * since)
                 elif memory["ready"][0] >= _IN_A_ROW:
                     wanted = 0
         if wanted == level or seen is None:
-            return level, after
-        switch = time, wanted, seen.bar, seen.margin, 0.0
-        return wanted, self._taken_over(after, (frames[2], v), memory, (time, now[2]), switch)
+            return level, step.after
+        switch = step.time, wanted, seen.bar, seen.margin, 0.0
+        x, v = step.frames[2], step.velocities()
+        return wanted, self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
 
     def _taken_over(
         self,
@@ -258,43 +254,29 @@ class AutoStepper(Stepper):
         self._note(memory, switch, gained)
         return after
 
-    def _checked(self, seen: _Seen, q: Array, memory: dict[str, Array]) -> None:
-        """Trust coordinates (m,) that a check was sure of, of held shells, and none from one that was not."""
-        if not (seen.bar <= SURE * self.model.error and seen.margin > _BACK_MARGIN):
-            memory["trusted"][:] = 0.0
-        elif not self._check.least:
-            trust(memory["trusted"], q)
-
-    def _due(self, q: Array, memory: dict[str, Array]) -> bool:
-        """Whether a modal rung at coordinates (m,) is to be checked: each time its turn comes, trusted ones seldom."""
-        since = memory["since"][0]
-        if since % self._check_every:
-            return False
-        late = since - memory["looked"][0] >= SELDOM * self._check_every
-        return bool(late or not trusts(memory["trusted"], q, memory["largest"][0]))
-
-    def _errs_alike(self, number: int, seen: _Seen, memory: dict[str, Array]) -> bool:
+    def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
         level = self._levels[number]
         if not level.quadratic or self._check.least:
             return False
         answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
         gap = self._length(answer.positions - seen.corrected)
-        return not (answer.converged and gap <= _SWITCH * self.model.error * float(memory["largest"][0]))
+        return not (answer.converged and gap <= SWITCH * self.model.error * float(memory["largest"][0]))
 
-    @staticmethod
-    def _note(memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0) -> None:
+    def _note(
+        self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0
+    ) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
         if place < _MOST_TOLD:
+            memory["log"] = memory["log"].copy()
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
-        memory["switches"] += 1.0
-        memory["level"][0], memory["since"][0], memory["ready"][0] = switch[1], 0.0, 0.0
-        memory["ahead"][0] = memory["looked"][0] = 0.0
-        memory["trusted"][:] = 0.0
+        memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
+        memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
+        self._watch.forget(memory)
 
     def _foreseen(
-        self, level: int, x: Array, v: Array, memory: dict[str, Array], now: tuple[float, float, Array]
+        self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> tuple[float, int, float, float, float] | None:
         """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
 
@@ -304,24 +286,24 @@ class AutoStepper(Stepper):
         leads there within a few steps.
         """
         begin, time, dead = now
-        loading = self.setup.loading
-        with np.errstate(over="ignore", invalid="ignore"):
-            force = dead + loading.live_force(x, v, time) if loading.live else dead
-        if not np.isfinite(force).all():
-            return None  # the motion itself says so
-        force = self._check.standing(force, x, v)
-        if not force.any():
+        if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
-        answer = self.model.answers.following(force, memory)
-        missed = answer.missing / max(answer.whole, float(memory["largest"][0]), self._check.least)
-        if missed > _SWITCH * self.model.error:
+        if self._loads.dear and self._watch.is_alike(state, memory, time):
+            return None
+        answer, largest = self._loads.answer(state, memory, time, dead), float(memory["largest"][0])
+        if answer is None:
+            return None
+        memory["felt"] = np.array([answer.whole])
+        missed = answer.missing / max(answer.whole, largest, self._check.least)
+        if missed > SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
+        if not (self._loads.change or self._check.least):
+            self._calmed = dead
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
-        memory["ahead"][0] = answer.whole
-        found = self._levels[level].still.equilibrium(force=force)
-        bar = self._check.static(found.positions, force)
-        if found.converged and bar.valid and not bar.beyond:
+        load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
+        bar = self._watch.first_bar(self._levels[level], dead, load, memory)
+        if bar is None:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
 
@@ -337,42 +319,31 @@ class AutoStepper(Stepper):
             for k in range(level + 1, last + 1)
             if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
         )
-        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self.model.check_every
-        memory["wait"][0] = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else _TRY_EVERY
-        memory["again"][0] = memory["wait"][0]
+        again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._watch.every
+        wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
+        memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
-    def _seen(self, frames: Array, memory: dict[str, Array], now: tuple[float, float, Array]) -> _Seen:
-        """The check of the middle one of three frames, the last of them at the present time."""
-        time, dt, dead = now
-        middle = time - dt
-        bar, load = self._check.bar_under(np.array([middle - memory["step"][0], middle, time]), frames, dead)
-        largest = max(memory["largest"][0], self._check.least)
-        off = self._check.off(bar, frames[1])
-        return _Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
-
-    def _returning(
-        self, frames: Array, v: Array, seen: _Seen | None, memory: dict[str, Array], now: tuple[float, float, Array]
-    ) -> _Seen | None:
+    def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
 
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
         not be left at once: the cheapest first.
         """
-        lowest = self._levels[0]
+        lowest, v, (_, middle, x) = self._levels[0], step.velocities(), step.frames
         allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
-        state = lowest.entered(self._stepper(0), frames[2], v, now[0])
-        fitted, rates = lowest.left(self._stepper(0), state, now[0], now[1])
+        state = lowest.entered(self._stepper(0), x, v, step.time)
+        fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
-        if not max(self._length(fitted - frames[2]), lost) <= allowed:
+        if not max(self._length(fitted - x), lost) <= allowed:
             return None
-        seen = seen or self._seen(frames, memory, now)
+        seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(frames[1]))
-        near = answer.converged and self._check.apart(answer.positions, frames[1]) <= allowed
-        trial = {name: part.copy() for name, part in memory.items()}
-        stays = near and self._foreseen(0, frames[2], v, trial, (now[0], now[0], now[2])) is None
+        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))
+        near = answer.converged and self._check.apart(answer.positions, middle) <= allowed
+        now = step.time, step.time, step.load
+        stays = near and self._foreseen(0, MotionState(x, v), memory.copy(), now) is None
         return seen if stays else None
 
     def _length(self, displacement: Array) -> float:

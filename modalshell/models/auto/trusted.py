@@ -1,45 +1,97 @@
-"""Modal coordinates at which checks have found a small error: an ellipsoid about rest, which grows by them.
+"""States of a modal rung that checks have found right, and when the next check is due.
 
-The error of a modal rung is a function of its coordinates, about as large at -q as at q, and grows with them. What the
-modes lack of the load is looked at apart.
+The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
+and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
+Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
+is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
+every component no more than the least and the largest of those: an ellipsoid about two points of a plane goes beyond
+both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is looked at apart.
 """
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.statics.error_bar import LEAST_MARGIN
 
-SURE = 0.1
-"""Bar over the error allowed up to which coordinates are trusted as checked."""
-SELDOM = 8
-"""Intervals of checks after which trusted coordinates are checked all the same."""
-_WIDER = 1.2
-"""Factor by which trusted coordinates may grow."""
-_NOISE = 0.1
-"""Share of the largest displacement that any coordinates may have."""
-_TINY = 1e-200
-"""Square of coordinates [kg m^2] from which they are trusted: inverses of less overflow."""
+EVERY = 5
+"""Steps from one check to the next where states are new."""
+SELDOM, RARER = 8 * EVERY, 2.0
+"""Steps after which a known state is checked all the same, and the factor on that each time it holds."""
+_WIDEST = 2.0
+"""Factor by which the state of a check may grow at most."""
+ROOMY = 1.25
+"""Such a factor of a check from which it vouches for states: what is nearly wrong is looked at each time."""
+_NOISE, _FASTER = 0.1, 4.0
+"""What any component of a known state may have, a share of the largest displacement or of a load's largest factor that
+was checked; and that of a rate, over it, as what it does grows with its square."""
+_LEAST = 1e-9
+"""Such a share of a load that has not acted yet."""
+_TINY = 1e-100
+"""Displacement [kg^(1/2) m] up to which nothing is known: inverses of its square overflow."""
+_THIN = 1e-3
+"""Width of an ellipsoid, in noise, in directions of which no check has seen anything."""
+_SUDDEN = 1.5
+"""Factor of a load on what checks have seen of it, from which it is checked at once."""
 
 
-def trusts(trusted: Array, q: Array, largest: float) -> bool:
-    """Whether coordinates (m,) lie in the ellipsoid q . A^-1 q <= 1 of a matrix (m, m), a little wider all round.
+def room(bar: float, margin: float, allowed: float) -> float:
+    """Factor by which a state may grow until a bar and what stresses take are as large as they may be."""
+    taken = max(1.0 - margin, 0.0)
+    wide = _WIDEST**4 * bar <= allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
+    by_bar = _WIDEST if wide[0] else (allowed / bar) ** 0.25
+    by_margin = _WIDEST if wide[1] else ((1.0 - LEAST_MARGIN) / taken) ** 0.5
+    return min(by_bar, by_margin)
 
-    ``largest`` is the largest displacement so far in the norm of the mass [kg^(1/2) m].
+
+@final
+class KnownStates:
+    """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
+
+    A state is made of coordinates and rates, both [kg^(1/2) m], and factors of loads. What is known are rows
+    (2k + 3, k): the matrix A, the inverse by which it is looked up, the least and the largest components checked, not
+    above and below rest, and the noise that they may have beyond.
+
+    Parameters
+    ----------
+    factors : int
+        Number of factors of loads, the last ones of a state.
     """
-    if not trusted.any():
-        return False
-    wide = trusted + (_NOISE * largest) ** 2 * np.eye(q.size)
-    return bool(q @ np.linalg.solve(wide, q) <= 1.0)
 
+    def __init__(self, factors: int) -> None:
+        self._factors = factors
 
-def trust(trusted: Array, q: Array) -> None:
-    """Grow the ellipsoid of a matrix (m, m), in place, until 1.2 times the coordinates (m,) are on it or inside."""
-    point = _WIDER * q
-    if not point @ point > _TINY:
-        return
-    values, axes = np.linalg.eigh(trusted)
-    wide = axes @ (np.maximum(values, 1e-12 * max(values[-1], point @ point)) * axes).T
-    beyond = point @ np.linalg.solve(wide, point)
-    if beyond > 1.0:
-        trusted += (1.0 - 1.0 / beyond) * np.outer(point, point)
+    @staticmethod
+    def nothing(size: int) -> Array:
+        """What is known where nothing is."""
+        return np.zeros((2 * size + 3, size))
+
+    def grown(self, known: Array, z: Array, wider: float, largest: float) -> Array:
+        """The same with ``wider`` times a state in it; ``largest`` is the largest displacement."""
+        size, modes, point = z.size, (z.size - self._factors) // 2, wider * z
+        matrix, least, most = known[:size], np.minimum(known[-3], point), np.maximum(known[-2], point)
+        noise = np.maximum(_NOISE * (most - least), _LEAST)
+        noise[: 2 * modes] = _NOISE * largest
+        noise[modes : 2 * modes] *= _FASTER
+        if not noise.min() > _TINY:
+            return known
+        beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
+        if beyond > 1.0:
+            matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
+        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
+
+    def holds(self, known: Array, z: Array) -> bool:
+        """Whether a state is known, or near to that by the noise of the last check."""
+        least, most, noise = known[-3:]
+        if not (noise[0] > 0.0 and (z >= least - noise).all() and (z <= most + noise).all()):
+            return False
+        return bool(z @ known[z.size : 2 * z.size] @ z <= 1.0)
+
+    def is_sudden(self, known: Array, factors: Array) -> bool:
+        """Whether loads have grown far beyond what checks have seen."""
+        first = known.shape[1] - self._factors
+        seen = np.maximum(known[-2, first:], -known[-3, first:])
+        return bool(factors.size and known[-1, 0] > 0.0 and (np.abs(factors) > _SUDDEN * seen).any())

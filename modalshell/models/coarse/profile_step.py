@@ -25,7 +25,7 @@ from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, 
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.statics.error_bar import ErrorEstimator, probe
+from modalshell.statics.error_bar import ErrorEstimator, QuickCheck, probe
 
 _PRODUCTS = 3e8
 """Multiplications of a factorisation above which sparse ones are quicker."""
@@ -133,8 +133,13 @@ def profile_step(shell: Shell) -> ProfileStep | None:
 
 def quick_estimator(shell: Shell) -> ErrorEstimator:
     """What finds bars of a shell by the compiled check, where that serves it, and by sparse algebra elsewhere."""
+    return ErrorEstimator(shell, quick_check(shell))
+
+
+def quick_check(shell: Shell) -> QuickCheck | None:
+    """The compiled check of a shell about the origin; None where none serves it. Threads may share it."""
     step = profile_step(shell.centred()[0])
-    return ErrorEstimator(shell, None if step is None else step.check)
+    return None if step is None else step.check
 
 
 def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:

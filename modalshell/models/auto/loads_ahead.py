@@ -1,0 +1,107 @@
+"""What the loads of a motion will do to a level of modes: factors, linear answers, and the largest load to come."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionState
+from modalshell.models.auto.answered import Answer, SumAnswers
+from modalshell.models.auto.checks import Check
+from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.stepper import LEAD
+
+_ONE = np.ones(1)
+
+
+class Coming(NamedTuple):
+    """A load that is known to come.
+
+    Attributes
+    ----------
+    force : ndarray, shape (n, 3)
+        The load [N].
+    whole : float
+        Length of the linear answer to it in the norm of the mass [kg^(1/2) m].
+    factors : ndarray, shape (k,)
+        Factors of the loads that change.
+    """
+
+    force: Array
+    whole: float
+    factors: Array
+
+
+@final
+class LoadsAhead:
+    """The loads of one motion of the model that switches itself.
+
+    Parameters
+    ----------
+    model : Auto
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+    check : Check
+        What sees it.
+
+    Attributes
+    ----------
+    change, dear : bool
+        Whether any load changes, and by more than a factor.
+    """
+
+    def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:
+        self._model, self._loading, self._dt, self._check = model, setup.loading, setup.dt, check
+        live = setup.loading.live
+        self.change = bool(live)
+        self._at = -math.inf, np.empty(0)
+        forces = [load.constant for load in live if load.constant is not None]
+        self._parts = forces if len(forces) == len(live) and not check.least else None
+        self.dear = self.change and self._parts is None
+        self._sums: tuple[Array, SumAnswers] | None = None
+
+    def factors(self, time: float) -> Array:
+        """Factors (k,) of the loads that change."""
+        if self.change and self._at[0] != time:
+            self._at = time, np.array([load.factor_at(time) for load in self._loading.live])
+        return self._at[1]
+
+    def answer(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
+        """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
+        if self._parts is not None:
+            kept = self._sums
+            if kept is None or kept[0] is not dead:
+                kept = self._sums = dead, self._model.answers.of_sums([dead, *self._parts])
+            return kept[1].of(np.concatenate([_ONE, self.factors(time)]))
+        force = self.force(state, time, dead)
+        if not (np.isfinite(force).all() and force.any()):
+            return None
+        found: Answer = self._model.answers.following(force, memory)
+        return found
+
+    def force(self, state: MotionState, time: float, dead: Array) -> Array:
+        """Load (n, 3) [N] in the frames that bends the shell in a state."""
+        loading, x, lead = self._loading, state.coordinates, LEAD * self._dt
+        if not (self.change or self._check.least):
+            return dead
+        v = state.rates if loading.by_velocity or self._check.least else np.zeros_like(x)
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = loading.moving_force(dead, x, x - lead * v, 1.0 / lead, time)
+            return self._check.standing(force, x, v) if np.isfinite(force).all() else force
+
+    def coming(self, dead: Array) -> list[Coming]:
+        """The largest loads that are known to come, one each way, of one load that changes by a factor alone.
+
+        Loads that follow the shell are others when they come.
+        """
+        live = self._loading.live
+        if self._parts is None or len(live) != 1:
+            return []
+        factors = [live[0].factor_at(time) for time in live[0].times]
+        ends = [factor for factor in {min(factors), max(factors)} if factor]
+        answers, part = self._model.answers, self._parts[0]
+        return [Coming(dead + end * part, answers.of(dead + end * part).whole, np.array([end])) for end in sorted(ends)]

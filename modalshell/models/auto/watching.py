@@ -1,0 +1,190 @@
+"""When the states of a level are checked, and what checks have found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionState
+from modalshell.models.auto.checks import Check
+from modalshell.models.auto.levels import Level
+from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
+from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, KnownStates, room
+from modalshell.models.base.setup import MotionSetup
+from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
+
+SWITCH = 0.5
+"""Bar over the error allowed from which a rung is left."""
+FRAMES = 3
+"""Frames of a check."""
+_GROWN, _CALM = 1.5, 0.02
+"""Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
+mean square, in sizes of the shell, up to which it may wait."""
+_ALIKE = 1.2
+"""Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
+
+
+class Step(NamedTuple):
+    """A step of a level.
+
+    The level, its own states before and after, the last three frames (n, 3) [m], what finds the velocities at the last
+    one, how far that has moved [kg^(1/2) m], its time [s], the step [s] and the dead load (n, 3) [N].
+    """
+
+    level: int
+    inner: MotionState
+    after: MotionState
+    frames: tuple[Array, Array, Array]
+    velocities: Callable[[], Array]
+    moved: float
+    time: float
+    dt: float
+    load: Array
+
+
+class Seen(NamedTuple):
+    """What a check found.
+
+    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
+    the bar's steps lead to.
+    """
+
+    bar: float
+    margin: float
+    load: Array
+    corrected: Array
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the stability margin has failed."""
+        return not self.margin > LEAST_MARGIN
+
+
+@final
+class Watch:
+    """Checks the states of one motion of the model that switches itself.
+
+    Parameters
+    ----------
+    model : Auto
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+    check : Check
+        What sees it.
+    loads : LoadsAhead
+        Its loads.
+
+    Attributes
+    ----------
+    every : int
+        Steps from one check to the next where states are new.
+    """
+
+    def __init__(self, model: Any, setup: MotionSetup, check: Check, loads: LoadsAhead) -> None:
+        self._model, self._check, self._loads = model, check, loads
+        # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
+        every = EVERY if model.check_every is None else model.check_every
+        self.every = min(every, FRAMES) if check.least else every
+        self._fixed = bool(check.least or model.check_every is not None)
+        self._states = KnownStates(len(setup.loading.live))
+        self._size = 2 * model.count + len(setup.loading.live)
+        self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
+
+    @property
+    def _allowed(self) -> float:
+        return float(SWITCH * self._model.error)
+
+    def fitted(self, state: MotionState) -> MotionState:
+        """The state, with room for what is known of states under these loads."""
+        if state.memory["known"].shape[1] != self._size:
+            state.memory["known"] = self._states.nothing(self._size)
+        return state
+
+    def forget(self, memory: dict[str, Array]) -> None:
+        """Forget what is known of states."""
+        memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+
+    def due(self, step: Step, memory: dict[str, Array]) -> bool:
+        """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
+        since, known = memory["since"][0], memory["known"]
+        turn, grown = since % self.every == 0.0, step.moved > _GROWN * max(memory["checked"][0], self._calm)
+        if self._fixed:
+            return bool(turn or grown)
+        if not (turn or grown):
+            return self._states.is_sudden(known, self._loads.factors(step.time))
+        looked = memory["looked"][0]
+        late = looked == 0.0 or since - looked >= memory["seldom"][0]
+        return bool(late or not self._states.holds(known, self._state(step.after, step.time)))
+
+    def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
+        """The check of the middle one of a step's three frames, the last of them at the present time."""
+        middle = step.time - step.dt
+        times = np.array([middle - memory["step"][0], middle, step.time])
+        bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
+        largest = max(memory["largest"][0], self._check.least)
+        off = self._check.off(bar, step.frames[1])
+        return Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
+
+    def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
+        """The check of a modal level, whose state is known from then on if there is room; else nothing is."""
+        memory["checked"], memory["looked"] = np.array([step.moved]), memory["since"]
+        seen = self.seen(step, memory)
+        wider = room(seen.bar, seen.margin, self._allowed)
+        if self._fixed:
+            return seen
+        if not wider >= ROOMY:
+            self.forget(memory)
+            return seen
+        z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
+        if self._states.holds(memory["known"], z):
+            memory["seldom"] = RARER * memory["seldom"]
+        memory["known"] = self._states.grown(memory["known"], z, wider, largest)
+        return seen
+
+    def first_bar(self, level: Level, dead: Array, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
+        """The bar of a modal level's statics under a load, where that is void or too large; None where it holds.
+
+        The first time the largest loads that are known to come are taken, if their statics hold with some room.
+        """
+        if memory["ahead"][0] == 0.0 and not self._fixed:
+            coming = self._loads.coming(dead)
+            most = max((one.whole for one in coming), default=0.0)
+            if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
+                memory["ahead"] = np.array([most])
+                return None
+        return self._bar(level, load, memory)
+
+    def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
+        """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
+        memory["ahead"] = np.array([load.whole])
+        found = level.still.equilibrium(force=load.force)
+        bar = self._check.static(found.positions, load.force)
+        wider = room(bar.displacement, bar.margin, self._allowed)
+        if not (found.converged and bar.valid and not bar.beyond and wider >= least):
+            return bar
+        if self._fixed or found.coordinates is None:
+            return None
+        if not wider >= ROOMY:
+            self.forget(memory)
+        else:
+            z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
+            largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
+            memory["known"] = self._states.grown(memory["known"], z, wider, largest)
+        return None
+
+    def is_alike(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
+        """Whether the load need not be looked at in a modal level's state: it is about that looked at last."""
+        if self._fixed or memory["ahead"][0] == 0.0 or memory["since"][0] % self.every == 0.0:
+            return False
+        pushed = self._model.inner(state)[1].memory["force"] * self._model.periods**2
+        alike = math.sqrt(pushed @ pushed) <= _ALIKE * memory["felt"][0]
+        return bool(alike and not self._states.is_sudden(memory["known"], self._loads.factors(time)))
+
+    def _state(self, inner: MotionState, time: float) -> Array:
+        """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
+        return np.concatenate([inner.coordinates, inner.rates * self._model.periods, self._loads.factors(time)])
