@@ -25,7 +25,7 @@ Ways = tuple[Callable[[], object], Callable[[], object], Callable[[Array], Array
 
 
 def own(matrix: sps.csc_array) -> Ways:
-    """Of modalshell; the analysis is made anew each time."""
+    """Of modalshell; each analysis is a new one."""
     analysis = CholeskyAnalysis(matrix)
     factor = analysis.factorise(matrix)
     return partial(CholeskyAnalysis, matrix), partial(analysis.factorise, matrix), factor.solve
