@@ -47,21 +47,21 @@ class Auto(Model):
     Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
     the first, unless its modes lack more than half of ``error`` of the linear answer to the load
     (:class:`modalshell.models.auto.answered.LinearAnswers`), or the bar of its statics under the load is void or beyond
-    30 %; that is looked at before steps of modal levels, again when the load changes or has doubled. Every five steps
-    of a modal level, and as soon as the displacement has grown by half since the last check, its error bar under
-    d'Alembert's load is found on the fine shell (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds
-    half of ``error`` the next level takes over at the modal positions and velocities (RSW only if its own statics under
-    that load comes within as much of where the bar's steps lead); where the stability margin has failed DS, as modal
-    rungs err alike there and coarse DS snaps under another load. A bar and a margin that leave room vouch for
-    coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
-    (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load that is known
-    to come at first: such states are checked again after 40 steps, 80, 160 and so on, until a check leaves less room.
-    Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full
-    levels try to hand back to the first from time to time, more seldom where that has not lasted: twice in a row
-    the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to
-    within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
-    tell after a snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency
-    adds up.
+    30 %, before its first check beyond half of ``error``; that is looked at before steps of modal levels, again when
+    the load changes or has doubled. Every five steps of a modal level, and as soon as the displacement has grown by
+    half since the last check, its error bar under d'Alembert's load is found on the fine shell
+    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
+    at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
+    bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
+    under another load. A bar and a margin that leave room vouch for coordinates, rates and factors of the loads up to a
+    factor on those seen, 1.25 to 2, in an ellipsoid about rest (:class:`modalshell.models.auto.trusted.KnownStates`),
+    and so do those of statics, of the largest load that is known to come at first: such states are checked again after
+    40 steps, 80, 160 and so on, until a check leaves less room. Coarse DS is left for DS where its margin fails, and
+    for good where its own bar exceeds half of ``error``. Full levels try to hand back to the first from time to time,
+    more seldom where that has not lasted: twice in a row the nearest modal shape must be within 0.4 ``error``, modal
+    statics under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays
+    on the branch of DS, which bars alone cannot tell after a snap. Bars are of one instant: of a free vibration they do
+    not see how a slightly wrong frequency adds up.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.

@@ -282,8 +282,8 @@ class AutoStepper(Stepper):
 
         It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
         displacement, that answer's too. And where the rung's own statics under the load, looked at once and again when
-        the linear answer has doubled, has a bar that is void or too large to be measured: a load that comes at once
-        leads there within a few steps.
+        the linear answer has doubled, has a bar that is void or too large: a load that comes at once leads there
+        within a few steps.
         """
         begin, time, dead = now
         if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
@@ -343,7 +343,8 @@ class AutoStepper(Stepper):
         answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))
         near = answer.converged and self._check.apart(answer.positions, middle) <= allowed
         now = step.time, step.time, step.load
-        stays = near and self._foreseen(0, MotionState(x, v), memory.copy(), now) is None
+        entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
+        stays = near and self._foreseen(0, MotionState(x, v), entering, now) is None
         return seen if stays else None
 
     def _length(self, displacement: Array) -> float:

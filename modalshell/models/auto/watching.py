@@ -149,7 +149,9 @@ class Watch:
     def first_bar(self, level: Level, dead: Array, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
         """The bar of a modal level's statics under a load, where that is void or too large; None where it holds.
 
-        The first time the largest loads that are known to come are taken, if their statics hold with some room.
+        The first time the largest loads that are known to come are taken, if their statics hold with some room. A bar
+        beyond 30 % is too large; before the level's first check can look, which takes three frames, one beyond what a
+        check allows: a load that acts at once has then left energy that the next level would go on with.
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
             coming = self._loads.coming(dead)
@@ -157,7 +159,7 @@ class Watch:
             if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
                 memory["ahead"] = np.array([most])
                 return None
-        return self._bar(level, load, memory)
+        return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0)
 
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
         """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
