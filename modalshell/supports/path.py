@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
@@ -164,12 +164,18 @@ class SupportPath:
 
         Rotation vectors of most programs jump where the angle passes pi. Such rotations are followed by a spline of
         their own, less than half a turn from sample to sample, which is not brought to rest at the ends.
+
+        OptionError for what is no function of the time, or returns anything but two vectors.
         """
+        if not callable(path):
+            raise OptionError(f"path must be a function of the time that returns two vectors, got {path!r}")
         duration = checked_number("duration", duration, above=0.0, unit="s")
         step = checked_number("step", step, above=0.0, at_most=duration, unit="s")
         count = checked_count("the number of samples, duration over step,", round(duration / step), at_most=10_000_000)
         times = np.linspace(0.0, duration, count + 1)
         poses = [path(float(time)) for time in times]
+        if wrong := [pose for pose in poses if not isinstance(pose, Sequence | np.ndarray) or len(pose) != 2]:
+            raise OptionError(f"path must return a translation and a rotation vector, (3,) each, got {wrong[0]!r}")
         moved, turned = (np.array([pose[k] for pose in poses], dtype=np.float64) for k in (0, 1))
         made = cls(times, moved, turned, pivot=pivot)
         if _jumps(turned):
