@@ -55,6 +55,7 @@ class _Summary:
     cells: Mapping[tuple[int, ...], Any]
     label: str
     title: str
+    units: Mapping[str, str]
 
     def at(self, chosen: Chosen) -> float | None:
         """The value at the chosen values of all axes."""
@@ -77,6 +78,12 @@ class _Summary:
             f"{self.axes[place].key} = {axis_text(self.axes[place].values[index])}" for place, index in chosen.items()
         )
         return between.join(parts)
+
+    def along(self, place: int) -> str:
+        """The name of an axis of numbers, with its unit; of an axis of vectors that of their lengths."""
+        axis, unit = self.axes[place], self.units.get(self.axes[place].key, "1")
+        name = f"|{axis.key}|" if isinstance(axis.values[0], list) else axis.key
+        return name + (f" [{unit}]" if unit != "1" else "")
 
     def heading(self, chosen: Chosen) -> str:
         """Title of the panel of the chosen values."""
@@ -101,7 +108,7 @@ def draw_summary(
     """
     places = itertools.product(*(range(len(axis.values)) for axis in axes))
     cells = {choice: row[value] for choice, row in zip(places, rows, strict=True)}
-    summary = _Summary(axes, cells, _label(value, units), title)
+    summary = _Summary(axes, cells, _label(value, units), title, units)
     if not summary.known:
         return f"no picture: no case has a value of {value!r}"
     numeric = {place: along for place, axis in enumerate(axes) if (along := _numbers(axis)) is not None}
@@ -136,7 +143,7 @@ def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], pa
             Panel(
                 curves,
                 summary.heading(fixed),
-                axis.key if named else _axis_label(axis),
+                axis.key if named else summary.along(place),
                 summary.label,
                 log=_is_wide(summary.known),
                 log_x=not named and _is_geometric(along),
@@ -163,7 +170,7 @@ def _draw_map(
         return names[int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(names) - 1))]
 
     scale: Literal["log", "linear"] = "log" if _is_geometric(x) else "linear"
-    labels = _axis_label(summary.axes[x_place]), _axis_label(summary.axes[y_place])
+    labels = summary.along(x_place), summary.along(y_place)
     drawn = []
     for chosen in panels:
         classes = [[named(summary.at(chosen | {x_place: int(i), y_place: int(j)})) for i in x_order] for j in y_order]
@@ -227,10 +234,6 @@ def axis_text(value: Any) -> str:
 def _label(value: str, units: Mapping[str, str]) -> str:
     unit = units.get(value, "1")
     return _LABELS.get(value, value.replace("_", " ")) + (f" [{unit}]" if unit != "1" else "")
-
-
-def _axis_label(axis: Axis) -> str:
-    return f"|{axis.key}|" if isinstance(axis.values[0], list) else axis.key
 
 
 def _is_wide(values: Any) -> bool:

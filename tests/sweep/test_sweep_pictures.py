@@ -55,3 +55,19 @@ def test_long_names_of_curves_are_whole(tmp_path):
     curves = [Curve([0, 1], [0, k], f"model.name = md-rom, loads.pressure.0.p = {k}", "red") for k in range(6)]
     picture = imread(draw_curves([Panel(curves, "", "x", "y")], tmp_path / "curves.png"))
     assert (picture[:, [0, 1, -2, -1], :3] == picture[0, 0, :3]).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "label"),
+    [((1.0, 2.0), "mesh.length [mm]"), (([0.0, 0.0, 1.0], [0.0, 0.0, 2.0]), "|mesh.length| [mm]")],
+)
+def test_axes_of_numbers_have_their_units(tmp_path, monkeypatch, values, label):
+    from modalshell.sweep import figure
+    from modalshell.sweep.grid import Axis
+
+    panels = []
+    monkeypatch.setattr(figure, "draw_curves", lambda drawn, *_, **__: panels.extend(drawn))
+    rows = [{"error": 0.1}, {"error": 0.2}]
+    axes = [Axis("mesh.length", values)]
+    figure.draw_summary(rows, axes, "error", tmp_path / "p.png", "title", {"mesh.length": "mm", "error": "1"})
+    assert panels[0].x_label == label
