@@ -69,6 +69,7 @@ class Loading:
         live, rest_of_mesh = [], np.asarray(mesh.vertices)
         if isinstance(loads, Load) or not isinstance(loads, Iterable):
             raise LoadError(f"loads must be a list of loads (got {shown(loads)}): write loads=[...]")
+        loads = tuple(loads)
         for load in loads:
             checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
             applied = load.applied(mesh, mass)
@@ -79,7 +80,7 @@ class Loading:
             else:
                 live.append(applied)
         made = cls(rest, dead, live, held)
-        made.loads = tuple(loads)
+        made.loads = loads
         return made
 
     @property

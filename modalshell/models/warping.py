@@ -115,13 +115,13 @@ class ModalWarping(UnstretchedModel):
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
-        return self.warped_work(q, load)[1] if self.consistent_force else _force_of(self._pushed, load_rows(load), q)
+        return self.warped_work(q, load)[1] if self.consistent_force else _force_of(self._pushed, self._rows(load), q)
 
     def dead_force(self, load: Array) -> DeadForce:
         """See :meth:`ModalShape.dead_force`; the paper's tells its change by a sample of vertices, of many."""
         if self.consistent_force:
-            return DeadForce(partial(_gradient_of, self._pushed, load_rows(load)))
-        felt, sample = (self._pushed, load_rows(load)), self._sample
+            return DeadForce(partial(_gradient_of, self._pushed, self._rows(load)))
+        felt, sample = (self._pushed, self._rows(load)), self._sample
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
         return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
 
@@ -147,7 +147,13 @@ class ModalWarping(UnstretchedModel):
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
-        return _work_of(self._pushed, load_rows(load), q)
+        return _work_of(self._pushed, self._rows(load), q)
+
+    def _rows(self, load: Array) -> Array:
+        """The load (n, 3) as kernels read it; OptionError where it is not of the vertices."""
+        if load.shape != self.shell.rest_positions.shape:
+            raise OptionError(f"load must be of shape {self.shell.rest_positions.shape} (got {load.shape})")
+        return load_rows(load)
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
@@ -221,9 +227,9 @@ def _gradient_of(modal: Array, rows: Array, q: Array) -> Array:
 
 def _checked(modal: Array, rows: Array, q: Array) -> Array:
     """Coordinates as they lie in a kernel's memory; OptionError where the sizes of these are not of the modes."""
-    if 2 * rows.size * q.size != modal.size:
+    if q.ndim != 1 or 2 * rows.size * q.size != modal.size:
         raise OptionError(
-            f"q and load must be of the basis's modes and vertices (got {q.shape} and {rows.size} numbers)"
+            f"q must have the basis's {modal.size // (2 * rows.size)} coordinates (got the shape {q.shape})"
         )
     return np.ascontiguousarray(q, dtype=np.float64)
 

@@ -93,11 +93,23 @@ def with_stretch_remark(
     own = float(run.energies[frame, 1]) if own is None else own
     x = np.asarray(run.positions[frame], dtype=np.float64)
     x = x if supports is None else supports.at(float(run.times[frame])).to_shell(x)
-    stored = shell_at(shell, run, frame).stored_energy(x)
+    bent = shell_at(shell, run, frame)
+    stored = bent.stored_energy(x)
     if not stored > _UNLIKE * own > 0.0:
         return run
-    remark = (
-        f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in stretch "
-        "that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
-    )
+    rounding, single = np.finfo(run.positions.dtype).eps, run.positions.dtype == np.float32
+    remark = f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in "
+    if stored - own > _energy_of_rounding(bent, 0.5 * float(rounding * np.abs(x).max())):
+        remark += "stretch that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
+    elif single:
+        remark += "stretch by rounding to single precision; store them in double (float64)"
+    else:
+        return run
     return run if remark in run.message else run.with_remark(remark)
+
+
+def _energy_of_rounding(shell: Shell, size: float) -> float:
+    """Energy [J] of a shell whose vertices are off their rest by ``size`` [m] in every coordinate, at random."""
+    rest = shell.rest_positions
+    off = np.random.default_rng(0).choice((-size, size), rest.shape)
+    return shell.raw_energy(rest + off) - shell.raw_energy(rest)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 from kernels.test_compiler import ALONE
@@ -54,17 +55,59 @@ time.sleep(300.0)
 """
 
 
+class Dispatcher:
+    """What is asked of a kernel's dispatcher: ``first`` is done before the cache is looked into, which stays empty."""
+
+    def __init__(self, first=lambda: None):
+        self.py_func, self._cache = first, self
+        self.load_overload = lambda *_: None
+        self.compile = lambda signature: (first(), self._cache.load_overload(signature, None))
+
+
 def test_who_waits_too_long_or_for_a_process_that_was_killed_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(turns, "_opened", {})
-    monkeypatch.setattr(turns, "_held", [])
+    monkeypatch.setattr(turns, "_LONGEST", 0.2)
+    dispatcher, looked = Dispatcher(), []
+    monkeypatch.setattr(turns.zlib, "crc32", lambda _: 7)
+    dispatcher.load_overload = lambda *asked: looked.append(asked)
+    turns.take_turns(dispatcher, tmp_path)
     command = [sys.executable, "-c", ALONE + HOLDING.format(folder=str(tmp_path))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holding:
         assert holding.stdout.readline() == "held\n"
-        monkeypatch.setattr(turns, "_LONGEST", 0.2)
-        assert not turns._locked(tmp_path, 7)
-        assert turns._locked(tmp_path, 8)  # another kernel is nobody's
+        assert turns._locked(tmp_path, 7) is False
+        dispatcher.compile("i8")
+        assert len(looked) > 2  # it looks again and again whether the kernel has come
         holding.kill()
         holding.wait()
-    assert turns._locked(tmp_path, 7)
-    assert not turns._locked(tmp_path / "missing", 9)  # no folder, no lock
+    looked.clear()
+    dispatcher.compile("i8")
+    assert len(looked) == 2
+    assert turns._held.bytes == []
+    assert turns._locked(tmp_path / "missing", 9) is None  # no folder, no lock
+    os.close(turns._opened[tmp_path])
+
+
+def test_threads_of_a_process_free_their_own_turns_alone(tmp_path, monkeypatch):
+    """One begins while the other compiles, and looks into the cache when that is done, as NUMBA's lock has it."""
+    monkeypatch.setattr(turns, "_opened", {})
+    begun, done, held = threading.Event(), threading.Event(), []
+    first = Dispatcher(lambda: begun.wait(30.0))
+    second = Dispatcher(lambda: (begun.set(), done.wait(30.0)))
+    for dispatcher in (first, second):
+        turns.take_turns(dispatcher, tmp_path)
+
+    def compile_kernel(dispatcher, signature, then):
+        dispatcher.compile(signature)
+        held.extend(turns._held.bytes)
+        then.set()
+
+    threads = [
+        threading.Thread(target=compile_kernel, args=(first, "i8", done)),
+        threading.Thread(target=compile_kernel, args=(second, "f8", threading.Event())),
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert held == []
     os.close(turns._opened[tmp_path])

@@ -9,6 +9,7 @@ from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
+from modalshell.models.auto import loads_ahead
 from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import HeldCheck
@@ -173,6 +174,7 @@ def test_a_load_that_no_mode_feels_is_part_of_what_is_known(monkeypatch):
     assert worst(strip, *runs) < 0.05
     monkeypatch.setattr(KnownStates, "holds", lambda *_: True)
     monkeypatch.setattr(KnownStates, "is_sudden", lambda *_: False)
+    monkeypatch.setattr(loads_ahead, "along", lambda *_: 1.0)
     assert worst(strip, under_a_push(ms.Auto(strip), thickness, 1.3), runs[1]) > 0.05
 
 
@@ -251,6 +253,48 @@ def test_a_force_at_once_on_a_thin_plate_leaves_no_false_energy_to_ds():
     setting["loads"] = [ms.PointForce([31], (0.0, 0.0, 3.0))]
     run, exact = (ms.simulate(model, **setting) for model in (ms.Auto(plate, 8), ms.DiscreteShell(plate)))
     assert worst(plate, run, exact) < 0.01
+
+
+def swung(beam, model, steps, push):
+    """A motion under the beam's weight, and positions after steps under this and a push along the beam as well."""
+    weight = beam.mass[:, None] * np.array([0.0, 2.6, -9.7])
+    motion = Motion(model, Loading(beam.rest_positions, weight), dt=DT, damping=(2.0, 0.001))
+    for _ in range(steps):
+        motion.advance()
+    snapshot = {name: array.copy() for name, array in motion.snapshot().items()}
+    motion.load = weight + beam.mass[:, None] * np.array([-push, 0.0, 0.0])
+    return motion, snapshot
+
+
+def advanced(motion, steps):
+    return np.array([(motion.advance(), motion.positions())[1] for _ in range(steps)])
+
+
+def test_a_dead_load_that_turns_is_looked_at(beam):
+    """The push alone hardly moves the beam, so that no linear answer grows; but with the weight it buckles."""
+    runs = [advanced(swung(beam, model, 60, 400.0)[0], 40) for model in (ms.Auto(beam, 6), ms.DiscreteShell(beam))]
+    gaps, moves = runs[0] - runs[1], runs[1] - beam.rest_positions
+    off, moved = (np.sqrt(np.sum(beam.mass[:, None] * part**2, axis=(1, 2))) for part in (gaps, moves))
+    assert off.max() < 0.05 * moved.max()
+
+
+def test_another_dead_load_ends_what_is_known(beam):
+    motion, _ = swung(beam, ms.Auto(beam, 6), 60, 0.0)
+    assert motion.state.memory["known"].any()
+    motion.load = 1.1 * motion.load
+    fitted = motion.state.memory.copy()
+    motion.stepper._watch.fit(fitted, motion.load)
+    assert not fitted["known"].any()
+    assert motion.state.memory["known"].any()  # the state that was given stays
+
+
+def test_a_motion_that_goes_back_to_a_snapshot_goes_on_with_the_same_bits(beam):
+    """The load of later steps had been seen to be calm, so that it was not looked at again."""
+    motion, snapshot = swung(beam, ms.Auto(beam, 6), 60, 0.0)
+    motion.load = 4.5 * motion.load
+    first = advanced(motion, 25)
+    motion.restore(snapshot)
+    assert np.array_equal(advanced(motion, 25), first)
 
 
 def snapped():

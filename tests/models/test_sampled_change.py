@@ -127,7 +127,19 @@ def test_a_force_reads_coordinates_however_they_lie_in_memory():
         np.testing.assert_array_equal(model.modal_force(many[:, k], load), model.modal_force(many[:, k].copy(), load))
     whole = np.zeros(6, dtype=np.int64)
     np.testing.assert_array_equal(model.modal_force(whole, load), model.modal_force(whole.astype(float), load))
-    with pytest.raises(ms.OptionError, match="modes and vertices"):
+    with pytest.raises(ms.OptionError, match="q must have"):
         model.modal_force(many[:4, 0], load)
-    with pytest.raises(ms.OptionError, match="modes and vertices"):
+    with pytest.raises(ms.OptionError, match="load must be"):
         model.modal_force(many[:, 0], load[:300])
+
+
+@pytest.mark.parametrize("consistent", [False, True])
+def test_loads_and_coordinates_of_other_sizes_are_refused(consistent):
+    """Also those that fill the same registers."""
+    shell = ms.Shell(ms.flat_beam(cells=(4, 2)), ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.26")
+    model = ms.ModalWarping(ms.solve_modes(shell, 3), consistent_force=consistent)
+    q, load = np.zeros(3), np.zeros((15, 3))
+    for wrong in ((q, load[:-1]), (q[:2], load), (q[:, None], load)):
+        for call in (model.warped_force, model.warped_work):
+            with pytest.raises(ms.OptionError, match="must"):
+                call(*wrong)

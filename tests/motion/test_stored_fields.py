@@ -53,6 +53,22 @@ def test_stresses_of_positions_that_stretch_the_shell_otherwise_than_their_model
     assert "wrong" not in little.message
 
 
+def test_rounding_of_positions_is_no_stretch_of_a_model():
+    """What falls freely bears none, and single precision leaves more than a thin strip under little weight."""
+    mesh, sheet = ms.flat_beam(cells=(16, 4)), ms.Isotropic(2e9, 0.3, 1e-3, 1000.0)
+    free = ms.Shell(mesh, sheet, [])
+    run = ms.simulate(
+        ms.ModalWarping(ms.solve_modes(free, 4)), duration=0.3, gravity=(0, 0, -9.81), fields=["von_mises"]
+    )
+    assert "wrong" not in run.message
+    held = ms.DiscreteShell(ms.Shell(mesh, sheet, mesh.vertices[:, 0] < 1e-6))
+    setting = {"duration": 0.1, "gravity": (0, 0, -1e-3), "fields": ["von_mises"]}
+    assert "wrong" not in ms.simulate(held, **setting).message
+    single = ms.simulate(held, **setting, dtype="float32").message
+    assert "single precision" in single
+    assert "take ds" not in single
+
+
 def test_scenes_say_so_of_stresses_of_equilibria(tmp_path):
     scene = tmp_path / "strip.toml"
     scene.write_text(

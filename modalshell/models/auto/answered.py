@@ -34,6 +34,20 @@ class Answer(NamedTuple):
     missing: float
 
 
+def along(force: Array, memory: dict[str, Array]) -> float | None:
+    """Factor of a force (n, 3) [N] on ``memory["pushed"]`` where it is nearly a multiple of that.
+
+    Another one stands there from then on, ``memory["ahead"]`` (1,) is set to zero, and None is returned.
+    """
+    last = memory["pushed"]
+    size = float(np.vdot(last, last))
+    share = float(np.vdot(force, last)) / size if size > 0.0 else 0.0
+    if float(np.linalg.norm(force - share * last)) <= _ALIKE * float(np.linalg.norm(force)):
+        return share
+    memory["pushed"], memory["ahead"] = force.copy(), np.zeros(1)
+    return None
+
+
 class SumAnswers(NamedTuple):
     """Linear answers to sums of forces.
 
@@ -93,13 +107,9 @@ class LinearAnswers:
         That load stands in ``memory["pushed"]`` (n, 3) [N], its answer in ``memory["answer"]`` (2,). A new one sets
         ``memory["ahead"]`` (1,) to zero.
         """
-        last = memory["pushed"]
-        size = float(np.vdot(last, last))
-        share = float(np.vdot(force, last)) / size if size > 0.0 else 0.0
-        if float(np.linalg.norm(force - share * last)) > _ALIKE * float(np.linalg.norm(force)):
-            memory["pushed"], memory["answer"] = force.copy(), np.array(self.of(force))
-            memory["ahead"] = np.zeros(1)
-            share = 1.0
+        share = along(force, memory)
+        if share is None:
+            memory["answer"], share = np.array(self.of(force)), 1.0
         whole, missing = abs(share) * memory["answer"]
         return Answer(float(whole), float(missing))
 

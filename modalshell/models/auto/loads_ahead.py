@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
-from modalshell.models.auto.answered import Answer, SumAnswers
+from modalshell.models.auto.answered import Answer, SumAnswers, along
 from modalshell.models.auto.checks import Check
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
@@ -62,7 +62,7 @@ class LoadsAhead:
         forces = [load.constant for load in live if load.constant is not None]
         self._parts = forces if len(forces) == len(live) and not check.least else None
         self.dear = self.change and self._parts is None
-        self._sums: tuple[Array, SumAnswers] | None = None
+        self._sums: tuple[Array, Array, SumAnswers, float] | None = None
 
     def factors(self, time: float) -> Array:
         """Factors (k,) of the loads that change."""
@@ -75,8 +75,13 @@ class LoadsAhead:
         if self._parts is not None:
             kept = self._sums
             if kept is None or kept[0] is not dead:
-                kept = self._sums = dead, self._model.answers.of_sums([dead, *self._parts])
-            return kept[1].of(np.concatenate([_ONE, self.factors(time)]))
+                forces = [dead, *self._parts]
+                most = max((one.whole for one in self.coming(dead)), default=0.0)
+                kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces), most
+            factors = np.concatenate([_ONE, self.factors(time)])
+            if not 0.0 < kept[3] == memory["ahead"][0]:  # else both ends have been looked at, and what lies between
+                along(np.tensordot(factors, kept[1], 1), memory)
+            return kept[2].of(factors)
         force = self.force(state, time, dead)
         if not (np.isfinite(force).all() and force.any()):
             return None

@@ -69,7 +69,7 @@ class AutoStepper(Stepper):
         self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
-        self._calmed: Array | None = None
+        self._calmed: tuple[Array | None, Array | None] = None, None
         self._mass = model.shell.mass[:, None]
 
     def _stepper(self, level: int) -> Stepper:
@@ -99,6 +99,7 @@ class AutoStepper(Stepper):
             "ready": np.zeros(1),
             "steps": np.zeros(levels),
             "pushed": np.zeros_like(x),
+            "dead": np.zeros_like(x),
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
             "felt": np.zeros(1),
@@ -153,10 +154,8 @@ class AutoStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
         level, inner = self.model.inner(state)
-        memory, time = (
-            self._watch.fitted(state).memory.copy(),
-            begin + dt,
-        )  # its arrays are replaced, never written into
+        memory, time = state.memory.copy(), begin + dt  # its arrays are replaced, never written into
+        self._watch.fit(memory, load)
         while self._levels[level].quadratic:
             switch = self._foreseen(level, state, memory, (begin, time, load))
             if switch is None:
@@ -193,9 +192,9 @@ class AutoStepper(Stepper):
     def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
         """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
 
-        Warped displacements are no longer than those of the modes, which are known without them.
+        Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
-        modal = self._levels[level].quadratic and not self._check.least
+        modal = level == 0 and not self._check.least
         moved = math.sqrt(after.coordinates @ after.coordinates) if modal else math.inf
         if moved <= largest:
             return moved, largest
@@ -286,7 +285,8 @@ class AutoStepper(Stepper):
         within a few steps.
         """
         begin, time, dead = now
-        if dead is self._calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
+        calmed = dead is self._calmed[0] and memory["felt"] is self._calmed[1]
+        if calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
             return None
         if self._loads.dear and self._watch.is_alike(state, memory, time):
             return None
@@ -298,7 +298,7 @@ class AutoStepper(Stepper):
         if missed > SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
         if not (self._loads.change or self._check.least):
-            self._calmed = dead
+            self._calmed = dead, memory["felt"]
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))

@@ -100,10 +100,18 @@ class Watch:
         return float(SWITCH * self._model.error)
 
     def fitted(self, state: MotionState) -> MotionState:
-        """The state, with room for what is known of states under these loads."""
-        if state.memory["known"].shape[1] != self._size:
-            state.memory["known"] = self._states.nothing(self._size)
+        """The state of a start, with room for what is known of states under these loads."""
+        state.memory["known"] = self._states.nothing(self._size)
         return state
+
+    def fit(self, memory: dict[str, Array], dead: Array) -> None:
+        """Make room for what is known of states, and forget it where it is of other loads than these."""
+        if memory["known"].shape[1] != self._size:
+            memory["known"] = self._states.nothing(self._size)
+        if memory["dead"] is not dead:
+            if not np.array_equal(memory["dead"], dead):
+                self.forget(memory)
+            memory["dead"] = dead
 
     def forget(self, memory: dict[str, Array]) -> None:
         """Forget what is known of states."""
