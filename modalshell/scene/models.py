@@ -5,13 +5,14 @@ from __future__ import annotations
 import inspect
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Union, cast, get_args, get_origin
 
 import msgspec
 
 from modalshell.models import Model
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import ModelSpec, models
+from modalshell.scene.signatures import parameters_of
 from modalshell.scene.tables import Count, Table
 
 Cells = tuple[Count, Count]
@@ -46,16 +47,15 @@ def model_tables() -> dict[str, type[ModelTable]]:
 @cache
 def _table(spec: ModelSpec) -> type[ModelTable]:
     builder: Any = spec.builder
-    hints = get_type_hints(builder.__init__ if inspect.isclass(builder) else builder, include_extras=True)
     fields: dict[str, tuple[Any, Any]] = {"modes": (Count, MODE_COUNT)} if spec.on_modes else {}
     if spec.on_coarse_mesh:
         fields["cells"] = (Cells | None, None)
         fields["triangles"] = (Count | None, None)
-    for name, parameter in list(inspect.signature(builder).parameters.items())[spec.given :]:
+    for name, (hint, default) in list(parameters_of(builder).items())[spec.given :]:
         if name == "count":
-            fields["modes"] = (Count, parameter.default)
-        elif (kind := _in_toml(hints[name])) is not None:
-            fields[name] = (kind, parameter.default)
+            fields["modes"] = (Count, default)
+        elif (kind := _in_toml(hint)) is not None:
+            fields[name] = (kind, default)
     made = msgspec.defstruct(
         spec.key, [(name, *field) for name, field in fields.items()], bases=(ModelTable,),
         namespace={"spec": spec, "__doc__": inspect.getdoc(builder)}, frozen=True, kw_only=True,

@@ -28,16 +28,25 @@ class Built(Table, frozen=True):
         """What the table declares."""
 
 
+def parameters_of(function: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
+    """Type and default of each parameter, by name; of a class those of its ``__init__``.
+
+    Some Pythons (3.11.2) take the signature of a class from a ``__new__`` that it inherits before its ``__init__``.
+    """
+    called = function.__init__ if inspect.isclass(function) else function
+    hints, parameters = get_type_hints(called, include_extras=True), inspect.signature(called).parameters
+    found = {name: (hints.get(name), parameter.default) for name, parameter in parameters.items()}
+    return dict(list(found.items())[1:]) if called is not function else found
+
+
 def signature_table(
     function: Callable[..., Any], base: type[Any] = Built, tag_field: str | None = None, tag: str | None = None
 ) -> type[Any]:
     """The table of a function, a subclass of ``base``, with the function's parameters and defaults as its keys."""
-    hints = get_type_hints(function.__init__ if inspect.isclass(function) else function, include_extras=True)
     fields: list[Any] = []
-    for name, parameter in inspect.signature(function).parameters.items():
-        hint = tuple[int, int] if name == "cells" else hints[name]
-        hint = _of_scenes(hint)
-        fields.append((name, hint) if parameter.default is parameter.empty else (name, hint, parameter.default))
+    for name, (hint, default) in parameters_of(function).items():
+        kind = _of_scenes(tuple[int, int] if name == "cells" else hint)
+        fields.append((name, kind) if default is inspect.Parameter.empty else (name, kind, default))
 
     names = [name for name, *_ in fields]
 
