@@ -23,7 +23,7 @@ def test_parameters_of_a_class_are_those_of_its_constructor_whatever_new_it_inhe
     """Python 3.11.2 says ``(*args, **options)`` of such a class, and no scene with a model could be read."""
     for kind in (Made, Further):
         assert parameters_of(kind) == {"width": (float, inspect.Parameter.empty), "name": (str, "sheet")}
-    assert parameters_of(lambda width, name=2.0: None) == {
+    assert parameters_of(lambda width, name=2.0: (width, name)) == {
         "width": (None, inspect.Parameter.empty),
         "name": (None, 2.0),
     }

@@ -159,7 +159,7 @@ class Watch:
 
         The first time the largest loads that are known to come are taken, if their statics hold with some room. A bar
         beyond 30 % is too large; before the level's first check can look, which takes three frames, one beyond what a
-        check allows: a load that acts at once has then left energy that the next level would go on with.
+        check allows: a load that acts at once has then left energy that the next level would keep.
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
             coming = self._loads.coming(dead)
