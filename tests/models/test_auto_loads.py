@@ -1,0 +1,58 @@
+"""The model that switches itself under dead loads that are changed between steps, and motions that go back."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.loads import Loading
+from modalshell.motion.stepping import Motion
+
+DT = 1.0 / 60.0
+
+
+@pytest.fixture(scope="module")
+def beam():
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
+
+
+def swung(beam, model, steps, push):
+    """A motion under the beam's weight, and positions after steps under this and a push along the beam as well."""
+    weight = beam.mass[:, None] * np.array([0.0, 2.6, -9.7])
+    motion = Motion(model, Loading(beam.rest_positions, weight), dt=DT, damping=(2.0, 0.001))
+    for _ in range(steps):
+        motion.advance()
+    snapshot = {name: array.copy() for name, array in motion.snapshot().items()}
+    motion.load = weight + beam.mass[:, None] * np.array([-push, 0.0, 0.0])
+    return motion, snapshot
+
+
+def advanced(motion, steps):
+    return np.array([(motion.advance(), motion.positions())[1] for _ in range(steps)])
+
+
+def test_a_dead_load_that_turns_is_looked_at(beam):
+    """The push alone hardly moves the beam, so that no linear answer grows; but with the weight it buckles."""
+    runs = [advanced(swung(beam, model, 60, 400.0)[0], 40) for model in (ms.Auto(beam, 6), ms.DiscreteShell(beam))]
+    gaps, moves = runs[0] - runs[1], runs[1] - beam.rest_positions
+    off, moved = (np.sqrt(np.sum(beam.mass[:, None] * part**2, axis=(1, 2))) for part in (gaps, moves))
+    assert off.max() < 0.05 * moved.max()
+
+
+def test_another_dead_load_ends_what_is_known(beam):
+    motion, _ = swung(beam, ms.Auto(beam, 6), 60, 0.0)
+    assert motion.state.memory["known"].any()
+    motion.load = 1.1 * motion.load
+    fitted = motion.state.memory.copy()
+    motion.stepper._watch.fit(fitted, motion.load)
+    assert not fitted["known"].any()
+    assert motion.state.memory["known"].any()  # the state that was given stays
+
+
+def test_a_motion_that_goes_back_to_a_snapshot_goes_on_with_the_same_bits(beam):
+    """The load of later steps had been seen to be calm, so that it was not looked at again."""
+    motion, snapshot = swung(beam, ms.Auto(beam, 6), 60, 0.0)
+    motion.load = 4.5 * motion.load
+    first = advanced(motion, 25)
+    motion.restore(snapshot)
+    assert np.array_equal(advanced(motion, 25), first)
