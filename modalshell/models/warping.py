@@ -227,11 +227,12 @@ def _gradient_of(modal: Array, rows: Array, q: Array) -> Array:
 
 def _checked(modal: Array, rows: Array, q: Array) -> Array:
     """Coordinates as they lie in a kernel's memory; OptionError where the sizes of these are not of the modes."""
+    q = np.ascontiguousarray(q, dtype=np.float64)
     if q.ndim != 1 or 2 * rows.size * q.size != modal.size:
         raise OptionError(
             f"q must have the basis's {modal.size // (2 * rows.size)} coordinates (got the shape {q.shape})"
         )
-    return np.ascontiguousarray(q, dtype=np.float64)
+    return q
 
 
 def _force_of(modal: Array, rows: Array, q: Array) -> Array:

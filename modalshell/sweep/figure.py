@@ -83,7 +83,7 @@ class _Summary:
         """The name of an axis of numbers, with its unit; of an axis of vectors that of their lengths."""
         axis, unit = self.axes[place], self.units.get(self.axes[place].key, "1")
         name = f"|{axis.key}|" if isinstance(axis.values[0], list) else axis.key
-        return name + (f" [{unit}]" if unit != "1" else "")
+        return _with_unit(name, unit)
 
     def heading(self, chosen: Chosen) -> str:
         """Title of the panel of the chosen values."""
@@ -233,7 +233,11 @@ def axis_text(value: Any) -> str:
 
 def _label(value: str, units: Mapping[str, str]) -> str:
     unit = units.get(value, "1")
-    return _LABELS.get(value, value.replace("_", " ")) + (f" [{unit}]" if unit != "1" else "")
+    return _with_unit(_LABELS.get(value, value.replace("_", " ")), unit)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit != "1" else name
 
 
 def _is_wide(values: Any) -> bool:

@@ -139,6 +139,7 @@ def test_loads_and_coordinates_of_other_sizes_are_refused(consistent):
     shell = ms.Shell(ms.flat_beam(cells=(4, 2)), ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.26")
     model = ms.ModalWarping(ms.solve_modes(shell, 3), consistent_force=consistent)
     q, load = np.zeros(3), np.zeros((15, 3))
+    assert (model.warped_force([0.0, 0.0, 0.0], load) == model.warped_force(q, load)).all()
     for wrong in ((q, load[:-1]), (q[:2], load), (q[:, None], load)):
         for call in (model.warped_force, model.warped_work):
             with pytest.raises(ms.OptionError, match="must"):

@@ -62,7 +62,8 @@ class LoadsAhead:
         forces = [load.constant for load in live if load.constant is not None]
         self._parts = forces if len(forces) == len(live) and not check.least else None
         self.dear = self.change and self._parts is None
-        self._sums: tuple[Array, Array, SumAnswers, float] | None = None
+        self._sums: tuple[Array, Array, SumAnswers] | None = None
+        self._coming: tuple[Array, list[Coming]] | None = None
 
     def factors(self, time: float) -> Array:
         """Factors (k,) of the loads that change."""
@@ -76,10 +77,9 @@ class LoadsAhead:
             kept = self._sums
             if kept is None or kept[0] is not dead:
                 forces = [dead, *self._parts]
-                most = max((one.whole for one in self.coming(dead)), default=0.0)
-                kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces), most
+                kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces)
             factors = np.concatenate([_ONE, self.factors(time)])
-            if not 0.0 < kept[3] == memory["ahead"][0]:  # else both ends have been looked at, and what lies between
+            if not 0.0 < self.most(dead) == memory["ahead"][0]:  # else both ends, and so all between, have been seen
                 along(np.tensordot(factors, kept[1], 1), memory)
             return kept[2].of(factors)
         force = self.force(state, time, dead)
@@ -103,6 +103,15 @@ class LoadsAhead:
 
         Loads that follow the shell are others when they come.
         """
+        if self._coming is None or self._coming[0] is not dead:
+            self._coming = dead, self._ends(dead)
+        return self._coming[1]
+
+    def most(self, dead: Array) -> float:
+        """Length of the longest linear answer to them; 0 of none."""
+        return max((one.whole for one in self.coming(dead)), default=0.0)
+
+    def _ends(self, dead: Array) -> list[Coming]:
         live = self._loading.live
         if self._parts is None or len(live) != 1:
             return []

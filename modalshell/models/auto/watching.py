@@ -163,7 +163,7 @@ class Watch:
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
             coming = self._loads.coming(dead)
-            most = max((one.whole for one in coming), default=0.0)
+            most = self._loads.most(dead)
             if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
                 memory["ahead"] = np.array([most])
                 return None
