@@ -17,6 +17,8 @@ from modalshell.supports import Pin, Support, Symmetry
 
 _PARALLEL = 1e-9
 """Share of a part's forces across their direction up to which they are parallel, and a turn about it does nothing."""
+_BALANCED = 1e-9
+"""Moment of a part's forces at rest, over their sizes and the part's, up to which the part need not turn at first."""
 
 
 @final
@@ -33,11 +35,14 @@ class DriftingPart:
     axis : ndarray, shape (3,), or None
         Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
         nothing.
+    balanced : bool
+        Whether the part is free to move in all six ways, and the forces at rest have no moment.
     """
 
     vertices: Index
     directions: Array
     axis: Array | None
+    balanced: bool
 
     def supports(self, shell: Shell, *, turning: bool) -> list[Support]:
         """What holds it, ``turning`` about its axis or not: a load in balance makes no reaction there."""
@@ -51,6 +56,19 @@ class DriftingPart:
             farthest = np.linalg.norm(across, axis=1).argmax()
             held.append(Symmetry(self.vertices[[farthest]], across[farthest]))
         return held
+
+    def fixed(self, shell: Shell) -> list[Support]:
+        """What holds it in all six ways, statically determinate: none of a part along a line, which has fewer."""
+        points = shell.rest_positions[self.vertices]
+        arms = points - points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
+        first, second = np.linalg.norm(arms, axis=1).argmin(), np.linalg.norm(arms, axis=1).argmax()
+        along = arms[second] / np.linalg.norm(arms[second])
+        across = arms - np.outer(arms @ along, along)
+        third = np.linalg.norm(across, axis=1).argmax()
+        aside = across[third] / np.linalg.norm(across[third])
+        normal = np.cross(along, aside)
+        held = [(second, aside), (second, normal), (third, normal)]
+        return [Pin(self.vertices[[first]]), *(Symmetry(self.vertices[[one]], way) for one, way in held)]
 
     def put_back(self, shell: Shell, x: Array, start: Array) -> None:
         """Move x (n, 3) [m] to have the centre of mass where it was at ``start``, turned as little as can be."""
@@ -81,27 +99,37 @@ def drifting_parts(shell: Shell, load: Array) -> list[DriftingPart]:
             axis = strongest / np.linalg.norm(strongest) if motions == 6 and strongest.any() else None
             if axis is not None and np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces):
                 axis = None
-            found.append(DriftingPart(vertices, directions, axis))
+            arms = shell.rest_positions[vertices] - shell.rest_positions[vertices].mean(axis=0)
+            moment = np.linalg.norm(np.cross(arms, forces).sum(axis=0))
+            most = np.linalg.norm(arms, axis=1).max() * np.linalg.norm(forces, axis=1).sum()
+            found.append(DriftingPart(vertices, directions, axis, bool(motions == 6 and moment <= _BALANCED * most)))
     return found
 
 
-def balanced(shell: Shell, load: Array, start: Array | None, solve: Callable[[Shell], Equilibrium]) -> Equilibrium:
+def balanced(
+    shell: Shell, load: Array, start: Array | None, solve: Callable[[Shell, Array | None], Equilibrium]
+) -> Equilibrium:
     """Equilibrium of a shell whose free parts a load (n, 3) [N] does not push away.
 
-    ``solve`` finds it for the shell with further supports. Turns that change nothing are held, too, unless the way to
-    the answer is too hard so.
+    ``solve`` finds it for the shell with further supports, from a start. Turns that change nothing are held, too,
+    unless the way to the answer is too hard so. At rest nothing resists turns: parts that the load does not turn there
+    are held in all ways first, and turn from the answer of that, where the load resists.
     """
-    parts, iterations = drifting_parts(shell, load), 0
+    parts, iterations, begin, message = drifting_parts(shell, load), 0, start, ""
+    if start is None and load.any() and parts and all(part.balanced for part in parts):
+        held = solve(shell.also_supported([support for part in parts for support in part.fixed(shell)]), None)
+        iterations = held.iterations
+        begin, message = (held.positions, held.message) if held.converged and held.stable else (None, "")
     for turning in (False, True):
         supports = [support for part in parts for support in part.supports(shell, turning=turning)]
-        found = solve(shell.also_supported(supports) if supports else shell)
+        found = solve(shell.also_supported(supports) if supports else shell, begin)
         iterations += found.iterations
         if found.converged or all(part.axis is None for part in parts):
             break
     positions = found.positions.copy()
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
-    return replace(found, positions=positions, iterations=iterations)
+    return replace(found, positions=positions, iterations=iterations, message=found.message or message)
 
 
 def refuse_drifting(shell: Shell, what: str) -> None:

@@ -119,10 +119,10 @@ class FullModel(Model):
             x = np.array(self.shell.rest_positions if start is None else start)
             return Equilibrium(x, Outcome.NO_EQUILIBRIUM, "", 0, share, None, creases=self.shell.crease_state)
 
-        def solve(shell: Shell) -> Equilibrium:
+        def solve(shell: Shell, begin: Array | None) -> Equilibrium:
             model = copy.copy(self)
             model.shell, model.factoriser = shell, Factoriser(self.factoriser.backend)
-            found = model._solve_constrained(loading, start, ())
+            found = model._solve_constrained(loading, begin, ())
             neutral = found.outcome is Outcome.UNSTABLE and model._curves_down(found.positions) is False
             return replace(found, outcome=Outcome.CONVERGED, message="", stable=True) if neutral else found
 
