@@ -97,7 +97,7 @@ def equilibrium_on_modal_contacts(
     answer = Equilibrium(
         x,
         Outcome.CONVERGED if converged else Outcome.NOT_CONVERGED,
-        "" if converged else f"the contact set did not settle at {steps.target:.3g} of the load",
+        "" if converged else f"the contact set did not settle at {steps.target:.3g} of the load: take DS or coarse DS",
         iterations,
         change,
         None,

@@ -156,7 +156,7 @@ def _rest(model: Any, pressing: ModalContacts, load: Array, start: Array | None)
     stable = _stable(problem, pressing, found.pressed) if converged else None
     outcome, message = verdict(found.residual if converged else np.inf, stable)
     if not converged:
-        message = f"the contact set did not settle at {steps.target:.3g} of the load"
+        message = f"the contact set did not settle at {steps.target:.3g} of the load: take DS or coarse DS"
     forces, touches, deepest, _ = touched_frame(pressing.touching, x, pressed.pushes)
     return Equilibrium(
         x,
