@@ -86,7 +86,7 @@ class HybridStress(OnCoarse):
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self.coarse_errors, self._stated = trained.coarse_errors, stated(trained)
         self._trained, self._basis = trained, trained.basis
-        at_origin = measures_of(coarse.centred()[0])
+        at_origin = measures_of(coarse.centred()[0], trained.turned)
         self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         self._about()
@@ -131,7 +131,8 @@ class HybridStress(OnCoarse):
         coarse : Shell, optional
             A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int, optional
-            Vectors m of the basis, by default 32; with ``error`` the most, by default 44.
+            Vectors m of the basis, by default 44 of shell theory and 32 of hinges; with ``error`` the most, by default
+            44.
         motions : int
             Motions through the random loads, and back, to train on.
         seed : int
@@ -251,7 +252,8 @@ class HybridStress(OnCoarse):
         columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z)
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
-        constants = forces_by_constants(measures_of(small), self._reduced, self._trained.stresses, self._basis, z)
+        measures = measures_of(small, self._trained.turned)
+        constants = forces_by_constants(measures, self._reduced, self._trained.stresses, self._basis, z)
         tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
         return tangent.derivative(wrt, of)
 

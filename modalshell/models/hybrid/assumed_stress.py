@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.kernels.packed import BYTES, LANES
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
-from modalshell.models.hybrid.measures import Bending, Measures
+from modalshell.models.hybrid.measures import NONE_TURNED, Bending, Measures
 from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
 from modalshell.shell import Shell
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -60,9 +60,10 @@ class ReducedStress(NamedTuple):
     bending: Bending
 
 
-def measures_of(shell: Shell) -> Measures:
-    """Measures of a shell without further energies."""
-    return SplitFoldMeasures(shell) if isinstance(shell.elastic_energy, SplitFoldEnergy) else HingeMeasures(shell)
+def measures_of(shell: Shell, turned: Index = NONE_TURNED) -> Measures:
+    """Measures of a shell without further energies; ``turned`` folds (t,) of shell theory count as bent ones."""
+    folded = isinstance(shell.elastic_energy, SplitFoldEnergy)
+    return SplitFoldMeasures(shell, turned) if folded else HingeMeasures(shell)
 
 
 def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:

@@ -44,13 +44,23 @@ def make_room(count, modes, vertices, hinges):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def multiply(rows, z, out):  # type: ignore[no-untyped-def]
     """Write the products of rows, of the length of ``z`` (width,), with it into ``out``."""
-    place = 0
-    for k in range(out.size):
-        products = load(rows, place) * load(z, 0)
-        for i in range(LANES, z.size, LANES):
-            products = products + load(rows, place + i) * load(z, i)
-        out[k] = total(products)
-        place += z.size
+    width, place, whole = z.size, 0, out.size // 3 * 3
+    for k in range(0, whole, 3):
+        here = load(z, 0)
+        a, b, c = load(rows, place) * here, load(rows, place + width) * here, load(rows, place + 2 * width) * here
+        for i in range(LANES, width, LANES):
+            here, at = load(z, i), place + i
+            a = a + load(rows, at) * here
+            b = b + load(rows, at + width) * here
+            c = c + load(rows, at + 2 * width) * here
+        out[k], out[k + 1], out[k + 2] = total(a), total(b), total(c)
+        place += 3 * width
+    for k in range(whole, out.size):
+        a = load(rows, place) * load(z, 0)
+        for i in range(LANES, width, LANES):
+            a = a + load(rows, place + i) * load(z, i)
+        out[k] = total(a)
+        place += width
 
 
 @njit(**_options)
@@ -77,14 +87,14 @@ def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-u
             change -= np.copysign(2.0 * np.pi, change)
         strains[first + h] = root * change
         for i in range(0, width, LANES):
-            slope = spread(0.0)
+            to_a, to_b, to_c, to_d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
             for axis in range(3):
                 p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-                slope = slope + spread(p) * load(modes, (b + axis) * width + i)
-                slope = slope + spread(q) * load(modes, (c + axis) * width + i)
-                slope = slope + spread(r) * load(modes, (d + axis) * width + i)
-                slope = slope - spread(p + q + r) * load(modes, (a + axis) * width + i)
-            store(slopes, row + i, slope)
+                to_b = to_b + spread(p) * load(modes, (b + axis) * width + i)
+                to_c = to_c + spread(q) * load(modes, (c + axis) * width + i)
+                to_d = to_d + spread(r) * load(modes, (d + axis) * width + i)
+                to_a = to_a + spread(p + q + r) * load(modes, (a + axis) * width + i)
+            store(slopes, row + i, (to_b + to_c) + (to_d - to_a))
 
 
 @njit(**_options)
@@ -150,18 +160,44 @@ def couple(bending, z, first, strains, slopes, others, gradient, room):  # type:
         for place in range(begin, end):
             coupled += bending.values[place] * strains[first + bending.others[place]]
         value += bent * (0.5 * coupled + flat)
+        _add_coupled(bending, begin, end, first, slopes, others, h * width, width)
         for i in range(0, width, LANES):
             at = over + i
             turned = spread(nx) * load(across, at) + spread(ny) * load(across, at + width)
-            turned, other = turned + spread(nz) * load(across, at + 2 * width), spread(0.0)
-            for place in range(begin, end):
-                there = (first + bending.others[place]) * width + i
-                other = other + spread_from(bending.values, place) * load(slopes, there)
+            turned, other = turned + spread(nz) * load(across, at + 2 * width), load(others, h * width + i)
             store(others, h * width + i, turned + spread(0.5) * other)
             force = spread(coupled + flat) * load(slopes, row + i) + spread(bent) * turned
             store(gradient, i, load(gradient, i) + force)
     add_rows(bending.modes.reshape(-1), 0, forces, 0, forces.size, gradient)
     return value
+
+
+@njit(**_options)
+def _add_coupled(bending, begin, end, first, slopes, others, to, width):  # type: ignore[no-untyped-def]
+    """Write the rows of slopes that a hinge is coupled to, times what couples them, from ``to`` on into ``others``."""
+    values, together = bending.values, 4 * LANES
+    for i in range(0, width - together + 1, together):
+        a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+        for place in range(begin, end):
+            there, value = (first + bending.others[place]) * width + i, spread_from(values, place)
+            a = a + value * load(slopes, there)
+            b = b + value * load(slopes, there + LANES)
+            c = c + value * load(slopes, there + 2 * LANES)
+            d = d + value * load(slopes, there + 3 * LANES)
+        store(others, to + i, a)
+        store(others, to + i + LANES, b)
+        store(others, to + i + 2 * LANES, c)
+        store(others, to + i + 3 * LANES, d)
+    for i in range(width // together * together, width, LANES):
+        a, b, paired = spread(0.0), spread(0.0), begin + (end - begin) // 2 * 2
+        for place in range(begin, paired, 2):
+            there, here = first + bending.others[place], first + bending.others[place + 1]
+            a = a + spread_from(values, place) * load(slopes, there * width + i)
+            b = b + spread_from(values, place + 1) * load(slopes, here * width + i)
+        if paired < end:
+            there = first + bending.others[paired]
+            a = a + spread_from(values, paired) * load(slopes, there * width + i)
+        store(others, to + i, a + b)
 
 
 @njit(**_options)
@@ -186,7 +222,34 @@ def add_products(left, begin, right, start, count, width, matrix):  # type: igno
     To the lower triangle of ``matrix`` (width, width), which is flat; what it has above its diagonal is lost.
     """
     for i in range(0, width, 4):
-        for j in range(0, i + 4, LANES):
+        most, j = i + 4, 0
+        while j + LANES < most:
+            at, other = i * width + j, start * width + j
+            a, e = load(matrix, at), load(matrix, at + LANES)
+            b, f = load(matrix, at + width), load(matrix, at + width + LANES)
+            c, g = load(matrix, at + 2 * width), load(matrix, at + 2 * width + LANES)
+            d, h = load(matrix, at + 3 * width), load(matrix, at + 3 * width + LANES)
+            for k in range(begin * width + i, (begin + count) * width + i, width):
+                row, more = load(right, other), load(right, other + LANES)
+                factor = spread_from(left, k)
+                a, e = a + factor * row, e + factor * more
+                factor = spread_from(left, k + 1)
+                b, f = b + factor * row, f + factor * more
+                factor = spread_from(left, k + 2)
+                c, g = c + factor * row, g + factor * more
+                factor = spread_from(left, k + 3)
+                d, h = d + factor * row, h + factor * more
+                other += width
+            store(matrix, at, a)
+            store(matrix, at + LANES, e)
+            store(matrix, at + width, b)
+            store(matrix, at + width + LANES, f)
+            store(matrix, at + 2 * width, c)
+            store(matrix, at + 2 * width + LANES, g)
+            store(matrix, at + 3 * width, d)
+            store(matrix, at + 3 * width + LANES, h)
+            j += 2 * LANES
+        if j < most:
             at, other = i * width + j, start * width + j
             a, b = load(matrix, at), load(matrix, at + width)
             c, d = load(matrix, at + 2 * width), load(matrix, at + 3 * width)

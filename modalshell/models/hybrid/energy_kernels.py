@@ -29,16 +29,26 @@ def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
     linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
     products, values, half = room.products, room.values, spread(0.5)
     for k in range(0, width, LANES):
-        place = k
-        for i in range(count):
-            here, row = spread_from(z, i), spread(0.0)
+        for i in range(0, count - 1, 2):  # two rows at once: a product is stored once for both
+            place = i * (i + 1) // 2 * width + k
+            below = place + (i + 1) * width
+            here, there, row, further = spread_from(z, i), spread_from(z, i + 1), spread(0.0), spread(0.0)
+            for j in range(i):
+                numbers, others, at, known = load(pairs, place), load(pairs, below), j * width + k, spread_from(z, j)
+                row, further = row + numbers * known, further + others * known
+                store(products, at, load(products, at) + numbers * here + others * there)
+                place, below = place + width, below + width
+            shared, at = load(pairs, below), i * width + k
+            store(products, at, row + load(pairs, place) * here + shared * there)
+            store(products, at + width, further + shared * here + load(pairs, below + width) * there)
+        for i in range(count // 2 * 2, count):
+            place, here, row = i * (i + 1) // 2 * width + k, spread_from(z, i), spread(0.0)
             for j in range(i):
                 numbers, at = load(pairs, place), j * width + k
                 row = row + numbers * spread_from(z, j)
                 store(products, at, load(products, at) + numbers * here)
                 place += width
             store(products, i * width + k, row + load(pairs, place) * here)
-            place += width
         value = spread(0.0)
         for i in range(count):
             at = i * width + k
@@ -60,11 +70,24 @@ def _add_stressed(form, stresses, width, hessian, room):  # type: ignore[no-unty
     for k in range(modes):
         known[k] = stresses[k] if k < form.modes else 0.0
     for i in range(count):
-        for j in range(i + 1):
-            sums = spread(0.0)
+        for j in range(0, i - 2, 4):
+            a, b, c, d, at = spread(0.0), spread(0.0), spread(0.0), spread(0.0), i * width + j
             for k in range(0, modes, LANES):
-                sums = sums + load(pairs, place + k) * load(known, k)
-            hessian[i * width + j] += total(sums)
+                stress = load(known, k)
+                a = a + load(pairs, place + k) * stress
+                b = b + load(pairs, place + modes + k) * stress
+                c = c + load(pairs, place + 2 * modes + k) * stress
+                d = d + load(pairs, place + 3 * modes + k) * stress
+            hessian[at] += total(a)
+            hessian[at + 1] += total(b)
+            hessian[at + 2] += total(c)
+            hessian[at + 3] += total(d)
+            place += 4 * modes
+        for j in range((i + 1) // 4 * 4, i + 1):
+            a = spread(0.0)
+            for k in range(0, modes, LANES):
+                a = a + load(pairs, place + k) * load(known, k)
+            hessian[i * width + j] += total(a)
             place += modes
 
 

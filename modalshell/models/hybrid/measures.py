@@ -8,7 +8,7 @@ as they are.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -19,6 +19,7 @@ from modalshell.shell import Shell
 
 FLAT = 1e-6
 """Rest angle [rad] up to which a hinge is flat."""
+NONE_TURNED: Index = np.empty(0, dtype=np.int64)
 RESISTED = 0.9
 """Largest share of a membrane mode's energy that flat hinges take where stresses take the rest."""
 
@@ -68,6 +69,9 @@ class Measures(ABC):
     States of the membrane are vectors (e,), linear in its strains; so are modes of its stresses. Their energy is half
     the square of their scaled form.
     """
+
+    vectors: ClassVar = 32
+    """Vectors of a basis where neither their number nor an error is wanted."""
 
     def __init__(self, shell: Shell) -> None:
         self.shell = shell
@@ -121,6 +125,10 @@ class Measures(ABC):
         Modes of whose energy the hinges take more than :data:`RESISTED` are left to the hinges altogether.
         ``factors`` are those of the energy's parts, the last of the bending.
         """
+
+    def far_turned(self, frames: Array) -> Index:
+        """Folds, flat at rest, that frames (f, k, 3) [m] turn so far that they are to be evaluated."""
+        return NONE_TURNED
 
     @abstractmethod
     def bending(self, columns: Array) -> Bending:

@@ -7,29 +7,31 @@ normals of neighbours are nearly parallel, so products of such vectors stand for
 
 .. math:: W_b \approx \tfrac12 \sum_c v_c^T H v_c, \qquad v_e = j_e \text{ or } \delta_e n_e,
 
-and what the flat folds add is one constant matrix (theory 11, eq. 7).
+and what the flat folds add is one constant matrix (theory 11, eq. 7). Normals of neighbours are not nearly parallel
+where folds turn far: flat folds that training turns by more than :data:`_TURNED` count as bent ones.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
 from modalshell.shell.constant_forms import ConstantForms
-from modalshell.shell.kernels.split_folds import half_squares
+from modalshell.shell.kernels.split_folds import fold_angles, half_squares
 from modalshell.shell.smoothed_membrane import MembraneElements
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
-_COUPLED = 1e-3
+_COUPLED = 1e-2
 """Coupling of two bent folds, over the root of both stiffnesses, below which it is left out: it falls off with the
 distance, to a tenth in two cells."""
+_TURNED = 0.5
+"""Turn [rad] of a fold, flat at rest, from which vectors miss too much of its bending."""
 _COLUMNS = 256
 """Bent folds whose couplings are found at once."""
 _SLACK = 1e-10
@@ -38,12 +40,24 @@ _SLACK = 1e-10
 
 @final
 class SplitFoldMeasures(Measures):
-    """Of an :class:`Isotropic` shell: strains of its edges, and folds that are coupled."""
+    """Of an :class:`Isotropic` shell: strains of its edges, and folds that are coupled.
 
-    def __init__(self, shell: Shell) -> None:
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    turned : ndarray of int64, shape (t,)
+        Folds that count as bent, whatever their angle at rest.
+    """
+
+    vectors: ClassVar = 44
+
+    def __init__(self, shell: Shell, turned: Index) -> None:
         super().__init__(shell)
         assert isinstance(shell.elastic_energy, SplitFoldEnergy)
         self._forms: ConstantForms = shell.elastic_energy.constant_forms()
+        self._flat = np.abs(self._forms.angles) <= FLAT
+        self._flat[turned] = False
 
     @property
     def edges(self) -> Index:
@@ -97,9 +111,15 @@ class SplitFoldMeasures(Measures):
         """By the membrane's matrix."""
         return np.asarray(self._forms.tension @ modes)
 
-    @property
-    def _flat(self) -> NDArray[np.bool_]:
-        return np.abs(self._forms.angles) <= FLAT
+    def far_turned(self, frames: Array) -> Index:
+        """Folds that frames (f, k, 3) [m] turn by more than :data:`_TURNED`."""
+        forms, points = self._forms, self._forms.points.copy()
+        turned, slopes = np.zeros((2, len(forms.hinges))), np.empty((len(forms.hinges), 9))
+        for x in frames:
+            points[: len(x)] = x
+            fold_angles(points, forms.hinges, forms.angles, turned[1], slopes)
+            np.maximum(turned[0], np.abs(turned[1]), out=turned[0])
+        return np.flatnonzero(turned[0] > _TURNED)
 
     def elastic_tensions(self, modes: Array, factors: tuple[float, ...] = (1.0, 1.0, 1.0)) -> Array:
         """See :class:`Measures`; factors of the membrane, twice, and of the bending."""

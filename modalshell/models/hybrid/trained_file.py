@@ -28,9 +28,11 @@ _HYBRID = Archive(
         "energy": Field("f", (), "J"),
         "description": Field("U"),
         "coarse_errors": Field("f", ("c", 2), ""),
+        "turned": Field("iu", ("t",)),
         "rest": Field("f", ("n", 3), "m"),
     },
     most=LARGEST,
+    version=2,
 )
 
 
@@ -68,9 +70,12 @@ def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
     with _HYBRID.read(path) as data:
         if not np.array_equal(data["rest"], coarse.rest_positions):
             raise ValueError("it was trained on another coarse shell")
-        size = measures_of(coarse).state_size
+        turned = data["turned"]
+        if turned.min(initial=0) < 0:
+            raise ValueError(f"turned must be numbers of folds from 0 on (got {turned.min()})")
+        size = measures_of(coarse, turned).state_size  # an IndexError where there are fewer folds
         if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != size:
             raise ValueError(f"its stresses are of {len(data['stresses'])} numbers, those of this shell of {size}")
         arrays = data["basis"], data["stresses"], data["viscous"]
         numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
-        return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"])
+        return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"], turned)

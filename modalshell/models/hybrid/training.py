@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Index, Progress
 from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import MotionState
@@ -25,7 +25,7 @@ from modalshell.models.hybrid.assumed_stress import (
     stress_modes,
 )
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
-from modalshell.models.hybrid.measures import Measures
+from modalshell.models.hybrid.measures import NONE_TURNED, Measures
 from modalshell.models.hybrid.training_loads import TrainingLoads
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -45,8 +45,6 @@ _WRONG = 0.1
 """Error from which a motion is wrong, and a warning is given where no error is wanted."""
 GROWING = (16, 24, 32, 44)
 """Sizes of the basis that are tried where an error is wanted, up to the largest that is allowed."""
-_MODES = 32
-"""Size of the basis where neither it nor an error is wanted."""
 _LINEAR, _STRESSED = 4, 6
 """Linear modes in the basis, and those whose stresses are assumed."""
 _UNSTRETCHED = 1e-12
@@ -84,6 +82,8 @@ class Trained:
         The loads.
     coarse_errors : ndarray, shape (c, 2)
         Shares of the load, and under each the error of the coarse shell itself against DS at rest; none if unknown.
+    turned : ndarray of int64, shape (t,)
+        Folds, flat at rest, that are evaluated as bent ones: training turns them far.
     """
 
     basis: Array
@@ -94,6 +94,7 @@ class Trained:
     energy: float
     description: str
     coarse_errors: Array = field(default_factory=lambda: np.empty((0, 2)))
+    turned: Index = field(default_factory=lambda: NONE_TURNED)
 
     def unseen(self, measures: Measures, x: Array, energy: float, seen: float) -> float:
         """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
@@ -137,10 +138,10 @@ class Training:
         """Frames of the motions on the coarse shell, held-out ones included."""
         return (self.motions + _HELD_OUT) * (LOADED + RELEASED)
 
-    def sizes(self, most: int) -> list[int]:
-        """Numbers of vectors to try, ascending, each at most ``most``."""
+    def sizes(self, most: int, usual: int) -> list[int]:
+        """Numbers of vectors to try, ascending, each at most ``most``; the ``usual`` one where none is wanted."""
         if self.error is None:
-            tries = [self.modes or _MODES]
+            tries = [self.modes or usual]
         else:
             tries = [*GROWING] if self.modes is None else [*(n for n in GROWING if n < self.modes), self.modes]
         return sorted({min(size, most) for size in tries})
@@ -155,7 +156,7 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     loads = TrainingLoads(coarse, load, _STRESSED)
     if not (load.any() or loads.rigid):
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
-    sizes = training.sizes(coarse.free_unknowns.size)
+    sizes = training.sizes(coarse.free_unknowns.size, measures_of(coarse).vectors)
     runs = _random_motions(coarse, load, loads, training, on_step)
     frames, held_out = [frames for _, _, frames in runs[: training.motions]], runs[training.motions :]
     resultant = float(np.linalg.norm(load.sum(axis=0)))
@@ -164,7 +165,8 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
         sizes_of_loads = f"loads in flight that turn a vertex by about {loads.size:.2g} rad"
     description = f"{training.motions} motions under {sizes_of_loads}"
     tried: list[Trained] = []
-    measures = measures_of(coarse)
+    turned = measures_of(coarse).far_turned(np.concatenate(frames))
+    measures = measures_of(coarse, turned)
     for size in sizes:
         found, reduced = _reduce(measures, loads, frames, size)
         errors, unseen = zip(
@@ -173,7 +175,8 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
         right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
         limit = max(1.0, 2.0 * max(right, default=0.0))
         missed = float(np.quantile(errors, 0.9))
-        tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
+        found = replace(found, turned=turned, held_out_error=missed, strain_limit=limit, description=description)
+        tried.append(found)
         if training.error is not None and missed <= training.error:
             return tried[-1]
     best, wanted = min(tried, key=lambda one: one.held_out_error), training.error or _WRONG
