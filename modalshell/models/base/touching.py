@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
+from modalshell.contact.led import rest_of_led
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers
@@ -17,9 +19,11 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.modes import Factoriser
+from modalshell.statics.boundary import reactions_of
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
-from modalshell.supports.constraints import Constraint
+from modalshell.supports.constraints import Constraint, held_patches
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
@@ -39,16 +43,22 @@ def equilibrium_on_contacts(
     """Equilibrium of a shell about its ``origin`` (3,) with contacts, from ``start`` (n, 3) in the world, or rest.
 
     With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
-    fails from rest, it begins again at a ``guess`` (n, 3) in the world.
+    fails from rest, it begins again at a ``guess`` (n, 3) in the world. Patches under constraints are led to their
+    targets, without friction.
 
     Raises
     ------
     OptionError
-        For what is no contact, for constraints with them, self-contact with friction, or a start inside a collider.
+        For what is no contact, for constraints with friction or self-contact, or inside a collider, self-contact with
+        friction, or a start inside a collider.
     """
     given, own = parted(contacts)
-    if constraints:
-        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
+    if constraints and (own is not None or any(contact.friction for contact in given)):
+        kind = "self-contact" if own is not None else "friction"
+        raise OptionError(
+            f"statics of DS lead patches under constraints over colliders without friction (got {kind}): simulate the "
+            "damped motion, whose constraints may move in time"
+        )
     if own is not None and own.friction:
         raise OptionError(
             f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
@@ -57,7 +67,11 @@ def equilibrium_on_contacts(
     if rubs and own is not None:
         raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
-    touching = Touching(given, shell, origin)
+    patches = held_patches(constraints, shell.rest_positions + origin, shell.mesh.faces, shell.unknowns)
+    if patches:
+        held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+        problem = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
+    touching = Touching(given, problem.shell, origin)
     first = shell.rest_positions if start is None else start - origin
 
     def guessed() -> Array | None:
@@ -66,7 +80,9 @@ def equilibrium_on_contacts(
 
     further, closest, told = None, None, "the contact set did not settle"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-        if rubs:
+        if patches:
+            rest = rest_of_led(problem, shell, touching, patches, first, origin)
+        elif rubs:
             rest, further, told = rest_with_friction(problem, touching, first, steps)[:3]
         elif own is None:
             rest = rest_on_contacts(problem, touching, first, guessed if start is None else None)
@@ -104,4 +120,6 @@ def equilibrium_on_contacts(
         in_contact=touches,
         deepest=max(0.0, -float(gaps.min(initial=0.0))),
         self_contact=closest,
+        constraint_residuals=np.zeros(len(constraints)),
+        constraint_reactions=reactions_of(shell, constraints, patches, rest.point, problem.load, problem.live),
     )
