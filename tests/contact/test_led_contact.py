@@ -91,7 +91,8 @@ def test_a_turned_end_is_led_over_a_cylinder_far_from_the_origin(kind):
     material = ms.Isotropic(young=2e7, poisson=0.3, thickness=2e-3, density=300.0)
     if kind is ms.SpringSheet:
         material = ms.Material.from_physical(mesh=mesh, young=2e7, poisson=0.3, thickness=2e-3, density=300.0)
-    roller = ms.Contact(ms.Cylinder(away + (0.5, -1.0, -0.1), away + (0.5, 1.0, -0.1), 0.1))
+    middle, side = np.array([0.5, 0.0, -0.1]), np.array([0.0, 1.0, 0.0])
+    roller = ms.Contact(ms.Cylinder(away + middle - side, away + middle + side, 0.1))
     model = kind(ms.Shell(mesh, material, clamped=x < 1e-9))
     found = led(model, x > 1.0 - 1e-9, (-0.05, 0.0, -0.15), [roller], (0.0, 0.5, 0.0))
     assert found.converged
@@ -101,17 +102,57 @@ def test_a_turned_end_is_led_over_a_cylinder_far_from_the_origin(kind):
     np.testing.assert_array_equal(found.constraint_residuals, np.zeros(2))
 
 
+@pytest.mark.parametrize("move", [(0.1, 0.0, 0.0), (0.05, 0.2, 0.05)])
+def test_a_rough_table_drags_by_coulombs_law(move):
+    shell, end = sheet()
+    rough = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.4)
+    found = led(ms.DiscreteShell(shell), end, move, [rough])
+    assert found.stable
+    assert "the constraints moved on straight ways" in found.message
+    np.testing.assert_allclose(found.positions[end], shell.rest_positions[end] + move, rtol=0, atol=1e-12)
+    along = np.linalg.norm(found.contact_forces[:, :2], axis=1)
+    np.testing.assert_allclose(along, 0.4 * found.contact_forces[:, 2], rtol=1e-6, atol=1e-9)  # all of it slides
+    weight = 9.81 * shell.mass.sum()
+    balance = found.contact_forces.sum(axis=0) + found.constraint_reactions[0] - (0.0, 0.0, weight)
+    np.testing.assert_allclose(balance, 0.0, rtol=0, atol=1e-7 * weight)
+    if move[2] == 0.0:  # pulled straight: the table bears what the patch does not
+        borne = weight - found.constraint_reactions[0, 2]
+        np.testing.assert_allclose(found.constraint_reactions[0, 0], 0.4 * borne, rtol=1e-6)
+
+
+def test_of_a_short_pull_a_part_slips_as_in_a_bar_with_friction():
+    """A bar of stiffness EA under friction q a length, pulled by d, slips as far as ``sqrt(2 EA d / q)``."""
+    shell, end = sheet()
+    rough = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.4)
+    found = led(ms.DiscreteShell(shell), end, (1e-5, 0.0, 0.0), [rough])
+    assert found.stable
+    along, limit = np.linalg.norm(found.contact_forces[:, :2], axis=1), 0.4 * found.contact_forces[:, 2]
+    assert (along <= limit * (1.0 + 1e-6) + 1e-9).all()
+    stiffness, friction = 2e7 * 2e-3 * 0.2, 0.4 * 9.81 * shell.mass.sum()
+    slipped = np.sqrt(2.0 * stiffness * 1e-5 / friction)
+    moved, x = found.positions[:, 0] - shell.rest_positions[:, 0], shell.rest_positions[:, 0]
+    assert moved[x < 0.9 - slipped].max() <= 1e-12
+    assert moved[x > 1.05 - slipped].min() > 1e-9
+    np.testing.assert_allclose(found.constraint_reactions[0, 0], friction * slipped, rtol=0.05)
+
+
+def test_a_sheet_pushed_against_its_friction_until_it_snaps_has_no_answer():
+    shell, end = sheet()
+    rough = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.4)
+    found = led(ms.DiscreteShell(shell), end, (-0.05, 0.0, 0.1), [rough])
+    assert not found.converged
+    assert "of the way of the constraints: simulate the damped motion" in found.message
+
+
 def test_what_does_not_go_together_is_refused():
     shell, end = sheet(clamped="x < 1e-9")
     model = ms.DiscreteShell(shell)
     with pytest.raises(ms.OptionError, match=r"leads vertex \d+ to 0\.1 m inside contact 0 \(Plane\): move its target"):
         led(model, end, (0.0, 0.0, -0.1))
-    with pytest.raises(ms.OptionError, match="got friction.*simulate the damped motion"):
-        led(model, end, (0.0, 0.0, 0.1), [ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.3)])
-    with pytest.raises(ms.OptionError, match="got self-contact.*simulate the damped motion"):
+    with pytest.raises(ms.OptionError, match="constraints or self-contact, not both: simulate the damped motion"):
         led(model, end, (0.0, 0.0, 0.1), [ms.SelfContact(gap=0.01)])
     with pytest.raises(ms.OptionError, match="coarse DS takes no position or orientation constraints"):
-        led(ms.CoarseDiscreteShell(shell, 8), end, (0.0, 0.0, 0.1))
+        led(ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, 60)), end, (0.0, 0.0, 0.1))
     # A vertex that the contact leaves out may go there.
     others = ms.Contact(ms.Plane((0, 0, 1), 0.0), sel=~end)
     assert led(model, end, (-0.05, 0.0, -0.02), [others]).deepest <= 1e-9

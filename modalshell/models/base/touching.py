@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from modalshell.contact.active_set import Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
-from modalshell.contact.led import rest_of_led
+from modalshell.contact.led import Led
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers
@@ -28,7 +30,41 @@ from modalshell.supports.constraints import Constraint, held_patches
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
+_LED = "; the constraints moved on straight ways then"
 _AT_ONCE = "friction depends on the way: the load came at once, from the start"
+
+
+class _Found(NamedTuple):
+    """Where a solve ended, forces (n, 3) [N] beyond those along normals, what to say of failure, nearest layers [m]."""
+
+    rest: Rest
+    further: Array | None = None
+    told: str = "the contact set did not settle"
+    closest: float | None = None
+
+
+def _checked(
+    contacts: Sequence[Contact | SelfContact], constraints: Sequence[Constraint]
+) -> tuple[tuple[Contact, ...], SelfContact | None, bool]:
+    """Contacts with colliders, self-contact, and whether any of them has friction; OptionError where they disagree."""
+    given, own = parted(contacts)
+    if constraints and own is not None:
+        raise OptionError("statics of DS take constraints or self-contact, not both: simulate the damped motion")
+    if own is not None and own.friction:
+        raise OptionError(
+            f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
+        )
+    rubs = any(contact.friction for contact in given)
+    if rubs and own is not None:
+        raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
+    return given, own, rubs
+
+
+def _led(led: Led, first: Array, load_steps: int) -> _Found:
+    """Where a shell comes to from ``first`` (n, 3) whose patches are led."""
+    if any(contact.friction for contact in led.touching.contacts):
+        return _Found(*led.rest_with_friction(first, load_steps)[:3])
+    return _Found(led.rest(first))
 
 
 def equilibrium_on_contacts(
@@ -44,28 +80,15 @@ def equilibrium_on_contacts(
 
     With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
     fails from rest, it begins again at a ``guess`` (n, 3) in the world. Patches under constraints are led to their
-    targets, without friction.
+    targets, with friction once the load is there.
 
     Raises
     ------
     OptionError
-        For what is no contact, for constraints with friction or self-contact, or inside a collider, self-contact with
+        For what is no contact, for constraints with self-contact, or that lead into a collider, self-contact with
         friction, or a start inside a collider.
     """
-    given, own = parted(contacts)
-    if constraints and (own is not None or any(contact.friction for contact in given)):
-        kind = "self-contact" if own is not None else "friction"
-        raise OptionError(
-            f"statics of DS lead patches under constraints over colliders without friction (got {kind}): simulate the "
-            "damped motion, whose constraints may move in time"
-        )
-    if own is not None and own.friction:
-        raise OptionError(
-            f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
-        )
-    rubs = any(contact.friction for contact in given)
-    if rubs and own is not None:
-        raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
+    given, own, rubs = _checked(contacts, constraints)
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
     patches = held_patches(constraints, shell.rest_positions + origin, shell.mesh.faces, shell.unknowns)
     if patches:
@@ -78,23 +101,23 @@ def equilibrium_on_contacts(
         found = guess()
         return None if found is None else found - origin
 
-    further, closest, told = None, None, "the contact set did not settle"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-        if patches:
-            rest = rest_of_led(problem, shell, touching, patches, first, origin)
-        elif rubs:
-            rest, further, told = rest_with_friction(problem, touching, first, steps)[:3]
-        elif own is None:
-            rest = rest_on_contacts(problem, touching, first, guessed if start is None else None)
-        else:
+        if own is not None:
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
-            further, closest = -layers.gradient(rest.point), layers.least(rest.point)
+            found = _Found(rest, -layers.gradient(rest.point), closest=layers.least(rest.point))
+        elif patches:
+            found = _led(Led(problem, shell, touching, patches, origin), first, steps)
+        elif rubs:
+            found = _Found(*rest_with_friction(problem, touching, first, steps)[:3])
+        else:
+            found = _Found(rest_on_contacts(problem, touching, first, guessed if start is None else None))
+    rest, further, told, closest = found
     gaps = touching.distances(rest.point)
     if own is not None and problem.live is not None and not problem.live.conservative:
         told = "self-contact settles under loads with a potential alone: simulate the damped motion"
     notes = [] if rest.converged else [told]
     if rubs and rest.converged:
-        notes.append(_AT_ONCE if steps == 1 else _IN_STEPS)
+        notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
         notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
