@@ -156,3 +156,21 @@ def test_what_does_not_go_together_is_refused():
     # A vertex that the contact leaves out may go there.
     others = ms.Contact(ms.Plane((0, 0, 1), 0.0), sel=~end)
     assert led(model, end, (-0.05, 0.0, -0.02), [others]).deepest <= 1e-9
+
+
+def test_supports_along_one_axis_and_two_colliders():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(24, 4))
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    material = ms.Isotropic(young=2e7, poisson=0.3, thickness=2e-3, density=300.0)
+    side = ms.Symmetry(y < -0.1 + 1e-9, (0, 1, 0))
+    corner = (x > 1.0 - 1e-9) & (y > 0.1 - 1e-9)
+    ball = ms.Contact(ms.Sphere((0.5, 0.0, -0.3), 0.3))
+    model = ms.DiscreteShell(ms.Shell(mesh, material, supports=[side]))
+    found = led(model, corner, (0.02, 0.0, 0.1), [ball, TABLE])
+    assert found.stable
+    assert found.deepest <= 1e-9
+    weight = 9.81 * model.shell.mass.sum()
+    borne = found.contact_forces[:, 2].sum() + found.constraint_reactions[0, 2]
+    np.testing.assert_allclose(borne, weight, rtol=1e-7)
+    again = led(model, corner, (0.02, 0.0, 0.1), [ball, TABLE])
+    np.testing.assert_array_equal(again.positions, found.positions)
