@@ -19,7 +19,7 @@ from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, first_drag
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.statics import rest_on_contacts
-from modalshell.contact.touching import INSIDE, Touching
+from modalshell.contact.touching import EXACT_GAP, INSIDE, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
@@ -32,7 +32,7 @@ SLIDES = "it slides: friction does not hold the shell"
 _UNHELD = "no equilibrium was found before anything rubs: hold the shell, begin in touch, or simulate its damped motion"
 _SUB_STEPS = 150
 """Steps in the thick fluid at most."""
-_MOST, _SLOW = 150, 30
+MOST, _SLOW = 150, 30
 """Iterations of a step at most, and of one in the thick fluid."""
 _PULL = 1e-9
 """Pull, as a share of all forces, that rounding explains."""
@@ -92,18 +92,18 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations = _begun(touching, start), 0
+    reached, iterations = begun(touching, start), 0
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
-        step = _Step(loaded, touching, reached.rest.point)
-        found = step.solve(reached, _MOST) if step.rubs else _unrubbed(loaded, touching, reached)
+        step = FrictionStep(loaded, touching, reached.rest.point)
+        found = step.solve(reached, MOST) if step.rubs else _unrubbed(loaded, touching, reached)
         iterations += found.rest.iterations
-        failed = step.rubs and not found.message and not _arrived(touching, reached, found)
+        failed = step.rubs and not found.message and not arrived(touching, reached, found)
         # What touches first in the last step has no further one to rub in.
         if failed or (count == steps and not step.rubs and step.would_rub(found.rest.active)):
             found = _slowly(loaded, touching, reached)
             iterations += found.rest.iterations
-        if not _arrived(touching, reached, found):
+        if not arrived(touching, reached, found):
             message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
             residual = min(reached.rest.residual, found.rest.residual)
             rest = replace(reached.rest, residual=residual, iterations=iterations, converged=False)
@@ -112,7 +112,7 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
     return reached._replace(rest=replace(reached.rest, iterations=iterations))
 
 
-def _arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:
+def arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:
     """Whether a step found a minimum that does not lie behind a collider."""
     return bool(found.rest.stable) and not touching.crossed(before.rest.point, found.rest.point)
 
@@ -131,9 +131,9 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
     reached, failures, iterations = before, 0, 0
     for _ in range(_SUB_STEPS):
         x = reached.rest.point
-        found = _Step(problem.dragged(x, drag), touching, x).solve(reached, _SLOW, method.LOOSE)
+        found = FrictionStep(problem.dragged(x, drag), touching, x).solve(reached, _SLOW, method.LOOSE)
         iterations += found.rest.iterations
-        if not _arrived(touching, reached, found):
+        if not arrived(touching, reached, found):
             drag, failures = drag * RISE, failures + 1
             if failures == FAILURES:
                 break
@@ -142,18 +142,18 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
         if found.rest.iterations > EASY:
             continue
         drag *= FALL
-        end = _Step(problem, touching, found.rest.point)
+        end = FrictionStep(problem, touching, found.rest.point)
         last = end.solve(found, _SLOW)
         iterations += last.rest.iterations
         if not end.rubs and end.would_rub(last.rest.active):
             continue  # first to where it touches
-        if last.message or _arrived(touching, found, last):
+        if last.message or arrived(touching, found, last):
             return last._replace(rest=replace(last.rest, iterations=iterations))
     return reached._replace(rest=replace(reached.rest, iterations=iterations, stable=False))
 
 
 @final
-class _Step:
+class FrictionStep:
     """One step of the load, from positions ``begin`` (n, 3) [m]."""
 
     def __init__(self, problem: Potential, touching: Touching, begin: Array) -> None:
@@ -175,13 +175,28 @@ class _Step:
         """Whether any of the rows (r,) that touch at its end has friction."""
         return bool(self._coefficients[active].any())
 
-    def solve(self, before: Rubbed, most: int, accepted: float = method.ACCEPTED) -> Rubbed:
+    def slipping(self, before: Rubbed, x: Array) -> Rubbed:
+        """The step ``before`` with what slips on a way to x (n, 3) [m], by its forces and in the direction of that."""
+        rows = np.flatnonzero(before.sets.active & (self._friction > 0.0))
+        vertices, normals = self._touching.vertices[rows], self._touching.gaps(self._begin, rows)[1]
+        slip = x[vertices] - self._begin[vertices]
+        slip -= np.sum(slip * normals, axis=1, keepdims=True) * normals
+        length = np.linalg.norm(slip, axis=1)
+        far = length > EXACT_GAP * self._touching.size
+        sticks, drag = before.sets.sticks.copy(), np.zeros_like(before.sets.drag)
+        sticks[rows] = ~far
+        limit = self._friction[rows] * before.rest.pushes[rows]
+        drag[rows[far]] = -(limit[far] / length[far])[:, None] * slip[far]
+        return before._replace(sets=replace(before.sets, sticks=sticks, drag=drag, stiff=np.zeros(sticks.size)))
+
+    def solve(self, before: Rubbed, most: int, accepted: float = method.ACCEPTED, first: Array | None = None) -> Rubbed:
         """At most ``most`` Newton steps with sets of what sticks and slips, from those of the step ``before``.
 
-        Where a residual larger than that of an answer is ``accepted``, the end has no verdict.
+        They begin where the step does, or at a ``first`` guess (n, 3) [m]. Where a residual larger than that of an
+        answer is ``accepted``, the end has no verdict.
         """
-        x, touching, message, pushes = self._begin.copy(), self._touching, "", before.rest.pushes
-        active, stresses = self._solver.near(x), None
+        x, touching, message = (self._begin if first is None else first).copy(), self._touching, ""
+        pushes, active, stresses = before.rest.pushes, self._solver.near(self._begin), None
         sticks = active & (self._friction > 0.0) & ~(before.sets.active & ~before.sets.sticks)
         sets = replace(before.sets, active=active, sticks=sticks)
         size, best, allowed, repeated, solved = np.inf, np.inf, 0.0, False, False
@@ -296,7 +311,7 @@ class _Step:
         return Rubbed(rest, self._on_vertices(drag), message, sets)
 
 
-def _begun(touching: Touching, start: Array) -> Rubbed:
+def begun(touching: Touching, start: Array) -> Rubbed:
     """Where no step has been taken."""
     none = np.zeros(touching.vertices.size)
     rest = Rest(start, none > 0.0, none, np.inf, 0, False)

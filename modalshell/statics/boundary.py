@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sps
 
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
@@ -21,7 +22,7 @@ from modalshell.statics.refine import refine
 from modalshell.statics.warped import warped_step
 from modalshell.supports.constraints import Constraint, HeldPatch
 
-_FIRST_STEP = 0.25
+FIRST_STEP = 0.25
 """First fraction of a motion of the boundary taken in one step."""
 _STEP_TURN = 0.6
 """Largest predicted rotation [rad] of a vertex per step."""
@@ -48,13 +49,17 @@ def continue_boundary(
     held = shell.holding(vertices)
     problem = Potential(load, shell.rest_positions, held, factoriser, costs, live)
     x = shell.rest_positions if start is None else start
-    begin, steps, iterations = x[vertices], Steps(_FIRST_STEP), 0
+    begin, steps, iterations = x[vertices], Steps(FIRST_STEP), 0
     size = problem.measure(problem.push)
+
+    def direction(gradient: Array, hessian: sps.csc_array) -> Array:
+        return problem.step(problem.factor(hessian), gradient)
+
     while steps.fraction < 1.0:
         steps.limit()
-        target = _at(patches, begin, origin, steps.target)
+        target = places(patches, begin, origin, steps.target)
         try:
-            guess, stresses, reaction, straight = _predicted(problem, shell, x, vertices, target)
+            guess, stresses, reaction, straight = predicted(problem, shell, x, vertices, target, direction)
             scale = max(size, reaction, 1e-300)
             result = mixed_newton(problem, guess, scale, limit=CONTINUED, stresses=stresses)
             iterations += 1 + result.iterations
@@ -76,7 +81,7 @@ def continue_boundary(
     return refine(problem, replace(result, iterations=iterations), scale)
 
 
-def _at(patches: Sequence[HeldPatch], begin: Array, origin: Array, fraction: float) -> Array:
+def places(patches: Sequence[HeldPatch], begin: Array, origin: Array, fraction: float) -> Array:
     """Where the patches are at a fraction of their way from ``begin`` (k, 3), about the shell's origin (k, 3).
 
     Patches that turn do so rigidly, from rest: straight ways would crush them, and a start is left behind.
@@ -87,19 +92,25 @@ def _at(patches: Sequence[HeldPatch], begin: Array, origin: Array, fraction: flo
     return np.asarray(begin + fraction * (end - begin))
 
 
-def _predicted(
-    problem: Potential, shell: Shell, x: Array, vertices: Index, target: Array
+def predicted(
+    problem: Potential,
+    shell: Shell,
+    x: Array,
+    vertices: Index,
+    target: Array,
+    solve: Callable[[Array, sps.csc_array], Array],
 ) -> tuple[Array, list[Array], float, bool]:
     """Positions and stresses where the patches' vertices come to ``target`` (k, 3), along the tangent at x.
 
-    Also the size of the reaction [N] there, and whether no vertex turns too far.
+    ``solve`` gives Newton's direction (N,) of a gradient (N,) and a Hessian. Also returns the size of the reaction [N]
+    there, and whether no vertex turns too far.
     """
     held, moved = problem.shell, np.zeros_like(x)
     moved[vertices] = target - x[vertices]
     gradient, hessian = problem.linearise(x, EXACT)
     tangent = held.hessian(x, EXACT)
     pull = held.pattern.product(tangent, moved.ravel())
-    direction = problem.step(problem.factor(hessian), gradient + held.unknowns.restrict(pull))
+    direction = solve(gradient + held.unknowns.restrict(pull), hessian)
     moved += held.unknowns.prolong(direction).reshape(-1, 3)
     reaction = float(np.linalg.norm(held.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
     guess, _, fraction = warped_step(shell, x, shell.unknowns.values(moved.ravel()), _STEP_TURN)

@@ -184,9 +184,6 @@ def test_refusals_name_what_is_wrong():
         model.equilibrium(contacts=[ms.Plane()])
     with pytest.raises(ms.OptionError, match="rigid takes no contacts"):
         ms.RigidShell(shell).equilibrium(contacts=[floor])
-    hold = ms.PositionConstraint([mesh.vertices[:, 0].argmax()], (1.0, 0.0, 0.5))
-    with pytest.raises(ms.OptionError, match="contacts and constraints"):
-        model.equilibrium(contacts=[floor], constraints=[hold])
 
 
 @pytest.mark.slow

@@ -54,6 +54,10 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
     return ModalContacts(given, model.basis, positions, model.contact_rows, near=near, turns=turns, shape=shape)
 
 
+def _not_together(model: ModalMotion) -> OptionError:
+    return OptionError(f"{model.name} takes contacts or constraints, not both: take DS, or move the supports instead")
+
+
 def equilibrium_on_modal_contacts(
     model: ModalMotion,
     loading: Loading,
@@ -67,7 +71,7 @@ def equilibrium_on_modal_contacts(
     order. Where they do not settle, or lead through a collider, the load comes in steps.
     """
     if constraints:
-        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
+        raise _not_together(model)
     if model.frames is not None:
         raise OptionError(
             f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, take DS or "
@@ -159,7 +163,7 @@ class ModalPressedMotion(PressedMotion):
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         if setup.constraints:
-            raise OptionError("contacts and constraints do not go together yet: move the supports instead")
+            raise _not_together(model)
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulse = 0.0, self._damp

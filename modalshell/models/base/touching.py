@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from modalshell.contact.active_set import Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
+from modalshell.contact.led import Led
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers
@@ -17,14 +21,50 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.modes import Factoriser
+from modalshell.statics.boundary import reactions_of
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
-from modalshell.supports.constraints import Constraint
+from modalshell.supports.constraints import Constraint, held_patches
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
+_LED = "; the constraints moved on straight ways then"
 _AT_ONCE = "friction depends on the way: the load came at once, from the start"
+
+
+class _Found(NamedTuple):
+    """Where a solve ended, forces (n, 3) [N] beyond those along normals, what to say of failure, nearest layers [m]."""
+
+    rest: Rest
+    further: Array | None = None
+    told: str = "the contact set did not settle"
+    closest: float | None = None
+
+
+def _checked(
+    contacts: Sequence[Contact | SelfContact], constraints: Sequence[Constraint]
+) -> tuple[tuple[Contact, ...], SelfContact | None, bool]:
+    """Contacts with colliders, self-contact, and whether any of them has friction; OptionError where they disagree."""
+    given, own = parted(contacts)
+    if constraints and own is not None:
+        raise OptionError("statics of DS take constraints or self-contact, not both: simulate the damped motion")
+    if own is not None and own.friction:
+        raise OptionError(
+            f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
+        )
+    rubs = any(contact.friction for contact in given)
+    if rubs and own is not None:
+        raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
+    return given, own, rubs
+
+
+def _led(led: Led, first: Array, load_steps: int) -> _Found:
+    """Where a shell comes to from ``first`` (n, 3) whose patches are led."""
+    if any(contact.friction for contact in led.touching.contacts):
+        return _Found(*led.rest_with_friction(first, load_steps)[:3])
+    return _Found(led.rest(first))
 
 
 def equilibrium_on_contacts(
@@ -39,46 +79,45 @@ def equilibrium_on_contacts(
     """Equilibrium of a shell about its ``origin`` (3,) with contacts, from ``start`` (n, 3) in the world, or rest.
 
     With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
-    fails from rest, it begins again at a ``guess`` (n, 3) in the world.
+    fails from rest, it begins again at a ``guess`` (n, 3) in the world. Patches under constraints are led to their
+    targets, with friction once the load is there.
 
     Raises
     ------
     OptionError
-        For what is no contact, for constraints with them, self-contact with friction, or a start inside a collider.
+        For what is no contact, for constraints with self-contact, or that lead into a collider, self-contact with
+        friction, or a start inside a collider.
     """
-    given, own = parted(contacts)
-    if constraints:
-        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
-    if own is not None and own.friction:
-        raise OptionError(
-            f"self-contact has friction (got {own.friction:g}): statics of DS take it without; simulate the motion"
-        )
-    rubs = any(contact.friction for contact in given)
-    if rubs and own is not None:
-        raise OptionError("statics of DS take friction of colliders, or self-contact, not both: simulate the motion")
+    given, own, rubs = _checked(contacts, constraints)
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
-    touching = Touching(given, shell, origin)
+    patches = held_patches(constraints, shell.rest_positions + origin, shell.mesh.faces, shell.unknowns)
+    if patches:
+        held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+        problem = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
+    touching = Touching(given, problem.shell, origin)
     first = shell.rest_positions if start is None else start - origin
 
     def guessed() -> Array | None:
         found = guess()
         return None if found is None else found - origin
 
-    further, closest, told = None, None, "the contact set did not settle"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-        if rubs:
-            rest, further, told = rest_with_friction(problem, touching, first, steps)[:3]
-        elif own is None:
-            rest = rest_on_contacts(problem, touching, first, guessed if start is None else None)
-        else:
+        if own is not None:
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
-            further, closest = -layers.gradient(rest.point), layers.least(rest.point)
+            found = _Found(rest, -layers.gradient(rest.point), closest=layers.least(rest.point))
+        elif patches:
+            found = _led(Led(problem, shell, touching, patches, origin), first, steps)
+        elif rubs:
+            found = _Found(*rest_with_friction(problem, touching, first, steps)[:3])
+        else:
+            found = _Found(rest_on_contacts(problem, touching, first, guessed if start is None else None))
+    rest, further, told, closest = found
     gaps = touching.distances(rest.point)
     if own is not None and problem.live is not None and not problem.live.conservative:
         told = "self-contact settles under loads with a potential alone: simulate the damped motion"
     notes = [] if rest.converged else [told]
     if rubs and rest.converged:
-        notes.append(_AT_ONCE if steps == 1 else _IN_STEPS)
+        notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
         notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
@@ -104,4 +143,6 @@ def equilibrium_on_contacts(
         in_contact=touches,
         deepest=max(0.0, -float(gaps.min(initial=0.0))),
         self_contact=closest,
+        constraint_residuals=np.zeros(len(constraints)),
+        constraint_reactions=reactions_of(shell, constraints, patches, rest.point, problem.load, problem.live),
     )

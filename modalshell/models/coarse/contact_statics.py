@@ -10,7 +10,6 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.touching import Touching, checked_contacts, put_out, refuse_friction
-from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
@@ -40,11 +39,11 @@ def coarse_equilibrium_on_contacts(
     Raises
     ------
     OptionError
-        For what is no contact, friction, constraints with contacts, or a start inside a collider.
+        For what is no contact, friction, constraints, which it takes none of, or a start inside a collider.
     """
     given = checked_contacts(contacts)
     if constraints:
-        raise OptionError("contacts and constraints do not go together yet: move the supports instead")
+        raise model.no_constraints()
     refuse_friction(given, "statics on a coarse shell")
     fine, own = Touching(given, model.shell), model.coarse_contacts(given)
     under = Touching(own, model.coarse.shell)
