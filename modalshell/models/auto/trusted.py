@@ -10,7 +10,8 @@ both, and a fold that is right bent one way may be wrong bent the other. What mo
 
 from __future__ import annotations
 
-from typing import final
+import operator
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -47,6 +48,17 @@ def room(bar: float, margin: float, allowed: float) -> float:
     return min(by_bar, by_margin)
 
 
+class _Looked(NamedTuple):
+    """What is known and whether anything is; bounds of components, the loads that are sudden, and the inverse (k, k)."""
+
+    known: Array
+    any: bool
+    lowest: list[float]
+    highest: list[float]
+    loads: list[float]
+    inverse: Array
+
+
 @final
 class KnownStates:
     """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
@@ -63,6 +75,7 @@ class KnownStates:
 
     def __init__(self, factors: int) -> None:
         self._factors = factors
+        self._kept: _Looked | None = None
 
     @staticmethod
     def nothing(size: int) -> Array:
@@ -85,13 +98,26 @@ class KnownStates:
 
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
-        least, most, noise = known[-3:]
-        if not (noise[0] > 0.0 and (z >= least - noise).all() and (z <= most + noise).all()):
+        kept = self._looked_up(known)
+        if not kept.any:
             return False
-        return bool(z @ known[z.size : 2 * z.size] @ z <= 1.0)
+        parts = z.tolist()  # of some twenty numbers lists are quicker than arrays; NaN is beyond both
+        if not (all(map(operator.le, kept.lowest, parts)) and all(map(operator.le, parts, kept.highest))):
+            return False
+        return bool(z @ kept.inverse @ z <= 1.0)
 
     def is_sudden(self, known: Array, factors: Array) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
-        first = known.shape[1] - self._factors
-        seen = np.maximum(known[-2, first:], -known[-3, first:])
-        return bool(factors.size and known[-1, 0] > 0.0 and (np.abs(factors) > _SUDDEN * seen).any())
+        kept = self._looked_up(known)
+        return kept.any and any(abs(factor) > most for factor, most in zip(factors.tolist(), kept.loads, strict=True))
+
+    def _looked_up(self, known: Array) -> _Looked:
+        """What the last question was about, kept: arrays of what is known are replaced, never written into."""
+        kept = self._kept
+        if kept is None or kept.known is not known:
+            least, most, noise = known[-3:]
+            size, first = known.shape[1], known.shape[1] - self._factors
+            loads = _SUDDEN * np.maximum(most[first:], -least[first:])
+            bounds = (part.tolist() for part in (least - noise, most + noise, loads))
+            kept = self._kept = _Looked(known, bool(noise[0] > 0.0), *bounds, known[size : 2 * size])
+        return kept

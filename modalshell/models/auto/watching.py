@@ -119,15 +119,15 @@ class Watch:
 
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
-        since, known = memory["since"][0], memory["known"]
-        turn, grown = since % self.every == 0.0, step.moved > _GROWN * max(memory["checked"][0], self._calm)
+        since = memory["since"].item()
+        if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
+            sudden = self._loads.change and not self._fixed
+            return sudden and self._states.is_sudden(memory["known"], self._loads.factors(step.time))
         if self._fixed:
-            return bool(turn or grown)
-        if not (turn or grown):
-            return self._states.is_sudden(known, self._loads.factors(step.time))
-        looked = memory["looked"][0]
-        late = looked == 0.0 or since - looked >= memory["seldom"][0]
-        return bool(late or not self._states.holds(known, self._state(step.after, step.time)))
+            return True
+        looked = memory["looked"].item()
+        late = looked == 0.0 or since - looked >= memory["seldom"].item()
+        return late or not self._states.holds(memory["known"], self._state(step.after, step.time))
 
     def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of the middle one of a step's three frames, the last of them at the present time."""
