@@ -145,9 +145,10 @@ class Watch:
         wider = room(seen.bar, seen.margin, self._allowed)
         if self._fixed:
             return seen
-        if not wider >= ROOMY:
+        if not wider >= 1.0:
             self.forget(memory)
             return seen
+        wider = wider if wider >= ROOMY else 1.0
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
         if self._states.holds(memory["known"], z):
             memory["seldom"] = RARER * memory["seldom"]
