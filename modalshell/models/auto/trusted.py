@@ -2,6 +2,7 @@
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
+One that leaves little vouches for states like its own.
 Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
 is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
 every component no more than the least and the largest of those: an ellipsoid about two points of a plane goes beyond
@@ -25,7 +26,10 @@ SELDOM, RARER = 8 * EVERY, 2.0
 _WIDEST = 2.0
 """Factor by which the state of a check may grow at most."""
 ROOMY = 1.25
-"""Such a factor of a check from which it vouches for states: what is nearly wrong is looked at each time."""
+"""Such a factor of a check from which it vouches for larger states, too."""
+TIGHT = 1.06
+"""Such a factor from which it vouches for states like its own, near by the noise: what is nearly wrong is looked at each
+time. The noise lets errors grow by half, and a rung is left at half of what they may be."""
 _NOISE, _FASTER = 0.1, 4.0
 """What any component of a known state may have, a share of the largest displacement or of a load's largest factor that
 was checked; and that of a rate, over it, as what it does grows with its square."""

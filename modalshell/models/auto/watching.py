@@ -13,7 +13,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, KnownStates, room
+from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -145,7 +145,7 @@ class Watch:
         wider = room(seen.bar, seen.margin, self._allowed)
         if self._fixed:
             return seen
-        if not wider >= 1.0:
+        if not wider >= TIGHT:
             self.forget(memory)
             return seen
         wider = wider if wider >= ROOMY else 1.0
