@@ -70,7 +70,7 @@ class AutoStepper(Stepper):
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
-        self._mass, self._one = model.shell.mass[:, None], np.eye(len(levels))
+        self._mass = model.shell.mass[:, None]
 
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""
@@ -166,8 +166,9 @@ class AutoStepper(Stepper):
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
         x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
-        memory["since"] = memory["since"] + 1.0
-        memory["steps"] = memory["steps"] + self._one[level]
+        steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
+        steps[level] += 1.0
+        memory["since"], memory["steps"] = np.array([memory["since"].item() + 1.0]), np.array(steps)
         before = memory["largest"].item()
         moved, largest = self._moved(level, after, x, before)
         if largest != before:
@@ -196,7 +197,7 @@ class AutoStepper(Stepper):
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
         modal = level == 0 and not self._check.least
-        moved = math.sqrt(after.coordinates @ after.coordinates) if modal else math.inf
+        moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
         with np.errstate(over="ignore", invalid="ignore"):

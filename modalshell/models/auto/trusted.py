@@ -1,12 +1,12 @@
 """States of a modal rung that checks have found right, and when the next check is due.
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
-and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
-One that leaves little vouches for states like its own.
-Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
-is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
-every component no more than the least and the largest of those: an ellipsoid about two points of a plane goes beyond
-both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is looked at apart.
+and the load. A check that leaves room below what the error may be so vouches for states some way further than its own;
+one that leaves little, for states like its own. Errors of a warp are taken to grow with the fourth power of the state,
+and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked, each times
+a factor that its bar and its margin leave; and in every component no more than the least and the largest of those: an
+ellipsoid about two points of a plane goes beyond both, and a fold that is right bent one way may be wrong bent the
+other. What modes lack of a load is looked at apart.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _WIDEST = 2.0
 ROOMY = 1.25
 """Such a factor of a check from which it vouches for larger states, too."""
 TIGHT = 1.06
-"""Such a factor from which it vouches for states like its own, near by the noise: what is nearly wrong is looked at each
-time. The noise lets errors grow by half, and a rung is left at half of what they may be."""
+"""Such a factor from which it vouches for states like its own: what is nearly wrong is looked at each time. The noise
+lets errors grow by half, and a rung is left at half of what they may be."""
 _NOISE, _FASTER = 0.1, 4.0
 """What any component of a known state may have, a share of the largest displacement or of a load's largest factor that
 was checked; and that of a rate, over it, as what it does grows with its square."""
@@ -53,7 +53,7 @@ def room(bar: float, margin: float, allowed: float) -> float:
 
 
 class _Looked(NamedTuple):
-    """What is known and whether anything is; bounds of components, the loads that are sudden, and the inverse (k, k)."""
+    """What is known, whether anything is, bounds of components, loads that are sudden, and the inverse (k, k)."""
 
     known: Array
     any: bool
@@ -122,6 +122,7 @@ class KnownStates:
             least, most, noise = known[-3:]
             size, first = known.shape[1], known.shape[1] - self._factors
             loads = _SUDDEN * np.maximum(most[first:], -least[first:])
-            bounds = (part.tolist() for part in (least - noise, most + noise, loads))
-            kept = self._kept = _Looked(known, bool(noise[0] > 0.0), *bounds, known[size : 2 * size])
+            lowest, highest = (least - noise).tolist(), (most + noise).tolist()
+            inverse = known[size : 2 * size]
+            kept = self._kept = _Looked(known, bool(noise[0] > 0.0), lowest, highest, loads.tolist(), inverse)
         return kept

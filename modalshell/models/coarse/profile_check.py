@@ -150,7 +150,8 @@ def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
 def check(body, rooms, lanczos, start, load, weights, probe, early):  # type: ignore[no-untyped-def]
     """Two mixed steps from ``start`` (n, 3), which are left in the room's ``x``, and the stability margin there.
 
-    ``rooms`` are the room, and the same with the two matrices in each other's place. ``weights`` are those of the first part of the Hessian, ``probe`` (3b,) is where Lanczos iterations start.
+    ``rooms`` are the room, and the same with the two matrices in each other's place. ``weights`` are those of the
+    first part of the Hessian, ``probe`` (3b,) is where Lanczos iterations start.
 
     If it may be ``early``, the second step's factor of ``K_1 + G`` finds it where that step began, without a third one:
     there the lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``. That serves where the step is short and the
@@ -166,7 +167,7 @@ def check(body, rooms, lanczos, start, load, weights, probe, early):  # type: ig
     factors : int
         Factorisations.
     """
-    room, other = rooms
+    room = rooms[0]
     x, elastic, products = room.x, body.elastic, 0
     write(start, x)
     write(load, room.push)
