@@ -27,7 +27,7 @@ _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 """Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
 _STAGES: int = np.int64(3)  # type: ignore[assignment]
 """Factorisations: of the first step, of the second, and for the margin where that of the second does not serve."""
-_SHORT, _CLEAR = 0.02, 0.5
+_LITTLE_STEP, _CLEAR = 0.02, 0.5
 """Second step, over the displacement, up to which the margin where it began serves, and margin above which it does."""
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
@@ -212,4 +212,4 @@ def _is_short(body, x, before):  # type: ignore[no-untyped-def]
         for axis in range(3):
             moved += body.mass[v] * (x[v, axis] - before[v, axis]) ** 2
             whole += body.mass[v] * (x[v, axis] - body.rest[v, axis]) ** 2
-    return moved <= _SHORT**2 * whole
+    return moved <= _LITTLE_STEP**2 * whole
