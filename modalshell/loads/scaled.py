@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 from typing import final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number, checked_times, checked_vectors
@@ -43,8 +43,9 @@ class Scaled(Load):
         if callable(factor):
             self._function = factor
         elif isinstance(factor, tuple) and len(factor) == 2:
-            self._times = checked_times(factor[0]).copy()
-            self._factors = checked_vectors("factors", factor[1], (self._times.size,)).copy()
+            times = checked_times(factor[0])
+            self._times: list[float] = times.tolist()
+            self._factors: list[float] = checked_vectors("factors", factor[1], (times.size,)).tolist()
         else:
             raise LoadError(f"factor must be a function of time or a pair (times, factors) (got {factor!r})")
 
@@ -52,7 +53,7 @@ class Scaled(Load):
         """Factor at a time [s]; LoadError where a function gives no finite number."""
         if self._function is not None:
             return checked_number(f"the factor at {time:g} s", self._function(time), error=LoadError)
-        return float(np.interp(time, self._times, self._factors))
+        return _between(time, self._times, self._factors)
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N] of the shape at rest, at time 0."""
@@ -66,4 +67,14 @@ class Scaled(Load):
             applied = constant_load(
                 mesh, checked_vectors(f"the force of {type(self.load).__name__}", self.load.force(mesh), shape)
             )
-        return applied.scaled(self.factor, (0.0,) if self._function is not None else tuple(self._times.tolist()))
+        return applied.scaled(self.factor, (0.0,) if self._function is not None else tuple(self._times))
+
+
+def _between(time: float, times: list[float], values: list[float]) -> float:
+    """Value at a time by straight lines, as ``np.interp`` finds it, which takes ten times as long for one number."""
+    k = bisect_right(times, time) - 1
+    if k < 0:
+        return values[0]
+    if k == len(times) - 1 or times[k] == time:
+        return values[k]
+    return (values[k + 1] - values[k]) / (times[k + 1] - times[k]) * (time - times[k]) + values[k]

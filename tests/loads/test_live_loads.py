@@ -449,3 +449,12 @@ def test_the_numbers_of_vertices_and_triangles_do_not_matter(kind, load):
     moved = np.abs(runs[0] - runs[0][0]).max()
     assert moved > 0.02
     np.testing.assert_allclose(runs[0][:, new], runs[1], atol=1e-9 * moved)
+
+
+def test_a_table_of_factors_is_read_as_numpy_reads_it():
+    rng = np.random.default_rng(5)
+    for count in (2, 7):
+        times, factors = np.sort(rng.uniform(-1.0, 1.0, count)), rng.standard_normal(count)
+        load = ms.Scaled(ms.SelfWeight(), (times, factors))
+        for time in [*rng.uniform(-1.5, 1.5, 20), *times]:
+            assert load.factor(time) == np.interp(time, times, factors)

@@ -53,6 +53,26 @@ def test_they_are_those_of_sparse_algebra(kind):
     assert min(margins) < 0.3
 
 
+@pytest.mark.parametrize("kind", SHELLS)
+def test_early_margins_are_near_and_small_ones_the_same(kind):
+    """Shapes near those of DS, as a check of a good rung sees them, from far below a snap to beyond it."""
+    shell, found = SHELLS[kind](), []
+    basis, exactly, whole = ms.solve_modes(shell, 6), ms.DiscreteShell(shell), profile_step.quick_check(shell)
+    early, origin = profile_step.quick_check(shell, early=True), ErrorEstimator(shell).origin
+    for share in np.geomspace(1e-3, 0.3, 8):
+        q = np.zeros(6)
+        q[0] = share * shell.size / np.abs(basis.modes[:, 0]).max()
+        force = shell.mass[:, None] * (basis.modes @ (basis.eigenvalues * q)).reshape(-1, 3)
+        x = exactly.equilibrium(force=force).positions
+        x += 0.003 * (x - shell.rest_positions)
+        (one, exact), (other, near) = whole(x - origin, force), early(x - origin, force)
+        assert np.array_equal(one, other)
+        assert near == exact or near > 0.5
+        assert 1.0 - near == pytest.approx(1.0 - exact, rel=0.1, abs=0.01)
+        found.append(near == exact)
+    assert not all(found)
+
+
 def test_bits_do_not_depend_on_bars_before():
     shell = fold(SHEET)
     force = shell.gravity_force((0.0, 0.1, -0.5))

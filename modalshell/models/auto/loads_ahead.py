@@ -71,6 +71,10 @@ class LoadsAhead:
             self._at = time, np.array([load.factor_at(time) for load in self._loading.live])
         return self._at[1]
 
+    def beyond(self, time: float, most: float) -> bool:
+        """Whether the load that alone changes is beyond a factor at ``time`` [s]."""
+        return most < math.inf and not abs(self.factors(time).item()) <= most
+
     def answer(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
         """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
         if self._parts is not None:
@@ -110,6 +114,15 @@ class LoadsAhead:
     def most(self, dead: Array) -> float:
         """Length of the longest linear answer to them; 0 of none."""
         return max((one.whole for one in self.coming(dead)), default=0.0)
+
+    def farthest(self, dead: Array, ahead: float) -> float | None:
+        """Factor of a load that changes, without any other, up to which a look ahead has seen it; None of others.
+
+        ``ahead`` is the length of the linear answer that was looked at.
+        """
+        if not 0.0 < self.most(dead) == ahead or dead.any():
+            return None
+        return max(abs(float(one.factors[0])) for one in self.coming(dead))
 
     def _ends(self, dead: Array) -> list[Coming]:
         live = self._loading.live

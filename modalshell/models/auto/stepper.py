@@ -69,7 +69,7 @@ class AutoStepper(Stepper):
         self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
-        self._calmed: tuple[Array | None, Array | None] = None, None
+        self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
         self._mass = model.shell.mass[:, None]
 
     def _stepper(self, level: int) -> Stepper:
@@ -166,20 +166,22 @@ class AutoStepper(Stepper):
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
         x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
-        memory["since"] = memory["since"] + 1.0
-        memory["steps"] = memory["steps"].copy()
-        memory["steps"][level] += 1.0
-        moved, largest = self._moved(level, after, x, float(memory["largest"][0]))
-        if largest != memory["largest"][0]:
+        steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
+        steps[level] += 1.0
+        memory["since"], memory["steps"] = np.array([memory["since"].item() + 1.0]), np.array(steps)
+        before = memory["largest"].item()
+        moved, largest = self._moved(level, after, x, before)
+        if largest != before:
             memory["largest"] = np.array([largest])
-        if math.isfinite(largest) and memory["frames"][0] >= 1.0:
+        moved_before = memory["frames"].item() >= 1.0
+        if moved_before and math.isfinite(largest):
             frames = memory["before"], state.coordinates, x
             step = Step(level, inner, after, frames, rates, moved, time, dt, load)
             level, after = self._switched(step, memory)
         memory["before"] = state.coordinates
-        if memory["step"][0] != dt:
+        if memory["step"].item() != dt:
             memory["step"] = np.array([dt])
-        if memory["frames"][0] < 1.0:
+        if not moved_before:
             memory["frames"] = np.ones(1)
         moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
         self.model.keep(moving, level, after)
@@ -195,7 +197,7 @@ class AutoStepper(Stepper):
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
         modal = level == 0 and not self._check.least
-        moved = math.sqrt(after.coordinates @ after.coordinates) if modal else math.inf
+        moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
         with np.errstate(over="ignore", invalid="ignore"):
@@ -204,17 +206,19 @@ class AutoStepper(Stepper):
 
     def _switched(self, step: Step, memory: dict[str, Array]) -> tuple[int, MotionState]:
         """The level and its state to take after a step."""
-        level, since = step.level, int(memory["since"][0])
+        level, since = step.level, int(memory["since"].item())
         seen: Seen | None = None
         wanted = level
         if self._levels[level].quadratic:
             # One that has come back is checked as soon as three frames are its own: others differ by what it lacks.
-            back = level == 0 and memory["switches"][0] > 0.0 and since == FRAMES and not self._check.least
+            back = since == FRAMES and level == 0 and memory["switches"][0] > 0.0 and not self._check.least
             if back or self._watch.due(step, memory):
                 seen = self._watch.checked(step, memory)
                 if seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
+                elif level > 0:
+                    wanted = self._below(step, seen, memory)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._watch.seen(step, memory)
@@ -286,8 +290,8 @@ class AutoStepper(Stepper):
         """
         begin, time, dead = now
         calmed = dead is self._calmed[0] and memory["felt"] is self._calmed[1]
-        if calmed and memory["ahead"][0] > 0.0:  # nothing changes, and displacements only grow
-            return None
+        if calmed and memory["ahead"].item() > 0.0 and not self._loads.beyond(time, self._calmed[2]):
+            return None  # no other load comes, and displacements only grow
         if self._loads.dear and self._watch.is_alike(state, memory, time):
             return None
         answer, largest = self._loads.answer(state, memory, time, dead), float(memory["largest"][0])
@@ -298,7 +302,12 @@ class AutoStepper(Stepper):
         if missed > SWITCH * self.model.error:
             return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
         if not (self._loads.change or self._check.least):
-            self._calmed = dead, memory["felt"]
+            self._calmed = dead, memory["felt"], math.inf
+        elif answer.missing <= SWITCH * self.model.error * answer.whole:
+            most = self._loads.farthest(dead, float(memory["ahead"][0]))
+            if most is not None:
+                memory["felt"] = memory["ahead"]
+                self._calmed = dead, memory["felt"], most
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
@@ -323,6 +332,26 @@ class AutoStepper(Stepper):
         wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
         memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
+
+    def _below(self, step: Step, seen: Seen, memory: dict[str, Array]) -> int:
+        """The level after a check of a modal one above the first that has found it right: the first if it serves, too.
+
+        It does where its shape at the same coordinates is near where the check's steps lead to, and it would rest near
+        there under d'Alembert's load.
+        """
+        first, q = self._levels[0], step.inner.coordinates
+        allowed = _BACK * self.model.error * float(memory["largest"][0])
+
+        def near(x: Array) -> bool:
+            return self._length(x - seen.corrected) <= allowed
+
+        own = self._stepper(0)
+        right = seen.margin > _BACK_MARGIN and near(own.in_world(own.model.positions(MotionState(q, q)), step.time))
+        memory["ready"] = memory["ready"] + 1.0 if right else np.zeros(1)
+        if not (memory["ready"][0] >= _IN_A_ROW and memory["since"][0] >= memory["wait"][0]):
+            return step.level
+        answer = first.still.equilibrium(force=seen.load, start=step.frames[1])
+        return 0 if answer.converged and near(answer.positions) else step.level
 
     def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.

@@ -1,16 +1,18 @@
 """States of a modal rung that checks have found right, and when the next check is due.
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
-and the load. A check that leaves room below what the error may be so vouches for states some way further than its own.
-Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square. What is vouched for
-is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its margin leave; and in
-every component no more than the least and the largest of those: an ellipsoid about two points of a plane goes beyond
-both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is looked at apart.
+and the load. A check that leaves room below what the error may be so vouches for states some way further than its own;
+one that leaves little, for states like its own. Errors of a warp are taken to grow with the fourth power of the state,
+and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked, each times
+a factor that its bar and its margin leave; and in every component no more than the least and the largest of those: an
+ellipsoid about two points of a plane goes beyond both, and a fold that is right bent one way may be wrong bent the
+other. What modes lack of a load is looked at apart.
 """
 
 from __future__ import annotations
 
-from typing import final
+import operator
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -24,7 +26,10 @@ SELDOM, RARER = 8 * EVERY, 2.0
 _WIDEST = 2.0
 """Factor by which the state of a check may grow at most."""
 ROOMY = 1.25
-"""Such a factor of a check from which it vouches for states: what is nearly wrong is looked at each time."""
+"""Such a factor of a check from which it vouches for larger states, too."""
+TIGHT = 1.06
+"""Such a factor from which it vouches for states like its own: what is nearly wrong is looked at each time. The noise
+lets errors grow by half, and a rung is left at half of what they may be."""
 _NOISE, _FASTER = 0.1, 4.0
 """What any component of a known state may have, a share of the largest displacement or of a load's largest factor that
 was checked; and that of a rate, over it, as what it does grows with its square."""
@@ -47,6 +52,17 @@ def room(bar: float, margin: float, allowed: float) -> float:
     return min(by_bar, by_margin)
 
 
+class _Looked(NamedTuple):
+    """What is known, whether anything is, bounds of components, loads that are sudden, and the inverse (k, k)."""
+
+    known: Array
+    any: bool
+    lowest: list[float]
+    highest: list[float]
+    loads: list[float]
+    inverse: Array
+
+
 @final
 class KnownStates:
     """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
@@ -63,6 +79,7 @@ class KnownStates:
 
     def __init__(self, factors: int) -> None:
         self._factors = factors
+        self._kept: _Looked | None = None
 
     @staticmethod
     def nothing(size: int) -> Array:
@@ -85,13 +102,27 @@ class KnownStates:
 
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
-        least, most, noise = known[-3:]
-        if not (noise[0] > 0.0 and (z >= least - noise).all() and (z <= most + noise).all()):
+        kept = self._looked_up(known)
+        if not kept.any:
             return False
-        return bool(z @ known[z.size : 2 * z.size] @ z <= 1.0)
+        parts = z.tolist()  # of some twenty numbers lists are quicker than arrays; NaN is beyond both
+        if not (all(map(operator.le, kept.lowest, parts)) and all(map(operator.le, parts, kept.highest))):
+            return False
+        return bool(z @ kept.inverse @ z <= 1.0)
 
     def is_sudden(self, known: Array, factors: Array) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
-        first = known.shape[1] - self._factors
-        seen = np.maximum(known[-2, first:], -known[-3, first:])
-        return bool(factors.size and known[-1, 0] > 0.0 and (np.abs(factors) > _SUDDEN * seen).any())
+        kept = self._looked_up(known)
+        return kept.any and any(abs(factor) > most for factor, most in zip(factors.tolist(), kept.loads, strict=True))
+
+    def _looked_up(self, known: Array) -> _Looked:
+        """What the last question was about, kept: arrays of what is known are replaced, never written into."""
+        kept = self._kept
+        if kept is None or kept.known is not known:
+            least, most, noise = known[-3:]
+            size, first = known.shape[1], known.shape[1] - self._factors
+            loads = _SUDDEN * np.maximum(most[first:], -least[first:])
+            lowest, highest = (least - noise).tolist(), (most + noise).tolist()
+            inverse = known[size : 2 * size]
+            kept = self._kept = _Looked(known, bool(noise[0] > 0.0), lowest, highest, loads.tolist(), inverse)
+        return kept

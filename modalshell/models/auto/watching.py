@@ -13,7 +13,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, KnownStates, room
+from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -119,15 +119,15 @@ class Watch:
 
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
-        since, known = memory["since"][0], memory["known"]
-        turn, grown = since % self.every == 0.0, step.moved > _GROWN * max(memory["checked"][0], self._calm)
+        since = memory["since"].item()
+        if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
+            sudden = self._loads.change and not self._fixed
+            return sudden and self._states.is_sudden(memory["known"], self._loads.factors(step.time))
         if self._fixed:
-            return bool(turn or grown)
-        if not (turn or grown):
-            return self._states.is_sudden(known, self._loads.factors(step.time))
-        looked = memory["looked"][0]
-        late = looked == 0.0 or since - looked >= memory["seldom"][0]
-        return bool(late or not self._states.holds(known, self._state(step.after, step.time)))
+            return True
+        looked = memory["looked"].item()
+        late = looked == 0.0 or since - looked >= memory["seldom"].item()
+        return late or not self._states.holds(memory["known"], self._state(step.after, step.time))
 
     def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of the middle one of a step's three frames, the last of them at the present time."""
@@ -145,9 +145,10 @@ class Watch:
         wider = room(seen.bar, seen.margin, self._allowed)
         if self._fixed:
             return seen
-        if not wider >= ROOMY:
+        if not wider >= TIGHT:
             self.forget(memory)
             return seen
+        wider = wider if wider >= ROOMY else 1.0
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
         if self._states.holds(memory["known"], z):
             memory["seldom"] = RARER * memory["seldom"]

@@ -1,0 +1,99 @@
+"""The model that switches itself under a load that swings: it comes back to its cheapest rung, and seldom checks it."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.models.auto.watching import Watch
+from modalshell.motion.stepping import Motion
+
+SHEET = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
+PERIOD = 39
+"""Steps in a period of the load, of thirty in one of the lowest mode."""
+
+
+@pytest.fixture(scope="module")
+def strip():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 4))
+    return ms.Shell(mesh, SHEET, "x < 1e-6")
+
+
+def swinging(shell, size, steps):
+    """A setting in which the linear answer to the largest load is ``size`` of the shell's."""
+    basis = ms.solve_modes(shell, 8)
+    omega = float(np.sqrt(basis.eigenvalues[0]))
+    moved = ms.LinearModal(basis).equilibrium(gravity=(0, 0, -1)).positions - shell.rest_positions
+    dt, most = 2.0 * np.pi / omega / 30, size * shell.size / np.linalg.norm(moved, axis=1).max()
+    times = dt * np.arange(steps + 2)
+    factors = most * np.sin(2.0 * np.pi / PERIOD * np.arange(steps + 2))
+    load = ms.Scaled(ms.SelfWeight((0, 0, -1)), (times.tolist(), factors.tolist()))
+    return {"duration": steps * dt, "dt": dt, "loads": [load], "damping": (0.2 * omega, 0.0)}
+
+
+def checks_of(monkeypatch, shell, setting):
+    """The run, and the numbers of checks of its modal levels."""
+    count, checked = [0], Watch.checked
+
+    def counted(self, step, memory):
+        count[0] += 1
+        return checked(self, step, memory)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Watch, "checked", counted)
+        run = ms.simulate(ms.Auto(shell, 8), **setting)
+    return run, count[0]
+
+
+def test_the_second_rung_hands_back_to_the_first(strip):
+    """At first modes lack more of what has hardly moved than they may; both rungs are right once it moves."""
+    setting = swinging(strip, 0.03, 120)
+    run, exact = ms.simulate(ms.Auto(strip, 8), **setting), ms.simulate(ms.DiscreteShell(strip), **setting)
+    assert {"MWTS", "RSW"} == set(run.levels)
+    assert run.levels[30:] == ("MWTS",) * (len(run.levels) - 30)
+    off, moved = (
+        np.sqrt(np.sum(strip.mass[:, None] * part**2, axis=(1, 2)))
+        for part in (run.positions - exact.positions, exact.positions - strip.rest_positions)
+    )
+    assert off.max() < 0.03 * moved.max()
+
+
+def test_states_found_right_with_little_room_are_checked_seldom(strip, monkeypatch):
+    """Every five steps would be 60 checks."""
+    run, count = checks_of(monkeypatch, strip, swinging(strip, 0.05, 300))
+    assert run.levels.count("MWTS") > 270
+    assert count < 30
+
+
+def test_a_motion_restored_while_its_load_is_known_goes_on_with_the_same_bits(strip):
+    """By the same model, and by another that has seen nothing."""
+    setting, states = swinging(strip, 0.03, 200), []
+    dt, damping = setting["dt"], setting["damping"]
+    first, second = (
+        Motion(ms.Auto(strip, 8), strip.loading(None, None, setting["loads"]), dt=dt, damping=damping) for _ in range(2)
+    )
+    for _ in range(60):
+        first.advance()
+    snapshot = {name: array.copy() for name, array in first.snapshot().items()}
+    second.restore(snapshot)
+    for motion in (first, second):
+        for _ in range(60):
+            motion.advance()
+        states.append(motion.snapshot())
+    first.restore(snapshot)
+    for _ in range(60):
+        first.advance()
+    states.append(first.snapshot())
+    for name, array in states[0].items():
+        assert np.array_equal(array, states[1][name]), name
+        assert np.array_equal(array, states[2][name]), name
+    assert states[0]["state_level"][0] == 0
+
+
+def test_a_load_that_outgrows_its_table_of_times_is_looked_at(strip):
+    """A function of time says nothing of its largest factor: growing without end, it takes the motion to DS."""
+    setting = swinging(strip, 0.03, 120)
+    most = setting["loads"][0].factor(PERIOD // 4 * setting["dt"])
+    growing = ms.Scaled(ms.SelfWeight((0, 0, -1)), lambda time: 40.0 * most * time / setting["duration"])
+    run = ms.simulate(ms.Auto(strip, 8), **setting | {"loads": [growing]})
+    assert run.levels[2] == "MWTS"
+    assert run.levels[-1] == "DS"
