@@ -460,7 +460,7 @@ def test_a_pressure_without_a_potential_has_no_energy():
     energies = []
     for shift in (0.0, 1000.0):
         mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
-        mesh = ms.TriangleMesh(mesh.vertices + [shift, 0.0, 0.0], mesh.faces)
+        mesh = ms.TriangleMesh(mesh.vertices + np.array([shift, 0.0, 0.0]), mesh.faces)
         shell = held(mesh, shift + 1e-6)
         run = ms.simulate(ms.DiscreteShell(shell), duration=0.1, dt=0.02, loads=[ms.Pressure(0.1)], gravity=(0, 0, -1))
         assert NO_POTENTIAL in run.message

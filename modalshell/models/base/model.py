@@ -350,8 +350,8 @@ class Model(ABC):
 def probes(modes: Array, eigenvalues: Array, mesh: TriangleMesh) -> Array:
     """Rows (k, 3, m) of modes (3n, m) at the vertices where each one is largest, or all of one eigenvalue together.
 
-    Rigid motions have the eigenvalue 0, and are looked at in each part of the mesh. Of vertices that move alike, as in a
-    symmetric mesh, all are taken, so that their numbers do not matter, or those far from the middle where many are.
+    Rigid motions have the eigenvalue 0, and are looked at in each part of the mesh. Of vertices that move alike, as in
+    a symmetric mesh, all are taken, so that their numbers do not matter, or those far from the middle where many are.
     """
     rows = modes.reshape(-1, 3, modes.shape[1])
     sizes, order = np.sum(rows**2, axis=1), np.argsort(eigenvalues, kind="stable")
