@@ -129,3 +129,18 @@ def test_tls_without_certificates_is_one_line(capsys, tmp_path):
     *bars, last = errors.splitlines()  # the scenes are checked first, under a bar
     assert not any(line.startswith("modalshell") for line in bars)
     assert "needs certificates" in last
+
+
+def test_progress_that_is_no_function_is_refused():
+    shell = cantilever()
+    model = ms.DiscreteShell(shell)
+    run = ms.simulate(model, duration=0.1, dt=0.1)
+    for call in (
+        lambda: ms.simulate(model, duration=0.1, dt=0.1, on_step=3),
+        lambda: ms.equilibrium_path(shell, gravity=(0, 0, -1), on_step="x"),
+        lambda: ms.tradeoff(shell, gravity=(0, 0, -1), on_step=3),
+        lambda: ms.quick_advice(shell, gravity=(0, 0, -1), error=0.1, on_step=3),
+        lambda: ms.save_trajectory(run, "never.usda", on_frame=3),
+    ):
+        with pytest.raises(ms.OptionError, match=r"on_(step|frame) must be a function.* \(got "):
+            call()

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import (
     LARGEST,
+    checked_callback,
     checked_choice,
     checked_count,
     checked_kind,
@@ -222,6 +223,7 @@ def equilibrium_path(
     (True, True, [])
     """
     watch_time = Stopwatch()
+    checked_callback("on_step", on_step)
     until, begin = checked_number("until", until), checked_number("begin", begin)
     if until == begin:
         raise OptionError(f"until must differ from begin (got {until:g} for both)")

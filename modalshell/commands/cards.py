@@ -11,6 +11,7 @@ from rich.table import Column, Table
 import modalshell as ms
 from modalshell.commands.terminal import CONSOLE, say
 from modalshell.shell.cards import CARDS
+from modalshell.shell.energies_of import unit_of_constant
 
 
 def cards(
@@ -38,7 +39,7 @@ def cards(
     card = CARDS[name]
     say(f"{name}: {card.what}", f"source: {card.source}", sep="\n")
     for constant, value in card.material.constants.items():
-        say(f"  {constant} = {value:.6g}")
+        say(f"  {constant} = {value:.6g} {unit_of_constant(card.material, constant)}".rstrip())
     say("compared with:")
     for one in card.measured:
         fitted = ", to which a constant was fitted" if one.fitted else ""

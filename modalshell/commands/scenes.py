@@ -16,6 +16,7 @@ from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page.drape import drape_page
 from modalshell.run.path_files import scene_path, write_path
 from modalshell.scene.parts import input_files
+from modalshell.shell.energies_of import unit_of_constant
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
@@ -179,7 +180,9 @@ def fit(
     fitted = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
     for name, value in fitted.values.items():
         low, high = fitted.intervals[name]
-        say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
+        unit = declared.unit_system.of(unit_of_constant(fitted.material, name))
+        unit = f" {unit}" if unit else ""
+        say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g}{unit} at {100 * confidence:g} %")
     length = declared.unit_system.length
     residual = f"{100 * fitted.residual:.3g} %" if fitted.state is None else f"{fitted.residual:.3g} {length}"
     say(f"residual: {residual} (root mean square); {fitted.evaluations} shells were solved")

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.compare.candidates import MODES, Candidate, candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.tradeoff import LOADS, checked_counts, checked_factors
-from modalshell.core.checks import checked_number
+from modalshell.core.checks import checked_callback, checked_number
 from modalshell.core.errors import ModalShellError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
@@ -126,6 +126,7 @@ def quick_advice(
     OptionError
         If ``error`` is not above 0, and as :func:`modalshell.tradeoff` does.
     """
+    checked_callback("on_step", on_step)
     wanted = checked_number("error", error, above=0.0)
     case = make_case(scene, gravity, force, ())
     factors = checked_factors(loads)

@@ -22,7 +22,15 @@ from modalshell.compare.engine_runs import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
-from modalshell.core.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
+from modalshell.core.checks import (
+    checked_callback,
+    checked_count,
+    checked_kind,
+    checked_vectors,
+    shortened,
+    shown,
+    vector_count,
+)
 from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
@@ -200,6 +208,7 @@ def tradeoff(
     SolverError
         If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
+    checked_callback("on_step", on_step)
     case = make_case(scene, gravity, force, coarse)
     factors = checked_factors(loads)
     modes = checked_counts(modes)

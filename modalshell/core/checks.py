@@ -114,6 +114,13 @@ def checked_kind(name: str, value: Any, kind: type[T]) -> T:
     return value
 
 
+def checked_callback(name: str, value: T) -> T:
+    """Return ``value`` if it is None or a function, else raise OptionError."""
+    if value is not None and not callable(value):
+        raise OptionError(f"{name} must be a function, called with what is done and the total (got {shown(value)})")
+    return value
+
+
 def checked_precision(dtype: DTypeLike) -> np.dtype[Any]:
     """Return float64 or float32 as a dtype, else raise OptionError."""
     try:

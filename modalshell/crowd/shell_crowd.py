@@ -33,7 +33,8 @@ from modalshell.shell.damping import Damping
 
 LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 """Levels of detail, by their numbers in ``levels`` of a crowd."""
-
+_NO_ROTATION = 1e-4
+"""Largest entry of ``R R^T - 1`` of a rotation, in single precision and after some products."""
 _BATCH = 256
 """Number of instances per batch in the computation of errors."""
 
@@ -158,7 +159,7 @@ class ShellCrowd(ABC):
         Parameters
         ----------
         rotations : array_like, shape (3, 3) or (B, 3, 3), optional
-            From the instance's frame to the world's; identity by default.
+            From the instance's frame to the world's, R R^T = 1 and det R = 1; identity by default.
         translations : array_like, shape (3,) or (B, 3), optional
             Translation of the frame's origin [m]; zero by default.
         out : ndarray, shape (B, n, 3), optional
@@ -297,6 +298,8 @@ class ShellCrowd(ABC):
     def _poses(self, rotations: ArrayLike | None, translations: ArrayLike | None) -> tuple[Array, Array]:
         """Rotations (B, 9) and translations (B, 3) of all instances."""
         turns = self._per_instance("rotations", np.eye(3) if rotations is None else rotations, (3, 3))
+        if rotations is not None:
+            _refuse_others(turns)
         moves = self._per_instance("translations", np.zeros(3) if translations is None else translations, (3,))
         return turns.reshape(-1, 9), moves
 
@@ -305,3 +308,18 @@ class ShellCrowd(ABC):
         if np.shape(values) == shape:
             return np.tile(checked_vectors(name, values, shape, OptionError), (self.count, *(1 for _ in shape)))
         return checked_vectors(name, values, (self.count, *shape), OptionError)
+
+
+def _refuse_others(turns: Array) -> None:
+    """OptionError where one of the matrices (B, 3, 3) is no rotation."""
+    first, second, third = turns[:, 0], turns[:, 1], turns[:, 2]
+    # The third row is the cross product of unit vectors at right angles.
+    off = np.abs(np.cross(first, second) - third).max(axis=1)
+    for one, other, product in ((first, first, 1.0), (second, second, 1.0), (first, second, 0.0)):
+        np.maximum(off, np.abs(np.einsum("bi,bi->b", one, other) - product), out=off)
+    if not off.max(initial=0.0) <= _NO_ROTATION:
+        worst = int(off.argmax())
+        raise OptionError(
+            f"rotations must be rotation matrices, with R R^T = 1 and det R = 1 (got {shown(turns[worst].tolist())} of "
+            f"instance {worst}): scale or mirror the mesh instead"
+        )

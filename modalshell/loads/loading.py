@@ -47,10 +47,12 @@ class Loading:
     ) -> None:
         self.rest, self.dead, self.live = rest, dead, tuple(live)
         self.loads: tuple[Load, ...] = ()
-        self.conservative = all(
-            one.energy is not None and (one.held is None or (held is not None and bool(held[one.held].all())))
+        self._potential = [
+            one
             for one in self.live
-        )
+            if one.energy is not None and (one.held is None or (held is not None and bool(held[one.held].all())))
+        ]
+        self.conservative = len(self._potential) == len(self.live)
 
     @classmethod
     def of(
@@ -135,9 +137,13 @@ class Loading:
         return np.concatenate(vertices), np.concatenate(blocks)
 
     def live_energy(self, x: Array, time: float = 0.0) -> float:
-        """Potential [J] of the loads that change and have one, zero at rest."""
+        """Potential [J] of the loads that change and have one on some shell, zero at rest; for searches."""
         return sum(one.value(x, time) - one.value(self.rest, time) for one in self.live)
 
+    def live_potential(self, x: Array, time: float = 0.0) -> float:
+        """Potential [J] of the loads that change and have one on this shell, zero at rest."""
+        return sum(one.value(x, time) - one.value(self.rest, time) for one in self._potential)
+
     def energy(self, x: Array, time: float = 0.0) -> float:
-        """Potential [J] of all loads that have one, zero at rest."""
-        return self.live_energy(x, time) - float(np.vdot(self.dead, x - self.rest))
+        """Potential [J] of all loads that have one on this shell, zero at rest."""
+        return self.live_potential(x, time) - float(np.vdot(self.dead, x - self.rest))

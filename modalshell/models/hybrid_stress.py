@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import checked_kind
+from modalshell.core.checks import checked_callback, checked_kind
 from modalshell.core.typing import Array, Progress
 from modalshell.integrators.full import BDF2, FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
@@ -152,6 +152,7 @@ class HybridStress(OnCoarse):
             For a load of zero, energies other than the material's, or options out of range.
         """
         checked_kind("shell", shell, Shell)
+        checked_callback("on_step", on_step)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
         training = Training(modes, motions, seed, error)
         model = CoarseDiscreteShell(shell, small)

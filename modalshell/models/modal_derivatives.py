@@ -271,7 +271,9 @@ class ModalDerivatives(ImplicitModel):
 
     @cached_property
     def _probes(self) -> Array:
-        return probes(np.hstack([self.basis.modes.modes[:, : self.flight.count], self._vectors]))
+        rigid = self.basis.modes.modes[:, : self.flight.count]
+        eigenvalues = np.concatenate([np.zeros(self.flight.count), self.basis.eigenvalues])
+        return probes(np.hstack([rigid, self._vectors]), eigenvalues, self.shell.mesh)
 
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array

@@ -29,6 +29,8 @@ _REBOUND = 100.0
 """How far motion that decays may lie above its largest kinetic energy times the decay: about 20 at critical damping."""
 _RUN_AWAY = 100.0
 """Energy over that which the load has put in, from which motion that still gathers it runs away."""
+_GAINED = 0.1
+"""Energy that steps on colliders at rest have added, over that of the load, from which it is reported."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
@@ -222,10 +224,20 @@ class Recorder:
         if not motion.finite:
             return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
         found: dict[Outcome, str] = {}
+        notes = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
         if self.fault is not None:
             found[self.fault] = f"{_FAULTS[self.fault]} at {self.fault_time:.6g} s"
         if self._runs_away():
             found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
+        elif (gained := self._gained_on_contacts()) > _GAINED:
+            words = (
+                f"steps on contacts have added {gained:.2g} times the energy that the load has put in: take shorter "
+            )
+            words += "ones, or integrator 'sdirk2' or 'implicit', which add none"
+            if gained > 1.0:
+                found[Outcome.RUNS_AWAY] = words
+            else:
+                notes.append(words)
         elif self._cycles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
         units = {"position": motion.shell.size, "orientation": 1.0}  # [m], [rad]
@@ -238,7 +250,6 @@ class Recorder:
             found[Outcome.STEPS_NOT_CONVERGED] = words
         if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
-        notes = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
         said = [motion.errors.remark(motion.state), motion.errors.undersampled()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
@@ -259,11 +270,25 @@ class Recorder:
     @property
     def _steady(self) -> bool:
         """Whether loads with a potential that stays alone do work."""
-        loading = self.motion.setup.loading
-        if not (loading.steady and loading.conservative):
-            return False
+        return self._by_load_alone and not self.motion.setup.contacts
+
+    @property
+    def _by_load_alone(self) -> bool:
+        """Whether loads with a potential that stays do all the work that contacts do not."""
         setup = self.motion.setup
-        return setup.supports is None and not (setup.constraints or setup.contacts)
+        steady = setup.loading.steady and setup.loading.conservative
+        return steady and setup.supports is None and not setup.constraints
+
+    def _gained_on_contacts(self) -> float:
+        """Rise of all energy on colliders at rest, which give none, over what the load has put in; 0 without them."""
+        contacts = self.motion.setup.contacts
+        moved = any(getattr(one, "motion", None) or getattr(one, "push_out", 0.0) for one in contacts)
+        if not contacts or moved or not self._by_load_alone or len(self.times) < 2:
+            return 0.0
+        energies = np.array(self.energies)
+        put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2]))
+        rise = float(np.max(energies.sum(axis=1) - energies[0].sum()))
+        return rise / put_in if put_in > 0.0 else 0.0
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""

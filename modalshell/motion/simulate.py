@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision
+from modalshell.core.checks import checked_callback, checked_count, checked_kind, checked_number, checked_precision
 from modalshell.core.memory import demand_memory
 from modalshell.core.typing import Progress
 from modalshell.loads import Load
@@ -119,6 +119,7 @@ def simulate(
     SupportError
         If ``supports`` moves a shell that holds no vertex.
     """
+    checked_callback("on_step", on_step)
     dt = checked_step(dt)
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)

@@ -160,7 +160,7 @@ class Motion:
         potential = -self.stepper.load_work(self._load, state)
         if loading.live:
             own = self.stepper.loaded_positions(state)
-            potential += loading.live_energy(self.stepper.in_world(own, self.time), self.time)
+            potential += loading.live_potential(self.stepper.in_world(own, self.time), self.time)
         elastic = model.elastic_energy(state) + self.stepper.further_energy(state)
         return np.array([model.kinetic_energy(state), elastic, potential])
 

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from modalshell.core.checks import checked_choice
+from modalshell.core.checks import checked_callback, checked_choice
 from modalshell.core.typing import Progress
 from modalshell.export import check_formats
 from modalshell.motion import Trajectory
@@ -67,6 +67,7 @@ def run_scene(
     OptionError
         If the folder holds frames of another run under this name, or another process is running there.
     """
+    checked_callback("on_step", on_step)
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if color is not None:
         declared = _coloured(declared, color)

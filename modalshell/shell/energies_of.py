@@ -59,6 +59,14 @@ def material_constants(material: Material | Sheet) -> dict[str, float]:
     return {name: float(value) for name, value in values.items() if isinstance(value, float)}
 
 
+def unit_of_constant(material: Material | Sheet, name: str) -> str:
+    """Unit of SI of a constant of a material; "" of one without, or of a material that is not known."""
+    per_area = not hasattr(material, "thickness")
+    first = {"density": "kg/m^2" if per_area else "kg/m^3", "direction": "deg", "thickness": "m", "young": "Pa"}
+    first |= {"stretch": "N/m", "bending": "N m", "flexure": "N m", "shear": "N" if per_area else "Pa"}
+    return first.get(name.split("_")[0], "")
+
+
 def with_constants(material: Material | Sheet, values: dict[str, float]) -> Material | Sheet:
     """The material with other values of some constants, by name."""
     return material.with_constants(values) if isinstance(material, Sheet) else replace(material, **values)  # type: ignore[arg-type]

@@ -296,7 +296,8 @@ class Shell(EnergyAccess):
         """Strains, curvatures, energy density and stress resultants at ``positions`` (n, 3) [m].
 
         Curvatures are those of split folds at their least bending energy; of a :class:`Material`, whose hinges know no
-        curvature tensor, with Poisson's ratio 0. Triangles whose vertices are all clamped have none.
+        curvature tensor, with Poisson's ratio 0. Triangles whose vertices are all clamped have none. Stresses of modal
+        and coarse models' positions can be far too large; those of DS and ``ms.error_bar(...).corrected`` are right.
 
         Returns
         -------

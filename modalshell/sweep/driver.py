@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalshell.core.checks import checked_count, checked_folder, checked_number, shown
+from modalshell.core.checks import checked_callback, checked_count, checked_folder, checked_number, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
@@ -123,6 +123,8 @@ def run_sweep(
     KeyboardInterrupt
         When stopped, with a message of how much is stored.
     """
+    checked_callback("on_check", on_check)
+    checked_callback("on_step", on_step)
     folder = None if out is None else checked_folder("out", out)
     declared = sweep if isinstance(sweep, Sweep) else load_sweep(checked_folder("sweep", sweep))
     folder = folder or Path(declared.output.folder)

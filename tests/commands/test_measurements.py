@@ -97,6 +97,7 @@ def test_a_fit_has_the_units_of_its_scene(capsys, tmp_path, curve, monkeypatch):
     assert status == 0, err
     assert told(out) == pytest.approx(1.0, rel=1e-4)
     assert re.search(r"residual: \S+ mm \(root mean square\)", out)
+    assert re.search(r"young = \S+, within \S+ to \S+ MPa at 95 %", out)
 
 
 def test_young_is_found_from_frequencies(capsys, tmp_path, curve):
@@ -143,7 +144,7 @@ def test_cards_are_listed_with_their_sources(capsys):
         assert not done.value.code
         listed, one = one, capsys.readouterr().out
     assert all(key in listed for key in CARDS)
-    assert "young = 2.1e+11" in one
+    assert "young = 2.1e+11 Pa" in one
     assert "speed of sound along a thin bar: 5200 m/s within 2 %" in one
     with pytest.raises(SystemExit) as stopped:
         main(["cards", "steal-0.1mm"])

@@ -143,6 +143,16 @@ def test_a_state_of_another_shape_is_refused(basis, name, value):
             call()
 
 
+def test_matrices_that_are_no_rotations_are_refused(basis):
+    crowd = ms.Crowd(basis, 3)
+    turns = Rotation.random(3, random_state=0).as_matrix()
+    crowd.positions(turns.astype(np.float32), np.zeros((3, 3)))
+    for wrong in (2.0 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.eye(3) + np.eye(3, k=1), np.zeros((3, 3))):
+        turns[1] = wrong
+        with pytest.raises(ms.OptionError, match=r"rotations must be rotation matrices.*of instance 1"):
+            crowd.positions(turns)
+
+
 def test_coordinates_may_be_of_any_layout_and_type(basis):
     crowd, twin = ms.Crowd(basis, 3), ms.Crowd(basis, 3)
     crowd.coordinates = np.asfortranarray(np.arange(30).reshape(3, 10))

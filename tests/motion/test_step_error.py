@@ -253,3 +253,17 @@ def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
     runs = [motion(model, 40, large, frequency=frequency) for model in (hybrid, ms.CoarseDiscreteShell(strip, strip))]
     assert "answered by coarse DS" in runs[0].message
     assert runs[0].step_error == pytest.approx(runs[1].step_error, rel=0.2)
+
+
+@pytest.mark.parametrize("build", [lambda shell: ms.ModalWarping(ms.solve_modes(shell, 9)), ms.ModalDerivatives])
+def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
+    """Of corners that move alike one alone was looked at, the first."""
+    mesh = ms.v_beam(length=0.6, width=0.2, fold=130.0, cells=(6, 2))
+    order = np.random.default_rng(2).permutation(len(mesh.vertices))
+    found = []
+    for chosen in (np.arange(order.size), order):
+        other = ms.TriangleMesh(mesh.vertices[chosen], np.argsort(chosen)[mesh.faces])
+        shell = ms.Shell(other, ISOTROPIC)
+        push = np.where(other.vertices[:, :1] > 0.599, [0.5, 0.2, 2.0], 0.0)
+        found.append(ms.simulate(build(shell), duration=0.3, dt=0.02, force=push).step_error)
+    assert found[1] == pytest.approx(found[0], rel=1e-4)

@@ -214,7 +214,7 @@ class ModalMotion(ModalShape, FrameModel):
     @cached_property
     def _probes(self) -> Array:
         """Rows (3k, m) of the modes."""
-        return probes(self.basis.modes).reshape(-1, self.basis.count)
+        return probes(self.basis.modes, self.basis.eigenvalues, self.shell.mesh).reshape(-1, self.basis.count)
 
     def growth(self, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, by the integrator's theory."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import checked_kind, checked_vectors
 from modalshell.core.errors import OptionError
@@ -17,6 +17,7 @@ from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Load, Loading
+from modalshell.mesh import TriangleMesh
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
@@ -35,6 +36,8 @@ NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
+_REPEATED, _ALIKE = 1e-6, 64
+"""Relative gap of eigenvalues that count as one, and of sizes; vertices of one size up to which all are looked at."""
 
 
 class Model(ABC):
@@ -344,11 +347,31 @@ class Model(ABC):
             )
 
 
-def probes(modes: Array) -> Array:
-    """Rows (k, 3, m) of modes (3n, m) at the vertices where each one is largest."""
+def probes(modes: Array, eigenvalues: Array, mesh: TriangleMesh) -> Array:
+    """Rows (k, 3, m) of modes (3n, m) at the vertices where each one is largest, or all of one eigenvalue together.
+
+    Rigid motions have the eigenvalue 0, and are looked at in each part of the mesh. Of vertices that move alike, as in
+    a symmetric mesh, all are taken, so that their numbers do not matter, or those far from the middle where many are.
+    """
     rows = modes.reshape(-1, 3, modes.shape[1])
-    chosen = np.unique(np.sum(rows**2, axis=1).argmax(axis=0))
-    return np.ascontiguousarray(rows[chosen])
+    sizes, order = np.sum(rows**2, axis=1), np.argsort(eigenvalues, kind="stable")
+    ends = np.flatnonzero(np.diff(eigenvalues[order]) > _REPEATED * np.abs(eigenvalues[order[1:]])) + 1
+    middle = mesh.vertices - mesh.vertices.mean(axis=0)
+    chosen = []
+    for group in np.split(order, ends):
+        rigid = not np.abs(eigenvalues[group]).any()
+        for part in range(mesh.components.max() + 1) if rigid else (None,):
+            own = np.arange(len(rows)) if part is None else np.flatnonzero(mesh.components == part)
+            alike = own[_largest(sizes[own][:, group].sum(axis=1))]
+            if alike.size > _ALIKE:
+                alike = alike[_largest(np.sum(middle[alike] ** 2, axis=1))]
+            chosen.append(alike)
+    return np.ascontiguousarray(rows[np.unique(np.concatenate(chosen))])
+
+
+def _largest(sizes: Array) -> NDArray[np.bool_]:
+    """Which of some sizes (k,) are the largest, to rounding."""
+    return np.asarray(sizes >= (1.0 - _REPEATED) * sizes.max())
 
 
 class FrameModel(Model):
