@@ -44,7 +44,7 @@ from modalshell.supports.constraints import Constraint
 
 @final
 class HybridStress(OnCoarse):
-    """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
+    """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in tenths of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
     m trained stress states, so a basis that misses positions by a little does not lock; see
