@@ -203,16 +203,22 @@ def _add_coupled(bending, begin, end, first, slopes, others, to, width):  # type
 @njit(**_options)
 def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
     """Add ``count`` rows as long as ``out``, from number ``begin`` on, times the factors from ``first`` on."""
-    width = out.size
-    for i in range(0, width, LANES):
-        a, b, at = load(out, i), spread(0.0), begin + i
-        for k in range(count // 2):
-            a = a + spread_from(factors, first + 2 * k) * load(rows, at)
-            b = b + spread_from(factors, first + 2 * k + 1) * load(rows, at + width)
-            at += 2 * width
-        if count % 2:
-            a = a + spread_from(factors, first + count - 1) * load(rows, at)
-        store(out, i, a + b)
+    width, pairs = out.size, out.size // (2 * LANES) * (2 * LANES)
+    for i in range(0, pairs, 2 * LANES):  # whole lines of memory
+        a, b, at = load(out, i), load(out, i + LANES), begin * width + i
+        for k in range(first, first + count):
+            factor = spread_from(factors, k)
+            a = a + factor * load(rows, at)
+            b = b + factor * load(rows, at + LANES)
+            at += width
+        store(out, i, a)
+        store(out, i + LANES, b)
+    for i in range(pairs, width, LANES):
+        a, at = load(out, i), begin * width + i
+        for k in range(first, first + count):
+            a = a + spread_from(factors, k) * load(rows, at)
+            at += width
+        store(out, i, a)
 
 
 @njit(**_options)

@@ -28,34 +28,43 @@ def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
     count, width = form.linear.shape
     linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
     products, values, half = room.products, room.values, spread(0.5)
-    for k in range(0, width, LANES):
+    for k in range(0, width, 2 * LANES):  # whole lines of memory
         for i in range(0, count - 1, 2):  # two rows at once: a product is stored once for both
-            place = i * (i + 1) // 2 * width + k
-            below = place + (i + 1) * width
-            here, there, row, further = spread_from(z, i), spread_from(z, i + 1), spread(0.0), spread(0.0)
+            place, at = i * (i + 1) // 2 * width + k, k
+            below, here, there = place + (i + 1) * width, spread_from(z, i), spread_from(z, i + 1)
+            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
             for j in range(i):
-                numbers, others, at, known = load(pairs, place), load(pairs, below), j * width + k, spread_from(z, j)
-                row, further = row + numbers * known, further + others * known
-                store(products, at, load(products, at) + numbers * here + others * there)
-                place, below = place + width, below + width
-            shared, at = load(pairs, below), i * width + k
-            store(products, at, row + load(pairs, place) * here + shared * there)
-            store(products, at + width, further + shared * here + load(pairs, below + width) * there)
+                known, p, q = spread_from(z, j), load(pairs, place), load(pairs, place + LANES)
+                r, s = load(pairs, below), load(pairs, below + LANES)
+                a, b, c, d = a + p * known, b + q * known, c + r * known, d + s * known
+                store(products, at, load(products, at) + p * here + r * there)
+                store(products, at + LANES, load(products, at + LANES) + q * here + s * there)
+                place, below, at = place + width, below + width, at + width
+            p, q, r, s = load(pairs, place), load(pairs, place + LANES), load(pairs, below), load(pairs, below + LANES)
+            store(products, at, a + p * here + r * there)
+            store(products, at + LANES, b + q * here + s * there)
+            p, q, at = load(pairs, below + width), load(pairs, below + width + LANES), at + width
+            store(products, at, c + r * here + p * there)
+            store(products, at + LANES, d + s * here + q * there)
         for i in range(count // 2 * 2, count):
-            place, here, row = i * (i + 1) // 2 * width + k, spread_from(z, i), spread(0.0)
+            place, at, here, a, b = i * (i + 1) // 2 * width + k, k, spread_from(z, i), spread(0.0), spread(0.0)
             for j in range(i):
-                numbers, at = load(pairs, place), j * width + k
-                row = row + numbers * spread_from(z, j)
-                store(products, at, load(products, at) + numbers * here)
-                place += width
-            store(products, i * width + k, row + load(pairs, place) * here)
-        value = spread(0.0)
+                known, p, q = spread_from(z, j), load(pairs, place), load(pairs, place + LANES)
+                a, b = a + p * known, b + q * known
+                store(products, at, load(products, at) + p * here)
+                store(products, at + LANES, load(products, at + LANES) + q * here)
+                place, at = place + width, at + width
+            store(products, at, a + load(pairs, place) * here)
+            store(products, at + LANES, b + load(pairs, place + LANES) * here)
+        a, b = spread(0.0), spread(0.0)
         for i in range(count):
-            at = i * width + k
-            first, slope = load(linear, at), load(products, at)
-            value = value + spread_from(z, i) * (first + half * slope)
-            store(products, at, first + slope)
-        store(values, k, value)
+            at, here = i * width + k, spread_from(z, i)
+            p, q, r, s = load(linear, at), load(linear, at + LANES), load(products, at), load(products, at + LANES)
+            a, b = a + here * (p + half * r), b + here * (q + half * s)
+            store(products, at, p + r)
+            store(products, at + LANES, q + s)
+        store(values, k, a)
+        store(values, k + LANES, b)
     for k in range(form.modes):
         strains[k] = values[k]
         for i in range(count):
