@@ -71,6 +71,14 @@ def test_a_load_in_balance_bends_as_modes_do(free):
     np.testing.assert_allclose(answer.positions - strip().vertices, moved, atol=1e-6 * np.abs(moved).max())
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.0, 10.0])
+def test_turns_that_a_load_in_balance_does_not_need_do_not_lead_away(free, factor):
+    """At rest nothing resists them: Newton took 50 to 90 iterations, and told of bifurcations that are none."""
+    answer = ms.DiscreteShell(free).equilibrium(force=factor * bending())
+    assert (answer.converged, answer.stable, answer.message) == (True, True, "")
+    assert answer.iterations <= 30
+
+
 @pytest.mark.slow
 def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
     for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):
