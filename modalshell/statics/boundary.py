@@ -118,6 +118,22 @@ def predicted(
     return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
 
 
+def missed_by(constraints: Sequence[Constraint], patches: Sequence[HeldPatch], x: Array, origin: Array) -> Array:
+    """How far patches at x (n, 3), about the ``origin`` (3,), are from constraints' targets: [m] or [rad], (k,)."""
+    of_patch = {patch.position.vertices.tobytes(): patch for patch in patches}
+    missed = np.empty(len(constraints))
+    for index, constraint in enumerate(constraints):
+        patch = of_patch[constraint.vertices.tobytes()]
+        target, own = patch.at(0.0), x[patch.vertices] + origin
+        if constraint.kind == "position":
+            missed[index] = np.linalg.norm((own - target).mean(axis=0))
+        else:
+            arms, ends = own - own.mean(axis=0), target - target.mean(axis=0)
+            chord = np.linalg.norm(arms - ends) / max(float(np.linalg.norm(ends)), 1e-300)
+            missed[index] = 2.0 * np.arcsin(min(1.0, 0.5 * chord))  # about axes across the patch
+    return missed
+
+
 def reactions_of(
     shell: Shell,
     constraints: Sequence[Constraint],

@@ -79,6 +79,19 @@ def test_turns_that_a_load_in_balance_does_not_need_do_not_lead_away(free, facto
     assert answer.iterations <= 30
 
 
+def test_a_crease_of_a_free_strip_folds_the_way_that_it_is_pushed():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    x, crease = mesh.vertices[:, 0], ms.Crease("abs(x - 0.5) < 1e-6", 1e-3, 1e-3)
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 2e-3, 300.0), creases=[crease])
+    middle, ends = np.abs(x - 0.5) < 1e-6, np.abs(x - 0.5) > 0.5 - 1e-6
+    answer = ms.DiscreteShell(shell).equilibrium(force=np.outer(middle / 3.0 - ends / 6.0, [0.0, 0.0, 0.01]))
+    z = answer.positions[:, 2]
+    assert answer.converged
+    assert z[middle].mean() - z[ends].mean() == pytest.approx(0.479, rel=0.01)
+    normals = np.cross(*(answer.positions[mesh.faces[:, k]] - answer.positions[mesh.faces[:, 0]] for k in (1, 2)))
+    assert normals[:, 2].min() > 0.0  # not turned over
+
+
 @pytest.mark.slow
 def test_a_dead_couple_turns_a_free_strip_into_its_line(free):
     for model in (*full_models(free), ms.SpringSheet(ms.Shell(strip(), HINGED))):

@@ -17,8 +17,8 @@ from modalshell.supports import Pin, Support, Symmetry
 
 _PARALLEL = 1e-9
 """Share of a part's forces across their direction up to which they are parallel, and a turn about it does nothing."""
-_BALANCED = 1e-9
-"""Moment of a part's forces at rest, over their sizes and the part's, up to which the part need not turn at first."""
+_NEUTRAL = 1e-9
+"""Sum of forces times places at rest, over their sizes, up to which no turn of a part does work to second order."""
 
 
 @final
@@ -35,14 +35,14 @@ class DriftingPart:
     axis : ndarray, shape (3,), or None
         Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
         nothing.
-    balanced : bool
-        Whether the part is free to move in all six ways, and the forces at rest have no moment.
+    neutral : bool
+        Whether the part is free to move in all six ways, and the forces neither turn it at rest nor resist a turn.
     """
 
     vertices: Index
     directions: Array
     axis: Array | None
-    balanced: bool
+    neutral: bool
 
     def supports(self, shell: Shell, *, turning: bool) -> list[Support]:
         """What holds it, ``turning`` about its axis or not: a load in balance makes no reaction there."""
@@ -100,9 +100,10 @@ def drifting_parts(shell: Shell, load: Array) -> list[DriftingPart]:
             if axis is not None and np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces):
                 axis = None
             arms = shell.rest_positions[vertices] - shell.rest_positions[vertices].mean(axis=0)
-            moment = np.linalg.norm(np.cross(arms, forces).sum(axis=0))
+            # Its antisymmetric part is the moment; a turn w does work w . (S - tr S) w / 2 to second order.
+            product = np.linalg.norm(forces.T @ arms)
             most = np.linalg.norm(arms, axis=1).max() * np.linalg.norm(forces, axis=1).sum()
-            found.append(DriftingPart(vertices, directions, axis, bool(motions == 6 and moment <= _BALANCED * most)))
+            found.append(DriftingPart(vertices, directions, axis, bool(motions == 6 and product <= _NEUTRAL * most)))
     return found
 
 
@@ -112,14 +113,15 @@ def balanced(
     """Equilibrium of a shell whose free parts a load (n, 3) [N] does not push away.
 
     ``solve`` finds it for the shell with further supports, from a start. Turns that change nothing are held, too,
-    unless the way to the answer is too hard so. At rest nothing resists turns: parts that the load does not turn there
-    are held in all ways first, and turn from the answer of that, where the load resists.
+    unless the way to the answer is too hard so. A load that at rest neither turns parts nor resists turns, as one
+    across a flat sheet, leaves the first Hessian singular: parts are held in all ways first, and turn from there.
     """
-    parts, iterations, begin, message = drifting_parts(shell, load), 0, start, ""
-    if start is None and load.any() and parts and all(part.balanced for part in parts):
+    parts, iterations, begin = drifting_parts(shell, load), 0, start
+    neutral = load.any() and parts and all(part.neutral for part in parts)
+    if start is None and neutral and shell.crease_state is None:  # creases yield once
         held = solve(shell.also_supported([support for part in parts for support in part.fixed(shell)]), None)
         iterations = held.iterations
-        begin, message = (held.positions, held.message) if held.converged and held.stable else (None, "")
+        begin = held.positions if held.converged and held.stable and not held.message else None
     for turning in (False, True):
         supports = [support for part in parts for support in part.supports(shell, turning=turning)]
         found = solve(shell.also_supported(supports) if supports else shell, begin)
@@ -129,7 +131,7 @@ def balanced(
     positions = found.positions.copy()
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
-    return replace(found, positions=positions, iterations=iterations, message=found.message or message)
+    return replace(found, positions=positions, iterations=iterations)
 
 
 def refuse_drifting(shell: Shell, what: str) -> None:

@@ -34,7 +34,7 @@ from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
-from modalshell.statics.boundary import continue_boundary, reactions_of
+from modalshell.statics.boundary import continue_boundary, missed_by, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.creases import equilibrium_with_creases
 from modalshell.statics.live_loads import LiveLoads
@@ -167,7 +167,7 @@ class FullModel(Model):
             result.residual,
             result.stable,
             costs=self.costs.since(before),
-            constraint_residuals=np.zeros(len(constraints)),
+            constraint_residuals=missed_by(constraints, patches, result.point, origin),
             constraint_reactions=reactions_of(shell, constraints, patches, result.point, load, live),
             creases=kept,
         )

@@ -22,7 +22,7 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.modes import Factoriser
-from modalshell.statics.boundary import reactions_of
+from modalshell.statics.boundary import missed_by, reactions_of
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
 from modalshell.supports.constraints import Constraint, held_patches
@@ -31,6 +31,7 @@ _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
 _LED = "; the constraints moved on straight ways then"
+_NOT_LED = "the contact set did not settle as constraints moved: hold more vertices, or simulate the damped motion"
 _AT_ONCE = "friction depends on the way: the load came at once, from the start"
 
 
@@ -64,7 +65,7 @@ def _led(led: Led, first: Array, load_steps: int) -> _Found:
     """Where a shell comes to from ``first`` (n, 3) whose patches are led."""
     if any(contact.friction for contact in led.touching.contacts):
         return _Found(*led.rest_with_friction(first, load_steps)[:3])
-    return _Found(led.rest(first))
+    return _Found(led.rest(first), told=_NOT_LED)
 
 
 def equilibrium_on_contacts(
@@ -143,6 +144,6 @@ def equilibrium_on_contacts(
         in_contact=touches,
         deepest=max(0.0, -float(gaps.min(initial=0.0))),
         self_contact=closest,
-        constraint_residuals=np.zeros(len(constraints)),
+        constraint_residuals=missed_by(constraints, patches, rest.point, origin),
         constraint_reactions=reactions_of(shell, constraints, patches, rest.point, problem.load, problem.live),
     )
