@@ -142,7 +142,7 @@ def test_a_sheet_pushed_against_its_friction_until_it_snaps_has_no_answer():
     found = led(ms.DiscreteShell(shell), end, (-0.05, 0.0, 0.1), [rough])
     assert not found.converged
     assert "of the way of the constraints: simulate the damped motion" in found.message
-    target = shell.rest_positions[end].mean(axis=0) + (-0.05, 0.0, 0.1)
+    target = shell.rest_positions[end].mean(axis=0) + np.array([-0.05, 0.0, 0.1])
     missed = np.linalg.norm(found.positions[end].mean(axis=0) - target)
     assert missed > 1e-3
     assert found.constraint_residuals == pytest.approx([missed])
