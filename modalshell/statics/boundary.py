@@ -129,7 +129,7 @@ def missed_by(constraints: Sequence[Constraint], patches: Sequence[HeldPatch], x
             missed[index] = np.linalg.norm((own - target).mean(axis=0))
         else:
             arms, ends = own - own.mean(axis=0), target - target.mean(axis=0)
-            chord = np.linalg.norm(arms - ends) / max(float(np.linalg.norm(ends)), 1e-300)
+            chord = float(np.linalg.norm(arms - ends)) / max(float(np.linalg.norm(ends)), 1e-300)
             missed[index] = 2.0 * np.arcsin(min(1.0, 0.5 * chord))  # about axes across the patch
     return missed
 
