@@ -1,7 +1,5 @@
 """Reduced RSW against the full model: where it is exact, how far it is off within its training, and what it refuses."""
 
-import time
-
 import numpy as np
 import pytest
 from scenes import held
@@ -157,8 +155,8 @@ def test_supports_that_leave_a_turn_are_refused():
 
 
 @pytest.mark.slow
-def test_the_creature_in_real_time():
-    """13,000 vertices, 8 modes, swings of 30 % of its length: 1,000 frames a second within 1 % of the full model."""
+def test_the_creature_is_within_a_hundredth_of_the_full_model():
+    """13,000 vertices, 8 modes, swings of 30 % of its length."""
     shell = large_shell(13000)
     full = RotationStrain(solve_modes(shell, 8))
     reduced = ReducedRotationStrain.trained(full, loads(60, 300.0, seed=0))
@@ -167,10 +165,3 @@ def test_the_creature_in_real_time():
     state = MotionState(full.equilibrium(gravity=(0.0, 300.0, 0.0)).coordinates, np.zeros(8))
     moved = np.abs(reduced.positions(state) - shell.rest_positions).max()
     assert moved > 0.25 * np.ptp(shell.rest_positions, axis=0).max()
-    for model, rate in ((full, 150.0), (reduced, 1000.0)):
-        seconds = []
-        for _ in range(200):
-            start = time.perf_counter()
-            model.positions(state)
-            seconds.append(time.perf_counter() - start)
-        assert 1.0 / min(seconds) > rate  # the best one: the others tell of the machine's other work
