@@ -58,11 +58,12 @@ class DriftingPart:
         return held
 
     def fixed(self, shell: Shell) -> list[Support]:
-        """What holds it in all six ways, statically determinate: none of a part along a line, which has fewer."""
+        """What holds it in all six ways, statically determinate."""
         points = shell.rest_positions[self.vertices]
         arms = points - points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
-        first, second = np.linalg.norm(arms, axis=1).argmin(), np.linalg.norm(arms, axis=1).argmax()
-        along = arms[second] / np.linalg.norm(arms[second])
+        sizes = np.linalg.norm(arms, axis=1)
+        first, second = sizes.argmin(), sizes.argmax()
+        along = arms[second] / sizes[second]
         across = arms - np.outer(arms @ along, along)
         third = np.linalg.norm(across, axis=1).argmax()
         aside = across[third] / np.linalg.norm(across[third])
