@@ -312,11 +312,12 @@ class ShellCrowd(ABC):
 
 def _refuse_others(turns: Array) -> None:
     """OptionError where one of the matrices (B, 3, 3) is no rotation."""
-    first, second, third = turns[:, 0], turns[:, 1], turns[:, 2]
+    first, second, third = np.ascontiguousarray(turns.reshape(-1, 9).T).reshape(3, 3, -1)  # in every frame: quickly
     # The third row is the cross product of unit vectors at right angles.
-    off = np.abs(np.cross(first, second) - third).max(axis=1)
-    for one, other, product in ((first, first, 1.0), (second, second, 1.0), (first, second, 0.0)):
-        np.maximum(off, np.abs(np.einsum("bi,bi->b", one, other) - product), out=off)
+    ahead, behind = [1, 2, 0], [2, 0, 1]
+    cross = first[ahead] * second[behind] - first[behind] * second[ahead]
+    products = [(first * first).sum(axis=0) - 1.0, (second * second).sum(axis=0) - 1.0, (first * second).sum(axis=0)]
+    off = np.abs(np.concatenate([cross - third, products])).max(axis=0)
     if not off.max(initial=0.0) <= _NO_ROTATION:
         worst = int(off.argmax())
         raise OptionError(

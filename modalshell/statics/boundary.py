@@ -118,9 +118,14 @@ def predicted(
     return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
 
 
+def _by_vertices(patches: Sequence[HeldPatch]) -> dict[bytes, HeldPatch]:
+    """The patches by the vertices that their constraints name."""
+    return {patch.position.vertices.tobytes(): patch for patch in patches}
+
+
 def missed_by(constraints: Sequence[Constraint], patches: Sequence[HeldPatch], x: Array, origin: Array) -> Array:
     """How far patches at x (n, 3), about the ``origin`` (3,), are from constraints' targets: [m] or [rad], (k,)."""
-    of_patch = {patch.position.vertices.tobytes(): patch for patch in patches}
+    of_patch = _by_vertices(patches)
     missed = np.empty(len(constraints))
     for index, constraint in enumerate(constraints):
         patch = of_patch[constraint.vertices.tobytes()]
@@ -147,10 +152,10 @@ def reactions_of(
         return np.empty((0, 3))
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
     residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
-    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
+    of_patch = _by_vertices(patches)
     reactions = np.empty((len(constraints), 3))
     for reaction, constraint in zip(reactions, constraints, strict=True):
-        vertices = of_patch[constraint.vertices.tobytes()]
+        vertices = of_patch[constraint.vertices.tobytes()].vertices
         forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
         reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
     return reactions

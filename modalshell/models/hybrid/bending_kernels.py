@@ -160,7 +160,7 @@ def couple(bending, z, first, strains, slopes, others, gradient, room):  # type:
         for place in range(begin, end):
             coupled += bending.values[place] * strains[first + bending.others[place]]
         value += bent * (0.5 * coupled + flat)
-        _add_coupled(bending, begin, end, first, slopes, others, h * width, width)
+        _write_coupled(bending, begin, end, first, slopes, others, h * width, width)
         for i in range(0, width, LANES):
             at = over + i
             turned = spread(nx) * load(across, at) + spread(ny) * load(across, at + width)
@@ -173,7 +173,7 @@ def couple(bending, z, first, strains, slopes, others, gradient, room):  # type:
 
 
 @njit(**_options)
-def _add_coupled(bending, begin, end, first, slopes, others, to, width):  # type: ignore[no-untyped-def]
+def _write_coupled(bending, begin, end, first, slopes, others, to, width):  # type: ignore[no-untyped-def]
     """Write the rows of slopes that a hinge is coupled to, times what couples them, from ``to`` on into ``others``."""
     values, together = bending.values, 4 * LANES
     for i in range(0, width - together + 1, together):

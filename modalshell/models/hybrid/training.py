@@ -156,7 +156,8 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     loads = TrainingLoads(coarse, load, _STRESSED)
     if not (load.any() or loads.rigid):
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
-    sizes = training.sizes(coarse.free_unknowns.size, measures_of(coarse).vectors)
+    at_rest = measures_of(coarse)
+    sizes = training.sizes(coarse.free_unknowns.size, at_rest.vectors)
     runs = _random_motions(coarse, load, loads, training, on_step)
     frames, held_out = [frames for _, _, frames in runs[: training.motions]], runs[training.motions :]
     resultant = float(np.linalg.norm(load.sum(axis=0)))
@@ -165,8 +166,8 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
         sizes_of_loads = f"loads in flight that turn a vertex by about {loads.size:.2g} rad"
     description = f"{training.motions} motions under {sizes_of_loads}"
     tried: list[Trained] = []
-    turned = measures_of(coarse).far_turned(np.concatenate(frames))
-    measures = measures_of(coarse, turned)
+    turned = at_rest.far_turned(np.concatenate(frames))
+    measures = measures_of(coarse, turned) if turned.size else at_rest
     for size in sizes:
         found, reduced = _reduce(measures, loads, frames, size)
         errors, unseen = zip(
