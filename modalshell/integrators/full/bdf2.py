@@ -42,7 +42,8 @@ class BDF2(SecondOrderRule, key="bdf2"):
             earlier = MotionState(x - memory["move"], v - memory["gain"])
             made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
             begin, rates = x + ahead * move, v + ahead * gain
-            after, solved = euler.solve(EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of))
+            start = EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True)
+            after, solved = euler.solve(start)
             if solved:
                 return after, True, 2
         return *euler_step(euler, state, dt, 0.0, 1.0), 1

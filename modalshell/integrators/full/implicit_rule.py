@@ -46,6 +46,8 @@ class EulerStart:
         When that is, as a share of the rule's step.
     made_of : tuple of (float, MotionState)
         States with their weights whose rates add up to v': so do the momenta of free parts.
+    viscous_ahead : bool
+        Whether ``viscous_at`` is as near to its end as where the rates lead.
     """
 
     origin: Array
@@ -57,6 +59,16 @@ class EulerStart:
     viscous_at: Array
     viscous_time: float
     made_of: tuple[tuple[float, MotionState], ...] = ()
+    viscous_ahead: bool = False
+
+    @property
+    def reduced(self) -> tuple[Array, Array, Array, Array, Array]:
+        """What a reduced shell's step takes: x', v', ``near``, ``viscous_at``, and where Newton's method begins.
+
+        The last two are one where they may be: slopes there serve both.
+        """
+        first = self.viscous_at if self.viscous_ahead else self.origin + self.dt * self.rates
+        return self.origin, self.rates, self.near, self.viscous_at, first
 
     @property
     def guess(self) -> MotionState:

@@ -13,17 +13,21 @@ from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import Room, add_rows, couple, hinge_angles, make_room
+from modalshell.models.hybrid.bending_kernels import Room, add_products, add_rows, make_room
 from modalshell.models.hybrid.energy_kernels import (
+    add_membrane,
     energy_terms,
     predict,
     quadratic,
     width_of,
-    write_hessian,
-    write_squares,
+    write_bending,
 )
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
+
+STEP_GOAL = 2e-3
+"""Tolerance of a step's residual: a correction of the coordinates over the way that load and inertia alone would go.
+BDF2's own error is tens of times as large at 1/60 s."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _operation = _options | UNCOUNTED
@@ -67,8 +71,30 @@ def _solve_in_place(matrix, vector, count):  # type: ignore[no-untyped-def]
     return negative
 
 
+@njit(**_operation)
+def _solve_again(factor, vector, count):  # type: ignore[no-untyped-def]
+    """Solve in place by the rows that :func:`_solve_in_place` has left of a matrix."""
+    width = vector.size
+    for k in range(count):
+        value = vector[k]
+        scaled = spread(-value / factor[k * width + k])
+        for j in range(k // LANES * LANES, width, LANES):
+            store(vector, j, load(vector, j) + scaled * load(factor, k * width + j))
+        vector[k] = value
+    for i in range(count - 1, -1, -1):
+        right, products = vector[i], spread(0.0)
+        vector[i] = 0.0
+        for j in range(i // LANES * LANES, width, LANES):
+            products = products + load(factor, i * width + j) * load(vector, j)
+        vector[i] = (right - total(products)) / factor[i * width + i]
+
+
 class Step(NamedTuple):
     """A step about ``origin`` (m,), ``outer`` being its quadratic part: the problem of mixed Newton.
+
+    Its residual is the out-of-balance force, and after the first iteration the correction by the last factor times the
+    inertia: an error of the coordinates, where the force itself is mostly a stretch that the next correction takes
+    away.
 
     Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.bending_kernels`.
     """
@@ -84,22 +110,32 @@ class Step(NamedTuple):
     others: Array
     gradient: Array
     hessian: Array
+    bending: Array
     slots: Array
     way: Array
+    correction: Array
     at: Array
     moved: Array
     numbers: Array
     room: Room
 
 
-_SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
-"""Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy."""
+_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT = range(8)
+"""Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy, what
+inertia adds to the diagonal, whether there is a factor of this drag, and whether the energy's terms and the Hessian of
+bending are known at the iterate already."""
 
 
 @operation_of(Step, method.residual, **_operation)
 def _residual(p):  # type: ignore[no-untyped-def]
-    """Energy, strains and out-of-balance force; its size."""
-    return _balance(p)
+    """Energy, strains and out-of-balance force; the size of it, or of what it makes of the last factor."""
+    size, width = _balance(p), p.at.size
+    if p.numbers[_FACTORED] == 0.0:
+        return size
+    for i in range(width):
+        p.correction[i] = p.gradient[i]
+    _solve_again(p.hessian, p.correction, p.x.size)
+    return np.sqrt(dot(p.correction, 0, p.correction, 0, width)) * p.numbers[_INERTIA] / p.numbers[_SCALE]
 
 
 @njit(**_operation)
@@ -108,7 +144,10 @@ def _balance(p):  # type: ignore[no-untyped-def]
     for i in range(count):
         p.at[i] = p.x[i]
         p.moved[i] = p.x[i] - p.origin[i]
-    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
+    if p.numbers[_BEGUN] == 0.0:
+        p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
+        p.numbers[_BENT] = 0.0
+    p.numbers[_BEGUN] = 0.0
     add_rows(p.outer, 0, p.moved, 0, count, p.gradient)
     for i in range(count):
         p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
@@ -130,10 +169,12 @@ def _potential(p):  # type: ignore[no-untyped-def]
 @njit(**_operation)
 def _assemble(p):  # type: ignore[no-untyped-def]
     """Write the Hessian's lower triangle, the inertia's and the damping's with it, where the balance was asked for."""
-    width = p.at.size
-    write_hessian(p.reduced, p.stresses, p.slopes, p.others, width, p.hessian, p.room)
+    width, membrane = p.at.size, p.reduced.membrane
+    if p.numbers[_BENT] == 0.0:
+        write_bending(p.reduced.bending, p.slopes, membrane.modes, p.others, width, p.bending)
     for i in range(p.outer.size):
-        p.hessian[i] += p.outer[i]
+        p.hessian[i] = p.outer[i] + p.bending[i]
+    add_membrane(membrane, p.stresses, p.slopes, width, p.hessian, p.room)
 
 
 @operation_of(Step, method.solve, **_operation)
@@ -144,6 +185,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
         p.hessian[i * p.at.size + i] += p.numbers[_DRAG]
         p.gradient[i] = -p.gradient[i]
     p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient, p.x.size)
+    p.numbers[_FACTORED] = 1.0
     return p.numbers[_NEGATIVE] >= 0.0
 
 
@@ -165,7 +207,7 @@ def _is_minimum(p):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.drag, **_operation)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
-    p.numbers[_DRAG] = factor
+    p.numbers[_DRAG], p.numbers[_FACTORED] = factor, 0.0
     _balance(p)
     for k in range(p.stresses.size):
         p.stresses[k] = p.strains[k]
@@ -182,6 +224,7 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find the direction in which the potential curves down most."""
     _balance(p)
     _assemble(p)
+    p.numbers[_FACTORED] = 0.0
     count, width = p.x.size, p.at.size
     whole = np.empty((count, count))
     for i in range(count):
@@ -202,31 +245,37 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def _write_viscous(reduced, at, factor, outer, room):  # type: ignore[no-untyped-def]
-    """Write ``factor`` times the viscous matrix at coordinates ``at`` (width,) into ``outer``, flat: that of slopes."""
-    bending, width, modes = reduced.bending, at.size, reduced.viscous.modes
-    size = modes + bending.angles.size
-    slopes, strains, none = np.zeros(size * width), np.empty(size), np.empty(width)
-    others = np.empty(bending.across.shape[0] * width)
-    quadratic(reduced.viscous, at, strains, slopes, room)
-    hinge_angles(bending, at, modes, strains, slopes, room)
-    if bending.across.shape[0] > 0:
-        couple(bending, at, modes, strains, slopes, others, none, room)
-    write_squares(bending, slopes, size, modes, others, width, outer)
+def _damp(p, at, factor):  # type: ignore[no-untyped-def]
+    """Write ``factor`` times the viscous matrix ``at`` coordinates (m,), by the strains' slopes, as the quadratic part.
+
+    Where Newton's method begins there, the slopes of bending serve the first iteration, too.
+    """
+    count, width, viscous, begun = p.x.size, p.at.size, p.reduced.viscous, True
+    slopes, strains = np.zeros(viscous.modes * width), np.empty(viscous.modes)
+    for i in range(count):
+        p.at[i] = at[i]
+        begun &= at[i] == p.x[i]
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
+    write_bending(p.reduced.bending, p.slopes, p.reduced.membrane.modes, p.others, width, p.bending)
+    p.numbers[_BEGUN] = p.numbers[_BENT] = 1.0 if begun else 0.0
+    quadratic(viscous, p.at, strains, slopes, p.room)
+    for i in range(p.outer.size):
+        p.outer[i] = p.bending[i]
+    add_products(slopes, 0, slopes, 0, viscous.modes, width, p.outer)
     for i in range(width):
         for j in range(i + 1):
-            outer[i * width + j] *= factor
-            outer[j * width + i] = outer[i * width + j]
+            p.outer[i * width + j] *= factor
+            p.outer[j * width + i] = p.outer[i * width + j]
 
 
 @njit(**_options)
 def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
-    ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
-    Newton's method begins where the rates lead, with the stresses of that state. ``force`` (m,) is the load's; ``drag``
-    [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for
-    discrete shells. ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
+    ``start`` holds coordinates and rates, a state without false strains, where the viscous matrix is taken, and where
+    Newton's method begins, with the stresses of that state. ``force`` (m,) is the load's; ``drag`` [1/s] and
+    ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for discrete shells.
+    ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
     they are the state without false strains. The end's are written there.
 
     Returns
@@ -240,22 +289,17 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     iterations : int
         Iterations.
     """
-    z, rates, near, viscous_at = start
+    z, rates, near, viscous_at, begin = start
     count, width, modes = z.size, width_of(z.size), reduced.membrane.modes
     size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
     outer, at = np.zeros(width * width), np.zeros(width)
     rows = max(reduced.membrane.linear.shape[1], reduced.viscous.linear.shape[1])
     room = make_room(count, rows, reduced.bending.rest.shape[0], coupled)
-    if viscosity > 0.0:
-        for i in range(count):
-            at[i] = viscous_at[i]
-        _write_viscous(reduced, at, viscosity / dt, outer, room)
-    push, begin, slots = np.empty(count), np.empty(count), np.empty((2, count))
-    known = True
+    push, first, slots = np.empty(count), np.empty(count), np.empty((2, count))
+    known, inertia = True, 1.0 / (dt * dt) + drag / dt
     for i in range(count):
-        outer[i * width + i] += 1.0 / (dt * dt) + drag / dt
         push[i] = force[i] + rates[i] / dt
-        begin[i] = z[i] + dt * rates[i]
+        first[i] = begin[i]
         slots[START, i] = at[i] = near[i]
         known &= kept[i] == near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
@@ -266,10 +310,14 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     for k in range(modes):
         stresses[k] = kept[count + k] if known else strains[k]
     step = Step(
-        reduced, z, outer, push, begin, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
-        np.empty(width * width), slots, np.empty(count), at, np.empty(width),
-        np.array([scale, 0.0, 0.0, np.inf]), room,
+        reduced, z, outer, push, first, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
+        np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at, np.empty(width),
+        np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0]), room,
     )  # fmt: skip
+    if viscosity > 0.0:
+        _damp(step, viscous_at, viscosity / dt)
+    for i in range(count):
+        outer[i * width + i] += inertia
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
     for i in range(count):
         kept[i] = at[i]

@@ -40,7 +40,8 @@ def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
                 store(products, at, load(products, at) + p * here + r * there)
                 store(products, at + LANES, load(products, at + LANES) + q * here + s * there)
                 place, below, at = place + width, below + width, at + width
-            p, q, r, s = load(pairs, place), load(pairs, place + LANES), load(pairs, below), load(pairs, below + LANES)
+            p, q = load(pairs, place), load(pairs, place + LANES)
+            r, s = load(pairs, below), load(pairs, below + LANES)
             store(products, at, a + p * here + r * there)
             store(products, at + LANES, b + q * here + s * there)
             p, q, at = load(pairs, below + width), load(pairs, below + width + LANES), at + width
@@ -130,31 +131,33 @@ def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: 
 
 
 @njit(**_options)
-def write_squares(bending, slopes, count, first, others, width, hessian):  # type: ignore[no-untyped-def]
-    """Write the Hessian of the flat hinges and half the squares of ``count`` strains, coupled from the ``first`` on.
+def write_bending(bending, slopes, first, others, width, matrix):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the Hessian of bending, whose rows of slopes begin with the ``first``.
 
-    Its lower triangle; the second derivatives of strains are left out, and of what couples hinges the normals'.
+    The second derivatives of the angles and of the normals are left out.
     """
-    flat = bending.flat.reshape(-1)
+    flat, coupled = bending.flat.reshape(-1), bending.across.shape[0]
     for i in range(flat.size):
-        hessian[i] = flat[i]
-    for i in range(flat.size, hessian.size):
-        hessian[i] = 0.0
-    add_products(slopes, 0, slopes, 0, count, width, hessian)
-    coupled = bending.across.shape[0]
-    add_products(slopes, first, others, 0, coupled, width, hessian)
-    add_products(others, 0, slopes, first, coupled, width, hessian)
+        matrix[i] = flat[i]
+    for i in range(flat.size, matrix.size):
+        matrix[i] = 0.0
+    add_products(slopes, first, slopes, first, bending.angles.size, width, matrix)
+    add_products(slopes, first, others, 0, coupled, width, matrix)
+    add_products(others, 0, slopes, first, coupled, width, matrix)
+
+
+@njit(**_options)
+def add_membrane(membrane, stresses, slopes, width, hessian, room):  # type: ignore[no-untyped-def]
+    """Add the Hessian of the membrane, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given, to the lower triangle."""
+    add_products(slopes, 0, slopes, 0, membrane.modes, width, hessian)
+    _add_stressed(membrane, stresses, width, hessian, room)
 
 
 @njit(**_options)
 def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Write the lower triangle of the energy's Hessian, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given.
-
-    By what :func:`energy_terms` has written. The second derivatives of the angles and of the normals are left out.
-    """
-    first = reduced.membrane.modes
-    write_squares(reduced.bending, slopes, first + reduced.bending.angles.size, first, others, width, hessian)
-    _add_stressed(reduced.membrane, stresses, width, hessian, room)
+    """Write the lower triangle of the energy's Hessian at given stresses, by what :func:`energy_terms` has written."""
+    write_bending(reduced.bending, slopes, reduced.membrane.modes, others, width, hessian)
+    add_membrane(reduced.membrane, stresses, slopes, width, hessian, room)
 
 
 @njit(**_options | COUNTED)

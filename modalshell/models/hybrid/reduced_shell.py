@@ -16,15 +16,12 @@ from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.full.second_order import VIOLENT
 from modalshell.integrators.state import MotionState
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of
-from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
 from modalshell.models.hybrid.coarse_states import CoarseShape
 from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.training import SMALL, Trained
 from modalshell.models.hybrid.whole_step import surface_of, whole_step
 from modalshell.shell.damping import Damping
-
-_STEP_GOAL = 1e-3
-"""Tolerance of a step's residual, relative to its load and inertia."""
 
 
 @final
@@ -63,7 +60,7 @@ class ReducedShell:
         self._trained, self._reduced, self._shape, self._push = trained, reduced, shape, push
         self._measures = measures_of(shape.coarse.coarse.shell)
         self._surface = surface_of(self._measures, trained.basis)
-        self._limits = _STEP_GOAL, VIOLENT, SMALL * trained.energy, trained.strain_limit
+        self._limits = STEP_GOAL, VIOLENT, SMALL * trained.energy, trained.strain_limit
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes, bending = trained.basis.shape[1], reduced.membrane.modes, reduced.bending
         self._products = 2 * modes * size**2 + 2 * len(bending.hinges) * size * (size + 9) + size**3 // 6
@@ -104,9 +101,8 @@ class ReducedShell:
         last = self._known(load)
         if last.push is None:
             return start.near, False
-        begin = start.origin, start.rates, start.near, start.viscous_at
-        options = last.push, float(start.dt), *_factors(damping), _STEP_GOAL, last.kept
-        moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
+        options = last.push, float(start.dt), *_factors(damping), STEP_GOAL, last.kept
+        moved, solved, energy, seen, iterations = implicit_step(self._reduced, start.reduced, *options)
         self._count_step(iterations)
         return moved, bool(solved) and self.sees(moved, energy, seen)
 

@@ -24,7 +24,7 @@ from modalshell.models.hybrid.assumed_stress import (
     reduce_energy,
     stress_modes,
 )
-from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
 from modalshell.models.hybrid.measures import NONE_TURNED, Measures
 from modalshell.models.hybrid.training_loads import TrainingLoads
 from modalshell.shell import Shell
@@ -296,9 +296,8 @@ class _ReducedSteps(EulerSteps):
         return self._coarse.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
-        begin = start.origin, start.rates, start.near, start.viscous_at
         z, solved, *energies, _ = implicit_step(
-            self._reduced, begin, self.push, start.dt, *self._factors, 1e-3, self._kept
+            self._reduced, start.reduced, self.push, start.dt, *self._factors, STEP_GOAL, self._kept
         )
         self.energies = energies[0], energies[1]
         return start.after(z), bool(solved)

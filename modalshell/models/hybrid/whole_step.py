@@ -97,7 +97,7 @@ def _unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False, nogil=True)
 def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
-    """Write origin, rates and where the viscous matrix is taken into ``start`` (3, m), the next change of move too."""
+    """Write origin, rates and where the step begins into ``start`` (3, m), the next change of move too."""
     x, v, move, gain = state
     ahead = ratio / (1.0 + 2.0 * ratio)
     for k in range(x.size):
@@ -145,7 +145,7 @@ def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # typ
     if not largest_turn(_positions(surface, x), _moved(surface, jump), surface.faces) <= limits[1]:
         return False, 0, 0.0, 0.0
     length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-    begin = start[0], start[1], x, start[2]
+    begin = start[0], start[1], x, start[2], start[2]
     z, solved, energy, seen, iterations = implicit_step(reduced, begin, force, length, drag, viscosity, limits[0], kept)
     taken = solved
     if solved and surface.edges.shape[0] > 0:
