@@ -133,7 +133,7 @@ def models() -> Mapping[str, ModelSpec]:
 
 
 def trained_on_load(
-    shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
+    shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int | None = None, seed: int = 0,
     error: float | None = None, integrator: str = "bdf2",
 ) -> HybridStress:  # fmt: skip
     """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.models.base.implicit import ImplicitModel
+from modalshell.models.hybrid import training as hybrid_training
 from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy, stress_modes
 from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.slopes import differences
@@ -239,3 +240,18 @@ def test_threads_keep_their_own():
         thread.start()
         thread.join()
     assert not np.shares_memory(*kept)
+
+
+@pytest.mark.parametrize(
+    ("errors", "size"), [((0.03, 0.01), 44), ((0.05, 0.03), 64), ((0.05, 0.045), 44), ((0.05, 0.06), 44)]
+)
+def test_a_basis_is_made_larger_where_that_serves(errors, size, monkeypatch):
+    """By the errors of 44 and of 64 vectors, where nothing is wanted."""
+    shell, motions = folded((12, 4)), []
+    errors = dict(zip((44, 64), errors, strict=True))
+    monkeypatch.setattr(hybrid_training, "_held_out", lambda found, *_: (errors[found.basis.shape[1]], 0.0))
+    model = ms.HybridStress.trained(
+        shell, gravity=(0, 0, -20), motions=4, on_step=lambda *counts: motions.append(counts)
+    )
+    assert (model._trained.basis.shape[1], model.held_out_error) == (size, errors[size])
+    assert motions[-1] == (14, 14)

@@ -70,8 +70,10 @@ class Measures(ABC):
     the square of their scaled form.
     """
 
-    vectors: ClassVar = 32
-    """Vectors of a basis where neither their number nor an error is wanted."""
+    vectors: ClassVar[tuple[int, ...]] = (32,)
+    """Vectors of a basis where neither their number nor an error is wanted: the first that err little in training."""
+    motions: ClassVar = 40
+    """Motions of a training where no number is wanted."""
 
     def __init__(self, shell: Shell) -> None:
         self.shell = shell

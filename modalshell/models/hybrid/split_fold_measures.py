@@ -50,7 +50,8 @@ class SplitFoldMeasures(Measures):
         Folds that count as bent, whatever their angle at rest.
     """
 
-    vectors: ClassVar = 44
+    vectors: ClassVar[tuple[int, ...]] = (44, 64)
+    motions: ClassVar = 120
 
     def __init__(self, shell: Shell, turned: Index) -> None:
         super().__init__(shell)

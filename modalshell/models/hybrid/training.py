@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -40,10 +41,14 @@ _POINT = 0.1
 _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
 """Mass damping [1/s], and stiffness damping [s] of half of the motions."""
 _HELD_OUT = 10
-"""Motions on loads that are not in training."""
+"""Motions on loads that are not in training, at least."""
+_ENOUGH = 0.04
+"""Error up to which a basis is not made larger where none is wanted: estimates from few motions scatter by a third."""
+_NEARLY = 1.25
+"""Error over the least one up to which a smaller basis is taken, where no error is wanted."""
 _WRONG = 0.1
 """Error from which a motion is wrong, and a warning is given where no error is wanted."""
-GROWING = (16, 24, 32, 44)
+GROWING = (16, 24, 32, 44, 64)
 """Sizes of the basis that are tried where an error is wanted, up to the largest that is allowed."""
 _LINEAR, _STRESSED = 4, 6
 """Linear modes in the basis, and those whose stresses are assumed."""
@@ -134,14 +139,19 @@ class Training:
         checked_count("motions", self.motions, at_least=4)
 
     @property
-    def frames(self) -> int:
-        """Frames of the motions on the coarse shell, held-out ones included."""
-        return (self.motions + _HELD_OUT) * (LOADED + RELEASED)
+    def drawn(self) -> int:
+        """Motions on the coarse shell, held-out ones included."""
+        return self.motions + max(_HELD_OUT, self.motions // 6)
 
-    def sizes(self, most: int, usual: int) -> list[int]:
-        """Numbers of vectors to try, ascending, each at most ``most``; the ``usual`` one where none is wanted."""
+    @property
+    def frames(self) -> int:
+        """Their frames."""
+        return self.drawn * (LOADED + RELEASED)
+
+    def sizes(self, most: int, usual: Sequence[int]) -> list[int]:
+        """Numbers of vectors to try, ascending, each at most ``most``; the ``usual`` ones where none is wanted."""
         if self.error is None:
-            tries = [self.modes or usual]
+            tries = [*usual] if self.modes is None else [self.modes]
         else:
             tries = [*GROWING] if self.modes is None else [*(n for n in GROWING if n < self.modes), self.modes]
         return sorted({min(size, most) for size in tries})
@@ -150,8 +160,8 @@ class Training:
 def train(coarse: Shell, load: Array, training: Training, on_step: Progress | None = None) -> Trained:
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
-    With an ``error``, the basis is the first of :meth:`Training.sizes` that meets it on the held-out motions, or else
-    the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
+    The basis is the first of :meth:`Training.sizes` that meets the ``error`` on the held-out motions, or else the best,
+    with a ModalShellWarning; where no error is wanted, the first of nearly the best, with one from an error of 0.1 on.
     """
     loads = TrainingLoads(coarse, load, _STRESSED)
     if not (load.any() or loads.rigid):
@@ -178,9 +188,11 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
         missed = float(np.quantile(errors, 0.9))
         found = replace(found, turned=turned, held_out_error=missed, strain_limit=limit, description=description)
         tried.append(found)
-        if training.error is not None and missed <= training.error:
+        if missed <= (training.error or _ENOUGH):
             return tried[-1]
-    best, wanted = min(tried, key=lambda one: one.held_out_error), training.error or _WRONG
+    least, wanted = min(one.held_out_error for one in tried), training.error or _WRONG
+    worst = least if training.error else _NEARLY * least
+    best = next(one for one in tried if one.held_out_error <= worst)
     if best.held_out_error > wanted:
         warnings.warn(
             f"no basis of up to {sizes[-1]} vectors meets an error of {wanted:g}: the best is "
@@ -196,7 +208,7 @@ def _random_motions(
 ) -> list[tuple[Array, Damping, Array]]:
     """Load, damping and frames of the motions to train on, and of those held out after them."""
     rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse, integrator=RULE)
-    runs, total = [], training.motions + _HELD_OUT
+    runs, total = [], training.drawn
     for done in range(total):
         drawn = loads.drawn(random_load(coarse, load, rng), rng)
         runs.append(motion_under(model, drawn, random_damping(rng), loads.frames))
