@@ -12,7 +12,8 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.modal import ModalContacts
-from modalshell.contact.row_kernels import rest_frame, row_problem
+from modalshell.contact.rest_kernels import rest_frame
+from modalshell.contact.row_kernels import row_problem
 from modalshell.core.typing import Array
 
 STILL = 1e-11
@@ -63,21 +64,26 @@ class Resting:
         problem = columns, beyond, np.empty((count, at.size)), np.empty(count), np.empty((3, count))
         frame, turns = (gap, normals, vertices, local), pressing.spins.of(at, vertices)
         row_problem(moves, frame, (np.zeros(at.size), forces), turns, between, compliance, problem)
-        across = np.ascontiguousarray(np.einsum("ki,kim->km", normals, moves))
         # What the frame left of the gaps that it closed counts as none: the problem's answer there is the frame's.
-        left = np.where(forces > 0.0, 0.0, np.maximum(gap, 0.0))
-        problem[3][:] = left - forces @ columns + across @ (forces @ problem[2])
-        reach, longest = pressing.reach_within(local), np.abs(shapes.store[slots]).max(axis=(1, 2), initial=0.0)
-        ways = np.array(reach), np.array(longest, np.float64)
-        self._kept = columns, beyond, problem[2], problem[3], across, rows, forces
-        self._step = at, compliance, eigenvalues, *ways
-        self._limits = _STAYS * size, _ACCURACY * size
-        self._serves = bool(np.isfinite(across).all() and np.isfinite(columns).all())
+        left, chosen = np.where(forces > 0.0, 0.0, np.maximum(gap, 0.0)), np.flatnonzero(forces > 0.0)
+        across = np.ascontiguousarray(np.einsum("ki,kim->km", normals, moves))
+        try:
+            inverse = np.linalg.inv(columns[np.ix_(chosen, chosen)])
+        except np.linalg.LinAlgError:
+            return
+        slopes, loaded = beyond @ forces, float((columns - beyond - problem[2] @ across.T)[:1, :1].sum())
+        self._kept = columns, left, forces, chosen, inverse
+        self._about = at, forces @ problem[2], across, problem[2], float(0.5 * forces @ slopes), slopes
+        longest = np.abs(shapes.store[slots]).max(axis=(1, 2), initial=0.0).astype(np.float64)
+        self._step = compliance, eigenvalues, pressing.reach_within(local), longest, rows
+        self._limits = _STAYS * size, _ACCURACY * size, loaded
+        self._serves = all(np.isfinite(part).all() for part in (columns, across, inverse))
 
-    def frame(self, before: tuple[Array, Array, Array], force: Array, dt: float, out: tuple[Array, Array, Array]) -> bool:
+    def frame(self, before: tuple[Array, Array], force: Array, dt: float, out: tuple[Array, Array, Array]) -> bool:
         """Whether the end of a step under a modal ``force`` (m,) is one of this problem; it is written to ``out``.
 
-        ``before`` are coordinates (m,), rates (m,) and forces (r,) [N] at the step's beginning; ``out`` coordinates and
-        rates without contacts, then with these (4, m), forces (r,), and the energy (1,) [J] beyond the modes.
+        ``before`` are coordinates and rates (m,) at the step's beginning; ``out`` coordinates and rates without
+        contacts, then with these (4, m), forces (r,) [N], and the energy (1,) [J] beyond the modes.
         """
-        return self._serves and bool(rest_frame(self._kept, self._step, before, force, dt, self._limits, out))
+        given = self._kept, self._about, self._step, before, force, dt, self._limits, out
+        return self._serves and bool(rest_frame(*given))

@@ -4,15 +4,7 @@ import numpy as np
 
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_and_normal
-from modalshell.contact.modal_kernels import (
-    LOADED,
-    implicit_euler,
-    local_at,
-    residual_compliance,
-    response,
-    turned,
-    turns_at,
-)
+from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned, turns_at
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
@@ -184,60 +176,3 @@ def row_off(gaps, forces):  # type: ignore[no-untyped-def]
         if not gaps[i] > -np.inf:
             off = np.inf
     return off
-
-
-@_kernel
-def rest_frame(kept, step, before, force, dt, limits, out):  # type: ignore[no-untyped-def]
-    """End of a frame in a :func:`row_problem` that is kept; whether it is near enough to where that was taken.
-
-    Parameters
-    ----------
-    kept : tuple
-        Columns, compliance beyond the modes, ``J G`` and gaps of the problem, slopes (k, m) of the gaps, the candidates'
-        rows, and forces (k,) [N] where it was taken.
-    step : tuple
-        Coordinates (m,) there, G, stiffness of the modes, and how far [m] each coordinate, and each force, may move a
-        vertex.
-    before : tuple
-        Coordinates and rates (m,), and forces (r,) [N].
-    force, dt : ndarray, shape (m,), and float
-        Modal force, and the step [s].
-    limits : tuple
-        How far [m] a vertex may be moved, and accuracy [m].
-    out : tuple
-        Coordinates and rates without contacts, and with these (4, m), forces (r,), and the energy (1,) beyond the modes.
-    """
-    columns, beyond, softened, offset, across, rows, taken = kept
-    at, compliance, eigenvalues, by_coordinate, by_force = step
-    q, rates, pushes = before
-    ends, pushed, energy = out
-    count, gaps, forces = rows.size, offset.copy(), np.empty(rows.size)
-    implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
-    for i in range(count):
-        value, row = gaps[i], across[i]
-        for k in range(q.size):
-            value += row[k] * (ends[0, k] - at[k])
-        gaps[i], forces[i] = value, pushes[rows[i]]
-    if not complementary(columns, gaps, forces, limits[1], True):
-        return False
-    for k in range(q.size):
-        ends[2, k] = ends[0, k]
-    move, work = 0.0, 0.0
-    for j in range(count):
-        move += abs(forces[j] - taken[j]) * by_force[j]
-        if forces[j] > 0.0:
-            row, pressed = softened[j], beyond[j]
-            for k in range(q.size):
-                ends[2, k] += row[k] * forces[j]
-            for i in range(count):
-                work += 0.5 * forces[j] * pressed[i] * forces[i]
-    for k in range(q.size):
-        move += abs(ends[2, k] - at[k]) * by_coordinate[k]
-        ends[3, k] = (ends[2, k] - q[k]) / dt
-    if not move <= limits[0]:
-        return False
-    pushed[:] = 0.0
-    for i in range(count):
-        pushed[rows[i]] = forces[i]
-    energy[0] = work
-    return True

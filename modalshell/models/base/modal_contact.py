@@ -253,10 +253,8 @@ class ModalContactMotion(ModalPressedMotion):
                 return None
             about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
             resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
-        pushes = memory[PUSHES]
-        ends, after, energy = np.empty((4, at.size)), np.empty(pushes.size), np.empty(1)
-        start = before.coordinates, before.rates, pushes
-        if not resting.frame(start, force, dt, (ends, after, energy)):
+        ends, after, energy = np.empty((4, at.size)), np.empty(memory[PUSHES].size), np.empty(1)
+        if not resting.frame((before.coordinates, before.rates), force, dt, (ends, after, energy)):
             return None
         free = MotionState(ends[0], ends[1])
         kept = {name: memory[name] for name in (LOCAL, TAKEN, REST, REST_PUSHES) if name in memory}
