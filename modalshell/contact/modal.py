@@ -162,7 +162,7 @@ class ModalContacts:
         return float(kernels.reach_of(before, after, self._reach))
 
     def reach_within(self, local: Array) -> Array:
-        """How far [m] each coordinate (m,) may move a vertex, by a unit, with displacements (n, 3) that turn with it."""
+        """How far [m] each coordinate (m,) may move a vertex, by a unit, with what turns with it of (n, 3) [m]."""
         return self._reach + float(np.abs(local).max(initial=0.0)) * self._largest_turns
 
     def along(self, q: Array, rows: Index) -> Array:

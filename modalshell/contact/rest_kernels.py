@@ -58,7 +58,7 @@ def rest_frame(kept, taken_at, step, before, force, dt, limits, out):  # type: i
     limits : tuple
         How far [m] a vertex may be moved, accuracy [m], and what is on the columns' diagonal to keep them definite.
     out : tuple
-        Coordinates and rates without contacts, and with these (4, m), forces (r,), and the energy (1,) beyond the modes.
+        Coordinates and rates without contacts, and with these (4, m), forces (r,), and the energy (1,) beyond modes.
     """
     columns, left, taken, _, _ = kept
     at, pulled, across, softened, stored, by_forces = taken_at

@@ -1,4 +1,4 @@
-"""Frames of modal shells that rest on colliders are those of whole frames, to rounding, and the same bits once resumed."""
+"""Frames of modal shells that rest on colliders are whole frames to rounding, and the same bits once resumed."""
 
 import numpy as np
 import pytest

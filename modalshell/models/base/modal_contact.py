@@ -199,7 +199,7 @@ class ModalPressedMotion(PressedMotion):
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
 
-    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:  # noqa: ARG002
+    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
         """The end of a step of ``dt`` [s] under a modal ``force`` (m,) of a shell at rest; None of one that is not."""
         return None
 
@@ -283,8 +283,8 @@ class ModalContactMotion(ModalPressedMotion):
             self._ended = pressed.q, pressed.gaps
         memory |= self._moves
         # Not at once after one that did not stay: what creeps is not given a problem every frame.
-        if pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0]):
-            if pressing.moved(q, pressed.q) <= STILL * pressing.touching.size:
-                memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
+        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
+        if begins and pressing.moved(q, pressed.q) <= STILL * pressing.touching.size:
+            memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         memory |= model.integrator.stood_in_for(before, MotionState(free, slow), force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
