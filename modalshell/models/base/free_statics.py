@@ -137,7 +137,7 @@ def balanced(
 
 
 def neutral_turn(shell: Shell, load: Array, patch: HeldPatch, target: Array, x: Array) -> tuple[Index, Array] | None:
-    """What holds the turn of a free shell about the one vertex that leads it to a ``target`` (3,); None if that is held.
+    """What holds the turn of a free shell about the one vertex that leads it to a ``target`` (3,); or None.
 
     A turn about parallel forces of the load (n, 3) [N] changes nothing, as on smooth planes across them. The vertex
     (1,) that is farthest from the axis at x (n, 3) is to keep its plane with this, of which the normal (3,) is given.
