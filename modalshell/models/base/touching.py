@@ -87,10 +87,11 @@ def _led_turning_nowhere(led: Led, first: Array) -> _Found | None:
     turn = neutral_turn(led.shell, load, patch, target, first)
     if turn is None or parallel(np.concatenate([load, np.linalg.norm(load) * normals])) is None:
         return None
-    held = problem.shell.also_supported([Symmetry(*turn)])
+    vertex, (a, b, c) = turn[0], turn[1].tolist()
+    held = problem.shell.also_supported([Symmetry(vertex, (a, b, c))])
     problem = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
     found = _led(replace(led, problem=problem, touching=Touching(contacts, held, led.origin)), first, 1)
-    borne = (held.energy_gradient(found.rest.point)[1] - load)[turn[0][0]] @ turn[1] / np.linalg.norm(turn[1])
+    borne = (held.energy_gradient(found.rest.point)[1] - load)[vertex[0]] @ turn[1] / np.linalg.norm(turn[1])
     return found if found.rest.converged and abs(borne) <= _BORNE * np.linalg.norm(load) else None
 
 
