@@ -18,7 +18,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.shell import Shell
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.boundary import FIRST_STEP, places, predicted
+from modalshell.statics.boundary import FIRST_STEP, places, predicted, unstressed
 from modalshell.statics.continuation import Steps
 from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
@@ -83,7 +83,11 @@ class Led:
                     return replace(led, iterations=iterations)
             rest = led
             steps.accept()
-        return replace(rest, iterations=iterations)
+        rest = replace(rest, iterations=iterations)
+        if rest.limited:
+            residual = unstressed(self.problem, rest.point, self.problem.residual(rest.point))
+            rest = rest if residual is None else replace(rest, residual=residual, limited=False)
+        return rest
 
     def rest_with_friction(self, start: Array, load_steps: int) -> Rubbed:
         """The same with friction: the load grows in ``load_steps`` where the shell is, and then the patches go.

@@ -107,6 +107,7 @@ class ModalContacts:
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
+        self._largest_turns = np.abs(basis.rotations).max(axis=0)
         self._taken: tuple[bytes, Array, Array] | None = None
         self._kept: Any = None
 
@@ -146,6 +147,23 @@ class ModalContacts:
     def positions(self, q: Array) -> Array:
         """Positions (n, 3) [m] at q (m,), without what is beyond the modes."""
         return self._positions(q)
+
+    def moves(self, q: Array, vertices: Index) -> Array:
+        """Derivatives (k, 3, m) of some vertices' positions at q (m,)."""
+        return self._rows(q, vertices)
+
+    @property
+    def rests(self) -> bool:
+        """Whether all colliders rest, and are of known forms."""
+        return not self.moving and self._bodies is not None
+
+    def moved(self, before: Array, after: Array) -> float:
+        """How far [m] a vertex may go between coordinates (m,)."""
+        return float(kernels.reach_of(before, after, self._reach))
+
+    def reach_within(self, local: Array) -> Array:
+        """How far [m] each coordinate (m,) may move a vertex, by a unit, with what turns with it of (n, 3) [m]."""
+        return self._reach + float(np.abs(local).max(initial=0.0)) * self._largest_turns
 
     def along(self, q: Array, rows: Index) -> Array:
         """Derivatives (k, m) of the gaps of some rows."""
@@ -209,7 +227,7 @@ class ModalContacts:
             Displacements (n, 3) [m] beyond the modes, and forces (r,) [N], before; and where derivatives were taken.
         """
         (local, pushes, at), start = before, begin[0]
-        reach = kernels.reach_of(begin[1], start, self._reach)
+        reach = self.moved(begin[1], start)
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
         size, most = self.touching.size, self.shapes.most
@@ -334,9 +352,8 @@ class ModalContacts:
         """The problem of some rows linearised at ``begin``, by derivatives at ``at`` (m,), corrected by its gaps."""
         touching, size, q = self.touching, self.touching.size, begin.q
         vertices, contact_of = touching.vertices[rows], touching.contact_of[rows]
-        known = self._taken
         points, moves = self._frame(at, vertices)
-        begun_anew = self._taken is not known
+        begun_anew = at is q  # not whether they were known: that is not the same once resumed
         if begin.positions is not None:
             points = begin.positions[vertices]
         (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1

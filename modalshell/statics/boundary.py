@@ -12,10 +12,10 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.modes import Factoriser
-from modalshell.shell import EXACT, Shell
+from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import Steps
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.mixed_newton import CONTINUED
+from modalshell.statics.mixed_newton import ACCEPTED, CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
@@ -78,7 +78,10 @@ def continue_boundary(
                 return replace(result, iterations=iterations)
         x = result.point
         steps.accept()
-    return refine(problem, replace(result, iterations=iterations), scale)
+    result = refine(problem, replace(result, iterations=iterations), scale)
+    if result.limited and (residual := unstressed(problem, result.point, problem.residual(result.point))) is not None:
+        return replace(result, residual=residual, converged=True, limited=False)
+    return result
 
 
 def places(patches: Sequence[HeldPatch], begin: Array, origin: Array, fraction: float) -> Array:
@@ -116,6 +119,19 @@ def predicted(
     guess, _, fraction = warped_step(shell, x, shell.unknowns.values(moved.ravel()), _STEP_TURN)
     guess[vertices] = target
     return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
+
+
+def unstressed(problem: Potential, x: Array, gradient_free: Array) -> float | None:
+    """Residual of a shell that no load acts on, where rounding explains all its forces at x (n, 3), reactions too.
+
+    That is of a shell which its patches have moved as a rigid body: there is no force to which its balance relates.
+    ``gradient_free`` (N,) [N] is what is out of balance. None of other shells.
+    """
+    if problem.push_at(x).any():
+        return None
+    noise = problem.rounding(x, problem.linearise(x, GAUSS_NEWTON)[1], 0.0)
+    forces = float(np.linalg.norm(problem.shell.energy_gradient(x)[1]))
+    return ACCEPTED * float(np.linalg.norm(gradient_free)) / noise if forces <= noise else None
 
 
 def _by_vertices(patches: Sequence[HeldPatch]) -> dict[bytes, HeldPatch]:

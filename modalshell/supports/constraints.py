@@ -185,4 +185,9 @@ def held_patches(constraints: Sequence[Constraint], rest: Array, faces: Index, u
     taken = np.concatenate([np.empty(0, np.int64), *(patch.vertices for patch in patches)])
     if np.unique(taken).size < taken.size:
         raise OptionError("patches of different constraints share a vertex (or its neighbours): keep them apart")
+    if taken.size and np.delete(~unknowns.held, taken).sum() == 0:
+        raise OptionError(
+            f"constraints move all {taken.size} vertices that supports do not hold, so that nothing is left to solve "
+            "for: leave some of them out, or move the mesh"
+        )
     return patches

@@ -178,3 +178,65 @@ def test_supports_along_one_axis_and_two_colliders():
     np.testing.assert_allclose(borne, weight, rtol=1e-7)
     again = led(model, corner, (0.02, 0.0, 0.1), [ball, TABLE])
     np.testing.assert_array_equal(again.positions, found.positions)
+
+
+@pytest.mark.parametrize("height", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("corner", [False, True])
+def test_a_free_sheet_is_lifted_by_one_vertex(height, corner):
+    """Its turn about the vertical changes nothing, and is held by what bears nothing."""
+    shell, end = sheet()
+    rest = shell.rest_positions
+    one = np.array([np.argmax(rest[:, 0] + rest[:, 1])]) if corner else np.flatnonzero(end)[[2]]
+    found = led(ms.DiscreteShell(shell), one, (0.01, 0.02, height))
+    assert found.converged
+    assert found.stable
+    assert found.iterations <= 150
+    assert found.deepest <= 1e-9
+    weight = 9.81 * shell.mass.sum()
+    whole = found.constraint_reactions[0] + found.contact_forces.sum(axis=0)
+    np.testing.assert_allclose(whole, (0.0, 0.0, weight), rtol=0, atol=1e-6 * weight)
+    # Moments about the vertical: nothing else pushes aside.
+    arms = found.positions - found.positions[one]
+    assert np.abs(np.cross(arms, found.contact_forces).sum(axis=0)[2]) <= 1e-9 * weight
+
+
+def test_a_turn_that_a_start_has_made_is_kept():
+    """The vertex that keeps its plane is the farthest where the shell is, not where it was at rest."""
+    shell, end = sheet()
+    one, angle = np.flatnonzero(end)[[2]], 2.0
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    pivot = shell.rest_positions[one]
+    start = pivot + (shell.rest_positions - pivot) @ turn.T
+    plain = led(ms.DiscreteShell(shell), one, (0.0, 0.0, 0.1))
+    found = led(ms.DiscreteShell(shell), one, (0.0, 0.0, 0.1), start=start)
+    assert found.stable
+    turned = pivot + (0.0, 0.0, 0.1) + (plain.positions - pivot - (0.0, 0.0, 0.1)) @ turn.T
+    np.testing.assert_allclose(found.positions, turned, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("hinged", [False, True])
+@pytest.mark.parametrize("move", [(0.0, 0.0, 0.1), (0.2, 0.3, 0.1)])
+def test_a_free_sheet_without_load_goes_along_without_stress(move, hinged):
+    """There is no force to which its balance relates; one row of vertices is a hinge, about which it may turn."""
+    shell, end = sheet()
+    end = end if hinged else shell.rest_positions[:, 0] > 0.9
+    place = shell.rest_positions[end].mean(axis=0) + move
+    constraints = [ms.PositionConstraint(end, place)]
+    found = ms.DiscreteShell(shell).equilibrium(contacts=[TABLE], constraints=constraints)
+    assert found.converged, found.message
+    assert found.deepest <= 1e-9
+    np.testing.assert_allclose(found.positions[end], shell.rest_positions[end] + move, rtol=0, atol=1e-9)
+    if not hinged:
+        np.testing.assert_allclose(found.positions, shell.rest_positions + move, rtol=0, atol=1e-9)
+    edges = [np.linalg.norm(x[shell.mesh.edges[:, 0]] - x[shell.mesh.edges[:, 1]], axis=1) for x in
+             (found.positions, shell.rest_positions)]  # fmt: skip
+    np.testing.assert_allclose(*edges, rtol=1e-9)
+    assert np.linalg.norm(found.constraint_reactions) <= 1e-9
+
+
+@pytest.mark.parametrize("contacts", [(), (TABLE,)])
+def test_a_patch_of_all_vertices_is_refused_in_its_own_words(contacts):
+    shell, _ = sheet()
+    every = np.ones(len(shell.rest_positions), dtype=bool)
+    with pytest.raises(ms.OptionError, match="constraints move all 125 vertices"):
+        led(ms.DiscreteShell(shell), every, (0.0, 0.0, 0.1), contacts)

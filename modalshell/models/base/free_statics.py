@@ -14,11 +14,15 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.modes.rigid import free_translations, left_free
 from modalshell.shell import Shell
 from modalshell.supports import Pin, Support, Symmetry
+from modalshell.supports.constraints import HeldPatch
 
 _PARALLEL = 1e-9
 """Share of a part's forces across their direction up to which they are parallel, and a turn about it does nothing."""
 _NEUTRAL = 1e-9
 """Sum of forces times places at rest, over their sizes, up to which no turn of a part does work to second order."""
+
+_ASIDE = 0.25
+"""Way aside of the vertex that leads a free shell, in its distance from the farthest one, up to which that is held."""
 
 
 @final
@@ -96,10 +100,7 @@ def drifting_parts(shell: Shell, load: Array) -> list[DriftingPart]:
     for vertices, directions, motions in free_translations(shell):
         if directions.shape[1]:
             forces = load[vertices]
-            strongest = forces[np.linalg.norm(forces, axis=1).argmax()]
-            axis = strongest / np.linalg.norm(strongest) if motions == 6 and strongest.any() else None
-            if axis is not None and np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces):
-                axis = None
+            axis = parallel(forces) if motions == 6 else None
             arms = shell.rest_positions[vertices] - shell.rest_positions[vertices].mean(axis=0)
             # Its antisymmetric part is the moment; a turn w does work w . (S - tr S) w / 2 to second order.
             product = np.linalg.norm(forces.T @ arms)
@@ -133,6 +134,31 @@ def balanced(
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
     return replace(found, positions=positions, iterations=iterations)
+
+
+def neutral_turn(shell: Shell, load: Array, patch: HeldPatch, target: Array, x: Array) -> tuple[Index, Array] | None:
+    """What holds the turn of a free shell about the one vertex that leads it to a ``target`` (3,); or None.
+
+    A turn about parallel forces of the load (n, 3) [N] changes nothing, as on smooth planes across them. The vertex
+    (1,) that is farthest from the axis at x (n, 3) is to keep its plane with this, of which the normal (3,) is given.
+    The vertex that leads must not be led out of its reach.
+    """
+    axis, parts = parallel(load), free_translations(shell)
+    if axis is None or patch.vertices.size != 1 or len(parts) != 1 or parts[0][2] < 6:
+        return None
+    across = np.cross(axis, x - x[patch.vertices])
+    farthest = int(np.linalg.norm(across, axis=1).argmax())
+    aside, reach = across[farthest] @ (target - x[patch.vertices[0]]), across[farthest] @ across[farthest]
+    return None if abs(aside) > _ASIDE * reach else (np.array([farthest]), across[farthest])
+
+
+def parallel(forces: Array) -> Array | None:
+    """Unit vector (3,) along the largest of some forces (k, 3) if they are parallel, else None."""
+    strongest = forces[np.linalg.norm(forces, axis=1).argmax()]
+    if not strongest.any():
+        return None
+    axis = np.asarray(strongest / np.linalg.norm(strongest))
+    return None if np.linalg.norm(np.cross(forces, axis)) > _PARALLEL * np.linalg.norm(forces) else axis
 
 
 def refuse_drifting(shell: Shell, what: str) -> None:

@@ -327,8 +327,10 @@ class ModalStepper(ContactStepper):
             pushed = state.memory["force"]
         else:
             pushed = force(state.coordinates, state.rates, 1.0)
-        base = self.loaded_positions(state)
-        after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
+        after, solved, own = self._contacts.rest(state, pushed, when[1]) if gaps is None else None, True, None
+        if after is None:
+            base = self.loaded_positions(state)
+            after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
         if own is not None:
             self._known = [*self._known[-1:], (after, own)]
         if "force" in after.memory:

@@ -13,6 +13,7 @@ from modalshell.contact.friction import creep_told
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.pressed import Pressed
+from modalshell.contact.resting import STILL, Resting
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -21,7 +22,7 @@ from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
-from modalshell.models.base.pressed_motion import LOCAL, PressedMotion
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL, PressedMotion
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
@@ -146,6 +147,9 @@ def _settle(
 
 TAKEN = "derivatives_at"
 """Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
+REST, REST_PUSHES = "rests_at", "rest_pushes"
+"""Names in a state's memory of the coordinates (m,) and contact forces (r,) [N] of the last whole frame; infinite where
+the shell did not rest."""
 
 
 class ModalPressedMotion(PressedMotion):
@@ -195,6 +199,10 @@ class ModalPressedMotion(PressedMotion):
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
 
+    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
+        """The end of a step of ``dt`` [s] under a modal ``force`` (m,) of a shell at rest; None of one that is not."""
+        return None
+
     @abstractmethod
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
@@ -229,8 +237,30 @@ class ModalContactMotion(ModalPressedMotion):
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         super().__init__(model, setup)
+        nowhere = np.full(model.basis.count, np.inf)
         if self._pressing.asks:
-            self._none[TAKEN] = np.full(model.basis.count, np.inf)
+            self._none[TAKEN] = nowhere
+        self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
+        self._none |= self._moves
+        self._resting: Resting | None = None
+
+    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
+        """The end of a step at rest; see :meth:`ModalPressedMotion.rest`."""
+        memory, model = before.memory, self._model
+        at, compliance, resting = memory[REST], self._compliance(dt), self._resting
+        if resting is None or resting.about[0] is not at or resting.compliance is not compliance:
+            if not np.isfinite(at[0]):
+                return None
+            about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
+            resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
+        ends, after, energy = np.empty((4, at.size)), np.empty(memory[PUSHES].size), np.empty(1)
+        if not resting.frame((before.coordinates, before.rates), force, dt, (ends, after, energy)):
+            return None
+        free = MotionState(ends[0], ends[1])
+        kept = {name: memory[name] for name in (LOCAL, TAKEN, REST, REST_PUSHES) if name in memory}
+        kept |= model.integrator.stood_in_for(before, free, force, dt).memory
+        kept[PUSHES], kept[BEYOND] = after, energy
+        return MotionState(ends[2], ends[3], kept)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
@@ -251,5 +281,10 @@ class ModalContactMotion(ModalPressedMotion):
             memory[TAKEN] = pressed.at
         if pressed.gaps is not None and not pressing.moving:
             self._ended = pressed.q, pressed.gaps
+        memory |= self._moves
+        # Not at once after one that did not stay: what creeps is not given a problem every frame.
+        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
+        if begins and pressing.moved(q, pressed.q) <= STILL * pressing.touching.size:
+            memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         memory |= model.integrator.stood_in_for(before, MotionState(free, slow), force, dt).memory
         return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions

@@ -12,6 +12,7 @@ from modalshell.contact.active_set import Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.led import Led
+from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers
@@ -21,14 +22,18 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
 from modalshell.statics.boundary import missed_by, reactions_of
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
+from modalshell.supports import Symmetry
 from modalshell.supports.constraints import Constraint, held_patches
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
+_BORNE = 1e-6
+"""Force, as a share of the load, that a support which should bear none may bear."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
 _LED = "; the constraints moved on straight ways then"
 _NOT_LED = "the contact set did not settle as constraints moved: hold more vertices, or simulate the damped motion"
@@ -66,6 +71,28 @@ def _led(led: Led, first: Array, load_steps: int) -> _Found:
     if any(contact.friction for contact in led.touching.contacts):
         return _Found(*led.rest_with_friction(first, load_steps)[:3])
     return _Found(led.rest(first), told=_NOT_LED)
+
+
+def _led_turning_nowhere(led: Led, first: Array) -> _Found | None:
+    """The same of a free shell that one vertex leads over smooth planes, whose turn about the load changes nothing.
+
+    It is held by a support that bears nothing; None where there is no such turn, or the support bears something.
+    """
+    problem, contacts, patch = led.problem, led.touching.contacts, led.patches[0]
+    smooth = all(isinstance(one.collider, Plane) and one.motion is None and not one.friction for one in contacts)
+    if problem.live is not None or not smooth or len(led.patches) > 1:
+        return None
+    load, target = problem.load, patch.at(0.0)[0] - led.origin
+    normals = np.array([one.collider.normal for one in contacts if isinstance(one.collider, Plane)]).reshape(-1, 3)
+    turn = neutral_turn(led.shell, load, patch, target, first)
+    if turn is None or parallel(np.concatenate([load, np.linalg.norm(load) * normals])) is None:
+        return None
+    vertex, (a, b, c) = turn[0], turn[1].tolist()
+    held = problem.shell.also_supported([Symmetry(vertex, (a, b, c))])
+    problem = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
+    found = _led(replace(led, problem=problem, touching=Touching(contacts, held, led.origin)), first, 1)
+    borne = (held.energy_gradient(found.rest.point)[1] - load)[vertex[0]] @ turn[1] / np.linalg.norm(turn[1])
+    return found if found.rest.converged and abs(borne) <= _BORNE * np.linalg.norm(load) else None
 
 
 def equilibrium_on_contacts(
@@ -107,7 +134,8 @@ def equilibrium_on_contacts(
             rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
             found = _Found(rest, -layers.gradient(rest.point), closest=layers.least(rest.point))
         elif patches:
-            found = _led(Led(problem, shell, touching, patches, origin), first, steps)
+            led = Led(problem, shell, touching, patches, origin)
+            found = _led_turning_nowhere(led, first) or _led(led, first, steps)
         elif rubs:
             found = _Found(*rest_with_friction(problem, touching, first, steps)[:3])
         else:
