@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property, partial
 from typing import Any, final
 
@@ -17,7 +18,8 @@ from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_f
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
-from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.load_points import LoadPoints
+from modalshell.models.reduction.load_quadrature import ForceOfSum, LoadQuadrature, ModalPush
 from modalshell.models.reduction.sampled_change import as_tile, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.reduction.warp_step_kernels import warp_step
@@ -189,10 +191,17 @@ class ModalWarping(UnstretchedModel):
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
         """The loads by points, and by turned modes there or by the gradient of the work."""
-        by_work = self.consistent_force
-        return LoadQuadrature.of(
-            self.basis, loading, lambda points: ModalPush.by_work(points) if by_work else ModalPush.by_turned_modes()
-        )
+        way = _gradient_of if self.consistent_force else _force_of
+
+        def of_sum(forces: Sequence[Array]) -> ForceOfSum:
+            rows = np.array([self._rows(force) for force in forces])
+            return lambda q, factors: way(self._pushed, factors @ rows, q)
+
+        def pushed(points: LoadPoints) -> ModalPush:
+            by_work = self.consistent_force
+            return ModalPush.by_work(points, of_sum) if by_work else ModalPush.by_turned_modes(of_sum)
+
+        return LoadQuadrature.of(self.basis, loading, pushed)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:

@@ -343,11 +343,11 @@ class ModalStepper(ContactStepper):
             load, drag = self.felt(time, load, state)
             pushed = model.push(q, state.rates, load, self.setup.dt)
             return pushed, None if drag is None else model.drag_at(q, *drag)
-        own, lead = self.own_positions(state), self._lead * self.setup.dt
-        by_velocity = self.setup.loading.by_velocity
+        lead, by_velocity = self._lead * self.setup.dt, self.setup.loading.by_velocity
+        own = self.own_positions(state) if self._quadrature.by_points else model.shell.rest_positions
         last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
-        push += model.modal_force(q, self._quadrature.dead(load, time))
+        push += self._quadrature.dead(q, load, time, model.modal_force)
         return push, slope if by_velocity else None
 
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -17,6 +17,8 @@ from modalshell.modes import Basis
 
 _PATCHES = 64
 """Patches of the surface: wind is then within some 1 % of the sum over all triangles, pressure within 0.1 %."""
+ForceOfSum = Callable[[Array, Array], Array]
+OfSum = Callable[[Sequence[Array]], ForceOfSum]
 
 
 @final
@@ -31,31 +33,34 @@ class ModalPush:
     at_points : callable, optional
         Modal forces (m,) at q (m,) of forces (k, 3) [N] at the points.
     of_constant : callable, optional
-        Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q; without it they are
-        better added to the load.
+        Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q.
+    of_sum : callable, optional
+        Modal forces (m,) of a sum of some forces (n, 3) [N] times factors (k,), as a function of q (m,) and these.
+        Without either, forces that do not change are better added to the load.
     """
 
     way: int
     at_points: Callable[[Array, Array], Array] | None = None
     of_constant: Callable[[Array], Callable[[Array], Array]] | None = None
+    of_sum: OfSum | None = None
 
     @classmethod
     def by_modes(cls, basis: Basis) -> ModalPush:
         """By the modes as they are."""
 
-        def of_constant(force: Array) -> Callable[[Array], Array]:
-            pushed = basis.modes.T @ force.ravel()
-            return lambda _: pushed
+        def of_sum(forces: Sequence[Array]) -> ForceOfSum:
+            pushed = np.array([basis.modes.T @ force.ravel() for force in forces])
+            return lambda q, factors: factors @ pushed  # noqa: ARG005 (the same everywhere)
 
-        return cls(LINEAR, of_constant=of_constant)
+        return cls(LINEAR, of_sum=of_sum)
 
     @classmethod
-    def by_turned_modes(cls) -> ModalPush:
+    def by_turned_modes(cls, of_sum: OfSum) -> ModalPush:
         """By the modes, turned with the points."""
-        return cls(TURNED)
+        return cls(TURNED, of_sum=of_sum)
 
     @classmethod
-    def by_work(cls, points: LoadPoints) -> ModalPush:
+    def by_work(cls, points: LoadPoints, of_sum: OfSum) -> ModalPush:
         """By the gradient of the work on warped points."""
         modes, turns = (rows.reshape(-1, rows.shape[2]) for rows in (points.modes, points.turns))
 
@@ -64,7 +69,7 @@ class ModalPush:
             rotations.warped_work((turns @ q).reshape(-1, 3), (modes @ q).reshape(-1, 3), forces, averaged, slope)
             return np.asarray(averaged.ravel() @ modes + slope.ravel() @ turns)
 
-        return cls(APART, at_points)
+        return cls(APART, at_points, of_sum=of_sum)
 
 
 @final
@@ -89,6 +94,7 @@ class LoadQuadrature:
         known = self._push.of_constant
         self._kept = [(load, known(force)) for load, force in constant] if known else []
         self._added = [] if known else constant
+        self._summed: tuple[Array, ForceOfSum] | None = None
 
     @classmethod
     def of(cls, basis: Basis, loading: Loading, push: Callable[[LoadPoints], ModalPush]) -> LoadQuadrature | None:
@@ -97,11 +103,24 @@ class LoadQuadrature:
             return None
         return cls(basis, loading.live, push)
 
-    def dead(self, load: Array, time: float) -> Array:
-        """The load (n, 3) [N] with those that change by a factor alone and are best added to it."""
-        for changing, force in self._added:
-            load = load + changing.factor_at(time) * force
-        return load
+    @property
+    def by_points(self) -> bool:
+        """Whether any load is summed at points, which takes positions."""
+        return bool(self._points.count)
+
+    def dead(self, q: Array, load: Array, time: float, alone: Callable[[Array, Array], Array]) -> Array:
+        """Modal forces (m,) at q of a load (n, 3) [N] with those that change by a factor alone and are added to it.
+
+        The load is known by its array. ``alone`` finds the modal forces (m,) at q of any (n, 3) [N].
+        """
+        factors = [changing.factor_at(time) for changing, _ in self._added]
+        if self._push.of_sum is None:
+            for factor, (_, force) in zip(factors, self._added, strict=True):
+                load = load + factor * force
+            return alone(q, load)
+        if self._summed is None or self._summed[0] is not load:
+            self._summed = load, self._push.of_sum([load, *(force for _, force in self._added)])
+        return self._summed[1](q, np.array([1.0, *factors]))
 
     def push(self, q: Array, x: Array, before: Array, rate: float, time: float) -> tuple[Array, Array]:
         """Modal forces (m,) at coordinates q and positions (n, 3), and minus their derivatives by the rates (m, m).
@@ -109,7 +128,7 @@ class LoadQuadrature:
         Velocities are ``rate (x - before)``. Without those of :meth:`dead`.
         """
         push, drag = np.zeros(self._count), np.zeros((self._count, self._count))
-        if self._points.count:
+        if self.by_points:
             forces = self._points.forces(q, x, before, rate, time, self._push.way, push, drag)
             if self._push.at_points is not None:
                 push += self._push.at_points(q, forces)
