@@ -217,11 +217,14 @@ class AutoStepper(Stepper):
             back = since == FRAMES and level == 0 and memory["switches"][0] > 0.0 and not self._check.least
             if back or self._watch.due(step, memory):
                 seen = self._watch.checked(step, memory)
-                if seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error:
-                    if seen.alarm or back or not self._moves_alike(step, seen, memory):
-                        alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
-                        wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
-                elif level > 0:
+                fails = seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error
+                stays = fails and not (seen.alarm or back) and self._moves_alike(step, seen, memory)
+                if not stays:
+                    self._watch.learn(step, seen, memory)
+                if fails and not stays:
+                    alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
+                    wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
+                elif not fails and level > 0:
                     wanted = self._below(step, seen, memory)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):

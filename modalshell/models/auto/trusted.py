@@ -11,6 +11,7 @@ other. What modes lack of a load is looked at apart.
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import NamedTuple, final
 
@@ -99,6 +100,31 @@ class KnownStates:
         if beyond > 1.0:
             matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
         return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
+
+    def swinging(self, known: Array, z: Array, wider: float, largest: float) -> Array:
+        """The same with ``wider`` times a state of rest in it, and what is on the way there or about it.
+
+        Those are its load on the shape at rest, which it has not bent yet, and its coordinates as rates, either way: of
+        a vibration as large, as what rates do to a shape grows with their square as what coordinates do does.
+        """
+        modes = (z.size - self._factors) // 2
+        loaded, rates = np.zeros_like(z), np.zeros_like(z)
+        loaded[2 * modes :], rates[modes : 2 * modes] = z[2 * modes :], z[:modes]
+        for point in (z, loaded, rates, -rates):
+            known = self.grown(known, point, wider, largest)
+        return known
+
+    def shrunk(self, known: Array, z: Array, wider: float) -> Array:
+        """The same without a state, of little room: all of it smaller, by as much as leaves that just out of it."""
+        size, point = z.size, wider / TIGHT * z
+        if not self.holds(known, point):
+            return known
+        share = float(point @ known[size : 2 * size] @ point)
+        if not share > _TINY:
+            return self.nothing(size)
+        rows = np.full(len(known), math.sqrt(share))
+        rows[:size], rows[size : 2 * size] = share, 1.0 / share
+        return np.asarray(rows[:, None] * known)
 
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
