@@ -119,7 +119,9 @@ class KnownStates:
         size, point = z.size, wider / TIGHT * z
         if not self.holds(known, point):
             return known
-        share = float(point @ known[size : 2 * size] @ point)
+        least, most, noise = known[-3:]
+        widest = max(0.0, *(point / np.where(point < 0.0, least - noise, most + noise)).tolist())
+        share = max(float(point @ known[size : 2 * size] @ point), widest**2)
         if not share > _TINY:
             return self.nothing(size)
         rows = np.full(len(known), math.sqrt(share))
