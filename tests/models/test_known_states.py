@@ -28,12 +28,12 @@ def test_what_is_known_grows_by_what_was_checked(seed, modes, factors, count, ex
         gained = (known - before)[:size] / unit / unit[:, None]
         assert np.linalg.eigvalsh(gained).min() >= -1e-9  # what was inside stays so
         assert states.holds(known, 1.29 * point)
-        assert not states.is_sudden(known, point[2 * modes :])
+        assert not states.is_sudden(known, point[2 * modes :].tolist())
     for axis in range(size):  # an ellipsoid about several points goes beyond each of them
         assert not states.holds(known, 1.5 * (np.abs(points[:, axis]).max() + 0.4 * unit[axis]) * np.eye(size)[axis])
     far = 1e6 * max(points, key=np.linalg.norm)
     assert not states.holds(known, far)
-    assert states.is_sudden(known, far[2 * modes :]) == (factors > 0)
+    assert states.is_sudden(known, far[2 * modes :].tolist()) == (factors > 0)
 
 
 def test_a_state_may_grow_by_the_room_that_its_check_leaves():

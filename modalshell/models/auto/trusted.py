@@ -136,12 +136,17 @@ class KnownStates:
         parts = z.tolist()  # of some twenty numbers lists are quicker than arrays; NaN is beyond both
         if not (all(map(operator.le, kept.lowest, parts)) and all(map(operator.le, parts, kept.highest))):
             return False
-        return bool(z @ kept.inverse @ z <= 1.0)
+        return bool(z.dot(kept.inverse.dot(z)) <= 1.0)
 
-    def is_sudden(self, known: Array, factors: Array) -> bool:
+    def is_sudden(self, known: Array, factors: list[float]) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
         kept = self._looked_up(known)
-        return kept.any and any(abs(factor) > most for factor, most in zip(factors.tolist(), kept.loads, strict=True))
+        if not kept.any:
+            return False
+        for factor, most in zip(factors, kept.loads, strict=True):  # quicker than any() of so few
+            if abs(factor) > most:
+                return True
+        return False
 
     def _looked_up(self, known: Array) -> _Looked:
         """What the last question was about, kept: arrays of what is known are replaced, never written into."""

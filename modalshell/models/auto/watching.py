@@ -127,7 +127,7 @@ class Watch:
         since = memory["since"].item()
         if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
             sudden = self._loads.change and not self._fixed
-            return sudden and self._states.is_sudden(memory["known"], self._loads.factors(step.time))
+            return sudden and self._states.is_sudden(memory["known"], self._loads.values(step.time))
         if self._fixed:
             return True
         looked = memory["looked"].item()
@@ -210,8 +210,8 @@ class Watch:
             return False
         pushed = self._model.inner(state)[1].memory["force"] * self._model.periods**2
         alike = math.sqrt(pushed @ pushed) <= _ALIKE * memory["felt"][0]
-        return bool(alike and not self._states.is_sudden(memory["known"], self._loads.factors(time)))
+        return bool(alike and not self._states.is_sudden(memory["known"], self._loads.values(time)))
 
     def _state(self, inner: MotionState, time: float) -> Array:
         """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
-        return np.concatenate([inner.coordinates, inner.rates * self._model.periods, self._loads.factors(time)])
+        return np.concatenate([inner.coordinates, inner.rates * self._model.periods, self._loads.values(time)])
