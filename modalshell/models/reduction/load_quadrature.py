@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels import rotations
 from modalshell.loads import AppliedLoad, Loading
 from modalshell.loads.surface_kernels import APART, LINEAR, TURNED
@@ -17,8 +18,7 @@ from modalshell.modes import Basis
 
 _PATCHES = 64
 """Patches of the surface: wind is then within some 1 % of the sum over all triangles, pressure within 0.1 %."""
-ForceOfSum = Callable[[Array, Array], Array]
-OfSum = Callable[[Sequence[Array]], ForceOfSum]
+OfSum = Callable[[Sequence[Array]], Callable[[Array], DeadForce]]
 
 
 @final
@@ -35,8 +35,8 @@ class ModalPush:
     of_constant : callable, optional
         Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q.
     of_sum : callable, optional
-        Modal forces (m,) of a sum of some forces (n, 3) [N] times factors (k,), as a function of q (m,) and these.
-        Without either, forces that do not change are better added to the load.
+        Modal force of a sum of some forces (n, 3) [N] times factors, as a function of these (k,). Without either,
+        forces that do not change are better added to the load.
     """
 
     way: int
@@ -48,9 +48,9 @@ class ModalPush:
     def by_modes(cls, basis: Basis) -> ModalPush:
         """By the modes as they are."""
 
-        def of_sum(forces: Sequence[Array]) -> ForceOfSum:
+        def of_sum(forces: Sequence[Array]) -> Callable[[Array], DeadForce]:
             pushed = np.array([basis.modes.T @ force.ravel() for force in forces])
-            return lambda q, factors: factors @ pushed  # noqa: ARG005 (the same everywhere)
+            return lambda factors: DeadForce(lambda _: factors @ pushed)
 
         return cls(LINEAR, of_sum=of_sum)
 
@@ -94,7 +94,7 @@ class LoadQuadrature:
         known = self._push.of_constant
         self._kept = [(load, known(force)) for load, force in constant] if known else []
         self._added = [] if known else constant
-        self._summed: tuple[Array, ForceOfSum] | None = None
+        self._summed: tuple[Array, Callable[[Array], DeadForce]] | None = None
 
     @classmethod
     def of(cls, basis: Basis, loading: Loading, push: Callable[[LoadPoints], ModalPush]) -> LoadQuadrature | None:
@@ -108,19 +108,22 @@ class LoadQuadrature:
         """Whether any load is summed at points, which takes positions."""
         return bool(self._points.count)
 
-    def dead(self, q: Array, load: Array, time: float, alone: Callable[[Array, Array], Array]) -> Array:
-        """Modal forces (m,) at q of a load (n, 3) [N] with those that change by a factor alone and are added to it.
+    def dead_force(self, load: Array, time: float) -> DeadForce | None:
+        """Modal force of a load (n, 3) [N] with those of :meth:`dead`; None where that is to be asked for.
 
-        The load is known by its array. ``alone`` finds the modal forces (m,) at q of any (n, 3) [N].
+        The load is known by its array.
         """
-        factors = [changing.factor_at(time) for changing, _ in self._added]
         if self._push.of_sum is None:
-            for factor, (_, force) in zip(factors, self._added, strict=True):
-                load = load + factor * force
-            return alone(q, load)
+            return None
         if self._summed is None or self._summed[0] is not load:
             self._summed = load, self._push.of_sum([load, *(force for _, force in self._added)])
-        return self._summed[1](q, np.array([1.0, *factors]))
+        return self._summed[1](np.array([1.0, *(changing.factor_at(time) for changing, _ in self._added)]))
+
+    def dead(self, load: Array, time: float) -> Array:
+        """The load (n, 3) [N] with those that change by a factor alone and are best added to it."""
+        for changing, force in self._added:
+            load = load + changing.factor_at(time) * force
+        return load
 
     def push(self, q: Array, x: Array, before: Array, rate: float, time: float) -> tuple[Array, Array]:
         """Modal forces (m,) at coordinates q and positions (n, 3), and minus their derivatives by the rates (m, m).
