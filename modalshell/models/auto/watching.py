@@ -130,8 +130,7 @@ class Watch:
             return sudden and self._states.is_sudden(memory["known"], self._loads.values(step.time))
         if self._fixed:
             return True
-        looked = memory["looked"].item()
-        late = looked == 0.0 or since - looked >= memory["seldom"].item()
+        late = since - memory["looked"].item() >= memory["seldom"].item()
         return late or not self._states.holds(memory["known"], self._state(step.after, step.time))
 
     def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
