@@ -115,18 +115,25 @@ class KnownStates:
         return known
 
     def shrunk(self, known: Array, z: Array, wider: float) -> Array:
-        """The same without a state, of little room: all of it smaller, by as much as leaves that just out of it."""
-        size, point = z.size, wider / TIGHT * z
-        if not self.holds(known, point):
-            return known
-        least, most, noise = known[-3:]
-        widest = max(0.0, *(point / np.where(point < 0.0, least - noise, most + noise)).tolist())
-        share = max(float(point @ known[size : 2 * size] @ point), widest**2)
-        if not share > _TINY:
-            return self.nothing(size)
-        rows = np.full(len(known), math.sqrt(share))
-        rows[:size], rows[size : 2 * size] = share, 1.0 / share
-        return np.asarray(rows[:, None] * known)
+        """The same without a state, of little room: all smaller, by as much as leaves that just out of it.
+
+        Factors as large as its own have been seen then, and are not sudden.
+        """
+        size, first, point = z.size, z.size - self._factors, wider / TIGHT * z
+        rows = np.ones((len(known), size))
+        if self.holds(known, point):
+            least, most, noise = known[-3:, :first]
+            along = point[:first]
+            widest = max(0.0, *(along / np.where(along < 0.0, least - noise, most + noise)).tolist())
+            share = max(float(point @ known[size : 2 * size] @ point), widest**2)
+            if not share > _TINY:
+                return self.nothing(size)
+            rows[:size], rows[size : 2 * size], rows[2 * size :, :first] = share, 1.0 / share, math.sqrt(share)
+        known = rows * known
+        if known[-1, 0] > 0.0:
+            known[-3, first:] = np.minimum(known[-3, first:], z[first:])
+            known[-2, first:] = np.maximum(known[-2, first:], z[first:])
+        return known
 
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
