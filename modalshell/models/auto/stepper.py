@@ -279,11 +279,12 @@ class AutoStepper(Stepper):
         So it is where displacements are nearly those of linear modes: the error then is of the time step's, or what
         modes lack of a load that has hardly moved the shell yet.
         """
-        if step.level > 0 or self._check.least or self._errs_alike(0, seen, memory):
+        first, q = self._levels[0], step.inner.coordinates
+        if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
             return False
-        model, q = self._levels[0].still, step.inner.coordinates
-        bent = model.warped(q) - (model.basis.modes @ q).reshape(-1, 3)
-        return self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
+        bent = first.model.warped(q) - (first.model.basis.modes @ q).reshape(-1, 3)
+        alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
+        return alike and not self._errs_alike(0, seen, memory)
 
     def _note(
         self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0

@@ -2,11 +2,12 @@
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own;
-one that leaves little, for states like its own. Errors of a warp are taken to grow with the fourth power of the state,
-and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked, each times
-a factor that its bar and its margin leave; and in every component no more than the least and the largest of those: an
-ellipsoid about two points of a plane goes beyond both, and a fold that is right bent one way may be wrong bent the
-other. What modes lack of a load is looked at apart.
+one that leaves little, for states like its own; and one that leaves less takes away what is as large, so that smaller
+states stay known. Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square.
+What is vouched for is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its
+margin leave; and in every component no more than the least and the largest of those: an ellipsoid about two points of a
+plane goes beyond both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is
+looked at apart.
 """
 
 from __future__ import annotations
@@ -148,12 +149,7 @@ class KnownStates:
     def is_sudden(self, known: Array, factors: list[float]) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
         kept = self._looked_up(known)
-        if not kept.any:
-            return False
-        for factor, most in zip(factors, kept.loads, strict=True):  # quicker than any() of so few
-            if abs(factor) > most:
-                return True
-        return False
+        return kept.any and any(map(operator.gt, map(abs, factors), kept.loads))
 
     def _looked_up(self, known: Array) -> _Looked:
         """What the last question was about, kept: arrays of what is known are replaced, never written into."""

@@ -154,7 +154,10 @@ class Watch:
         wider = room(seen.bar, seen.margin, self._allowed)
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
         if not wider >= TIGHT:
-            memory["known"], memory["seldom"] = self._states.shrunk(memory["known"], z, wider), np.full(1, float(SELDOM))
+            memory["known"], memory["seldom"] = (
+                self._states.shrunk(memory["known"], z, wider),
+                np.full(1, float(SELDOM)),
+            )
             return
         wider = wider if wider >= ROOMY else 1.0
         if self._states.holds(memory["known"], z):
