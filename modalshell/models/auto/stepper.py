@@ -282,7 +282,7 @@ class AutoStepper(Stepper):
         first, q = self._levels[0], step.inner.coordinates
         if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
             return False
-        bent = first.model.warped(q) - (first.model.basis.modes @ q).reshape(-1, 3)
+        bent = first.still.warped(q) - (first.still.basis.modes @ q).reshape(-1, 3)
         alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
         return alike and not self._errs_alike(0, seen, memory)
 
