@@ -142,7 +142,13 @@ class Loading:
 
     def live_potential(self, x: Array, time: float = 0.0) -> float:
         """Potential [J] of the loads that change and have one on this shell, zero at rest."""
-        return sum(one.value(x, time) - one.value(self.rest, time) for one in self._potential)
+        total = 0.0
+        for one in self._potential:
+            if one.constant is None:
+                total += one.value(x, time) - one.value(self.rest, time)
+            else:
+                total -= one.factor_at(time) * float(np.vdot(one.constant, x - self.rest))
+        return total
 
     def energy(self, x: Array, time: float = 0.0) -> float:
         """Potential [J] of all loads that have one on this shell, zero at rest."""

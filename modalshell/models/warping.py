@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any, final
 
@@ -17,10 +18,11 @@ from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_f
 from modalshell.loads import Loading
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.base.warp import contact_shape
+from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.sampled_change import as_tile, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
-from modalshell.models.reduction.warp_step_kernels import warp_step
+from modalshell.models.reduction.warp_step_kernels import warp_step, work_step
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.statics.modal_balance import balance
@@ -120,7 +122,7 @@ class ModalWarping(UnstretchedModel):
     def dead_force(self, load: Array) -> DeadForce:
         """See :meth:`ModalShape.dead_force`; the paper's tells its change by a sample of vertices, of many."""
         if self.consistent_force:
-            return DeadForce(partial(_gradient_of, self._pushed, self._rows(load)))
+            return _dead_work(self._pushed, self._rows(load))
         felt, sample = (self._pushed, self._rows(load)), self._sample
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
         return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
@@ -189,10 +191,17 @@ class ModalWarping(UnstretchedModel):
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
         """The loads by points, and by turned modes there or by the gradient of the work."""
-        by_work = self.consistent_force
-        return LoadQuadrature.of(
-            self.basis, loading, lambda points: ModalPush.by_work(points) if by_work else ModalPush.by_turned_modes()
-        )
+        way = _dead_work if self.consistent_force else _dead_push
+
+        def of_sum(forces: Sequence[Array]) -> Callable[[Array], DeadForce]:
+            rows = np.array([self._rows(force) for force in forces])
+            return lambda factors: way(self._pushed, factors @ rows)
+
+        def pushed(points: LoadPoints) -> ModalPush:
+            by_work = self.consistent_force
+            return ModalPush.by_work(points, of_sum) if by_work else ModalPush.by_turned_modes(of_sum)
+
+        return LoadQuadrature.of(self.basis, loading, pushed)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:
@@ -249,6 +258,23 @@ def _change_of(modal: Array, rows: Array, q: Array, near: Array, known: Array) -
     count_read(2 * modal.nbytes)
     change, serves = push_change(modal, rows, POWERS, q, near, known)
     return change if serves else None
+
+
+def _dead_work(modal: Array, rows: Array) -> DeadForce:
+    """The gradient of the work of a load in rows."""
+    return DeadForce(partial(_gradient_of, modal, rows), step=partial(_step_by_work, modal, rows))
+
+
+def _dead_push(modal: Array, rows: Array) -> DeadForce:
+    """The modal force of a load in rows, without a sample of vertices."""
+    return DeadForce(partial(_force_of, modal, rows), step=partial(_step, modal, rows, None))
+
+
+def _step_by_work(modal: Array, rows: Array, *step: Any) -> None:
+    """Take a step of the exponential rule under the gradient of the work of a load in rows; see :class:`DeadForce`."""
+    times = 1 + work_step(modal, rows, POWERS, *step)
+    count_read(times * modal.nbytes)
+    count_products(times * _DERIVATIVES * rows.size // 3)
 
 
 def _step(modal: Array, rows: Array, change: ForceChange | None, *step: Any) -> None:

@@ -24,7 +24,7 @@ Step = float | Array
 
 
 class DeadForce(NamedTuple):
-    """Modal force of one load that stays.
+    """Modal force of one load, as it is at the end of a step.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class ModalStep(NamedTuple):
     size : float
         Size of the shell in the norm of the mass [m sqrt(kg)].
     dead : DeadForce, optional
-        The force, where it is that of a load that stays.
+        The force, where it is that of a load by itself.
     """
 
     stiffness: Array

@@ -14,8 +14,6 @@ from modalshell.models.auto.checks import Check
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
 
-_ONE = np.ones(1)
-
 
 class Coming(NamedTuple):
     """A load that is known to come.
@@ -58,22 +56,26 @@ class LoadsAhead:
         self._model, self._loading, self._dt, self._check = model, setup.loading, setup.dt, check
         live = setup.loading.live
         self.change = bool(live)
-        self._at = -math.inf, np.empty(0)
+        self._at: tuple[float, list[float]] = (-math.inf, [])
         forces = [load.constant for load in live if load.constant is not None]
         self._parts = forces if len(forces) == len(live) and not check.least else None
         self.dear = self.change and self._parts is None
         self._sums: tuple[Array, Array, SumAnswers] | None = None
         self._coming: tuple[Array, list[Coming]] | None = None
 
-    def factors(self, time: float) -> Array:
-        """Factors (k,) of the loads that change."""
-        if self.change and self._at[0] != time:
-            self._at = time, np.array([load.factor_at(time) for load in self._loading.live])
+    def values(self, time: float) -> list[float]:
+        """Factors of the loads that change: of so few numbers a list is quicker than an array."""
+        if self._at[0] != time:
+            self._at = time, [load.factor_at(time) for load in self._loading.live]
         return self._at[1]
+
+    def factors(self, time: float) -> Array:
+        """The same in an array (k,)."""
+        return np.array(self.values(time))
 
     def beyond(self, time: float, most: float) -> bool:
         """Whether the load that alone changes is beyond a factor at ``time`` [s]."""
-        return most < math.inf and not abs(self.factors(time).item()) <= most
+        return most < math.inf and not abs(self.values(time)[0]) <= most
 
     def answer(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
         """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
@@ -82,7 +84,7 @@ class LoadsAhead:
             if kept is None or kept[0] is not dead:
                 forces = [dead, *self._parts]
                 kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces)
-            factors = np.concatenate([_ONE, self.factors(time)])
+            factors = np.array([1.0, *self.values(time)])
             if not 0.0 < self.most(dead) == memory["ahead"][0]:  # else both ends, and so all between, have been seen
                 along(np.tensordot(factors, kept[1], 1), memory)
             return kept[2].of(factors)

@@ -30,6 +30,9 @@ _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
+_STRAIGHT = 0.2
+"""Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
+rungs of modes move alike."""
 _TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
@@ -214,10 +217,14 @@ class AutoStepper(Stepper):
             back = since == FRAMES and level == 0 and memory["switches"][0] > 0.0 and not self._check.least
             if back or self._watch.due(step, memory):
                 seen = self._watch.checked(step, memory)
-                if seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error:
+                fails = seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error
+                stays = fails and not (seen.alarm or back) and self._moves_alike(step, seen, memory)
+                if not stays:
+                    self._watch.learn(step, seen, memory)
+                if fails and not stays:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
-                elif level > 0:
+                elif not fails and level > 0:
                     wanted = self._below(step, seen, memory)
         elif since % _TRY_EVERY == 0:
             if level + 1 < len(self._levels):
@@ -265,6 +272,19 @@ class AutoStepper(Stepper):
         answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
         gap = self._length(answer.positions - seen.corrected)
         return not (answer.converged and gap <= SWITCH * self.model.error * float(memory["largest"][0]))
+
+    def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
+        """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
+
+        So it is where displacements are nearly those of linear modes: the error then is of the time step's, or what
+        modes lack of a load that has hardly moved the shell yet.
+        """
+        first, q = self._levels[0], step.inner.coordinates
+        if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
+            return False
+        bent = first.still.warped(q) - (first.still.basis.modes @ q).reshape(-1, 3)
+        alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
+        return alike and not self._errs_alike(0, seen, memory)
 
     def _note(
         self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0

@@ -2,15 +2,17 @@
 
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own;
-one that leaves little, for states like its own. Errors of a warp are taken to grow with the fourth power of the state,
-and stresses with its square. What is vouched for is an ellipsoid about rest, which grows by states checked, each times
-a factor that its bar and its margin leave; and in every component no more than the least and the largest of those: an
-ellipsoid about two points of a plane goes beyond both, and a fold that is right bent one way may be wrong bent the
-other. What modes lack of a load is looked at apart.
+one that leaves little, for states like its own; and one that leaves less takes away what is as large, so that smaller
+states stay known. Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square.
+What is vouched for is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its
+margin leave; and in every component no more than the least and the largest of those: an ellipsoid about two points of a
+plane goes beyond both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is
+looked at apart.
 """
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import NamedTuple, final
 
@@ -100,6 +102,40 @@ class KnownStates:
             matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
         return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
 
+    def swinging(self, known: Array, z: Array, wider: float, largest: float) -> Array:
+        """The same with ``wider`` times a state of rest in it, and what is on the way there or about it.
+
+        Those are its load on the shape at rest, which it has not bent yet, and its coordinates as rates, either way: of
+        a vibration as large, as what rates do to a shape grows with their square as what coordinates do does.
+        """
+        modes = (z.size - self._factors) // 2
+        loaded, rates = np.zeros_like(z), np.zeros_like(z)
+        loaded[2 * modes :], rates[modes : 2 * modes] = z[2 * modes :], z[:modes]
+        for point in (z, loaded, rates, -rates):
+            known = self.grown(known, point, wider, largest)
+        return known
+
+    def shrunk(self, known: Array, z: Array, wider: float) -> Array:
+        """The same without a state, of little room: all smaller, by as much as leaves that just out of it.
+
+        Factors as large as its own have been seen then, and are not sudden.
+        """
+        size, first, point = z.size, z.size - self._factors, wider / TIGHT * z
+        rows = np.ones((len(known), size))
+        if self.holds(known, point):
+            least, most, noise = known[-3:, :first]
+            along = point[:first]
+            widest = max(0.0, *(along / np.where(along < 0.0, least - noise, most + noise)).tolist())
+            share = max(float(point @ known[size : 2 * size] @ point), widest**2)
+            if not share > _TINY:
+                return self.nothing(size)
+            rows[:size], rows[size : 2 * size], rows[2 * size :, :first] = share, 1.0 / share, math.sqrt(share)
+        known = rows * known
+        if known[-1, 0] > 0.0:
+            known[-3, first:] = np.minimum(known[-3, first:], z[first:])
+            known[-2, first:] = np.maximum(known[-2, first:], z[first:])
+        return known
+
     def holds(self, known: Array, z: Array) -> bool:
         """Whether a state is known, or near to that by the noise of the last check."""
         kept = self._looked_up(known)
@@ -108,12 +144,12 @@ class KnownStates:
         parts = z.tolist()  # of some twenty numbers lists are quicker than arrays; NaN is beyond both
         if not (all(map(operator.le, kept.lowest, parts)) and all(map(operator.le, parts, kept.highest))):
             return False
-        return bool(z @ kept.inverse @ z <= 1.0)
+        return bool(z.dot(kept.inverse.dot(z)) <= 1.0)
 
-    def is_sudden(self, known: Array, factors: Array) -> bool:
+    def is_sudden(self, known: Array, factors: list[float]) -> bool:
         """Whether loads have grown far beyond what checks have seen."""
         kept = self._looked_up(known)
-        return kept.any and any(abs(factor) > most for factor, most in zip(factors.tolist(), kept.loads, strict=True))
+        return kept.any and any(map(operator.gt, map(abs, factors), kept.loads))
 
     def _looked_up(self, known: Array) -> _Looked:
         """What the last question was about, kept: arrays of what is known are replaced, never written into."""

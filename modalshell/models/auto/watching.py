@@ -14,6 +14,7 @@ from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
+from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -26,6 +27,9 @@ _GROWN, _CALM = 1.5, 0.02
 mean square, in sizes of the shell, up to which it may wait."""
 _ALIKE = 1.2
 """Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
+
+_RESTED = 4
+"""Answers of statics that are kept: of two levels to two loads."""
 
 
 class Step(NamedTuple):
@@ -93,6 +97,7 @@ class Watch:
         self._fixed = bool(check.least or model.check_every is not None)
         self._states = KnownStates(len(setup.loading.live))
         self._size = 2 * model.count + len(setup.loading.live)
+        self._rested: list[tuple[Level, Array, Equilibrium, ErrorBar]] = []
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     @property
@@ -122,11 +127,10 @@ class Watch:
         since = memory["since"].item()
         if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
             sudden = self._loads.change and not self._fixed
-            return sudden and self._states.is_sudden(memory["known"], self._loads.factors(step.time))
+            return sudden and self._states.is_sudden(memory["known"], self._loads.values(step.time))
         if self._fixed:
             return True
-        looked = memory["looked"].item()
-        late = looked == 0.0 or since - looked >= memory["seldom"].item()
+        late = since - memory["looked"].item() >= memory["seldom"].item()
         return late or not self._states.holds(memory["known"], self._state(step.after, step.time))
 
     def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
@@ -139,21 +143,26 @@ class Watch:
         return Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
 
     def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
-        """The check of a modal level, whose state is known from then on if there is room; else nothing is."""
+        """The check of a modal level; :meth:`learn` says what it tells of states."""
         memory["checked"], memory["looked"] = np.array([step.moved]), memory["since"]
-        seen = self.seen(step, memory)
-        wider = room(seen.bar, seen.margin, self._allowed)
+        return self.seen(step, memory)
+
+    def learn(self, step: Step, seen: Seen, memory: dict[str, Array]) -> None:
+        """Know the state of a modal level's check from then on if it has room; else know none as large."""
         if self._fixed:
-            return seen
-        if not wider >= TIGHT:
-            self.forget(memory)
-            return seen
-        wider = wider if wider >= ROOMY else 1.0
+            return
+        wider = room(seen.bar, seen.margin, self._allowed)
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
+        if not wider >= TIGHT:
+            memory["known"], memory["seldom"] = (
+                self._states.shrunk(memory["known"], z, wider),
+                np.full(1, float(SELDOM)),
+            )
+            return
+        wider = wider if wider >= ROOMY else 1.0
         if self._states.holds(memory["known"], z):
             memory["seldom"] = RARER * memory["seldom"]
         memory["known"] = self._states.grown(memory["known"], z, wider, largest)
-        return seen
 
     def first_bar(self, level: Level, dead: Array, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
         """The bar of a modal level's statics under a load, where that is void or too large; None where it holds.
@@ -173,20 +182,29 @@ class Watch:
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
         """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
         memory["ahead"] = np.array([load.whole])
-        found = level.still.equilibrium(force=load.force)
-        bar = self._check.static(found.positions, load.force)
+        found, bar = self._rests(level, load.force)
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar
         if self._fixed or found.coordinates is None:
             return None
+        z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
         if not wider >= ROOMY:
-            self.forget(memory)
+            memory["known"] = self._states.shrunk(memory["known"], z, wider)
         else:
-            z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
-            memory["known"] = self._states.grown(memory["known"], z, wider, largest)
+            memory["known"] = self._states.swinging(memory["known"], z, wider, largest)
         return None
+
+    def _rests(self, level: Level, force: Array) -> tuple[Equilibrium, ErrorBar]:
+        """Where a level rests under a force (n, 3) [N], and its bar there; that of the last few is known."""
+        for known, of, found, bar in self._rested:
+            if known is level and of is force:
+                return found, bar
+        found = level.still.equilibrium(force=force)
+        bar = self._check.static(found.positions, force)
+        self._rested = [*self._rested[1 - _RESTED :], (level, force, found, bar)]
+        return found, bar
 
     def is_alike(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
         """Whether the load need not be looked at in a modal level's state: it is about that looked at last."""
@@ -194,8 +212,8 @@ class Watch:
             return False
         pushed = self._model.inner(state)[1].memory["force"] * self._model.periods**2
         alike = math.sqrt(pushed @ pushed) <= _ALIKE * memory["felt"][0]
-        return bool(alike and not self._states.is_sudden(memory["known"], self._loads.factors(time)))
+        return bool(alike and not self._states.is_sudden(memory["known"], self._loads.values(time)))
 
     def _state(self, inner: MotionState, time: float) -> Array:
         """What the bar of a held modal level is a function of: coordinates, rates over frequencies, loads' factors."""
-        return np.concatenate([inner.coordinates, inner.rates * self._model.periods, self._loads.factors(time)])
+        return np.concatenate([inner.coordinates, inner.rates * self._model.periods, self._loads.values(time)])

@@ -291,11 +291,13 @@ class ModalStepper(ContactStepper):
         last: list[tuple[Array, Array]] = []
         if self._stays and load is not self._seen:
             self._seen, self._dead = load, model.dead_force(load)
-        dead = self._dead
+        dead = end = self._dead
+        if self._quadrature is not None and not self._quadrature.by_points:
+            end = self._quadrature.dead_force(load, begin + dt)
 
         def force(q: Array, rates: Array, share: float) -> Array:
-            if dead is not None:
-                return dead.at(q)
+            if (known := end if share == 1.0 else dead) is not None:
+                return known.at(q)
             pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
@@ -303,7 +305,7 @@ class ModalStepper(ContactStepper):
         if contacts is not None and contacts.touched(state):
             return self._pressed(state, force, (begin, dt), load)
         rule = model.integrator
-        after, solved = model.march(state, dt, force, damping, dead)
+        after, solved = model.march(state, dt, force, damping, end)
         if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
             after = model.euler_step(state, dt, pushed, damping)
@@ -345,11 +347,12 @@ class ModalStepper(ContactStepper):
             load, drag = self.felt(time, load, state)
             pushed = model.push(q, state.rates, load, self.setup.dt)
             return pushed, None if drag is None else model.drag_at(q, *drag)
-        own, lead = self.own_positions(state), self._lead * self.setup.dt
-        by_velocity = self.setup.loading.by_velocity
+        lead, by_velocity = self._lead * self.setup.dt, self.setup.loading.by_velocity
+        own = self.own_positions(state) if self._quadrature.by_points else model.shell.rest_positions
         last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
-        push += model.modal_force(q, self._quadrature.dead(load, time))
+        dead = self._quadrature.dead_force(load, time)
+        push += dead.at(q) if dead is not None else model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None
 
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:

@@ -180,7 +180,7 @@ class ModalMotion(ModalShape, FrameModel):
     ) -> tuple[MotionState, bool]:
         """One step of the integrator under modal forces that are asked for where they are needed.
 
-        ``dead`` is what is known of them where they are those of a load that stays.
+        ``dead`` is what is known of them at the end of the step where they are those of a load by itself.
 
         Also returns whether the frames of free parts turned as they should.
         """

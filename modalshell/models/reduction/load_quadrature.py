@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels import rotations
 from modalshell.loads import AppliedLoad, Loading
 from modalshell.loads.surface_kernels import APART, LINEAR, TURNED
@@ -17,6 +18,7 @@ from modalshell.modes import Basis
 
 _PATCHES = 64
 """Patches of the surface: wind is then within some 1 % of the sum over all triangles, pressure within 0.1 %."""
+OfSum = Callable[[Sequence[Array]], Callable[[Array], DeadForce]]
 
 
 @final
@@ -31,31 +33,34 @@ class ModalPush:
     at_points : callable, optional
         Modal forces (m,) at q (m,) of forces (k, 3) [N] at the points.
     of_constant : callable, optional
-        Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q; without it they are
-        better added to the load.
+        Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q.
+    of_sum : callable, optional
+        Modal force of a sum of some forces (n, 3) [N] times factors, as a function of these (k,). Without either,
+        forces that do not change are better added to the load.
     """
 
     way: int
     at_points: Callable[[Array, Array], Array] | None = None
     of_constant: Callable[[Array], Callable[[Array], Array]] | None = None
+    of_sum: OfSum | None = None
 
     @classmethod
     def by_modes(cls, basis: Basis) -> ModalPush:
         """By the modes as they are."""
 
-        def of_constant(force: Array) -> Callable[[Array], Array]:
-            pushed = basis.modes.T @ force.ravel()
-            return lambda _: pushed
+        def of_sum(forces: Sequence[Array]) -> Callable[[Array], DeadForce]:
+            pushed = np.array([basis.modes.T @ force.ravel() for force in forces])
+            return lambda factors: DeadForce(lambda _: factors @ pushed)
 
-        return cls(LINEAR, of_constant=of_constant)
+        return cls(LINEAR, of_sum=of_sum)
 
     @classmethod
-    def by_turned_modes(cls) -> ModalPush:
+    def by_turned_modes(cls, of_sum: OfSum) -> ModalPush:
         """By the modes, turned with the points."""
-        return cls(TURNED)
+        return cls(TURNED, of_sum=of_sum)
 
     @classmethod
-    def by_work(cls, points: LoadPoints) -> ModalPush:
+    def by_work(cls, points: LoadPoints, of_sum: OfSum) -> ModalPush:
         """By the gradient of the work on warped points."""
         modes, turns = (rows.reshape(-1, rows.shape[2]) for rows in (points.modes, points.turns))
 
@@ -64,7 +69,7 @@ class ModalPush:
             rotations.warped_work((turns @ q).reshape(-1, 3), (modes @ q).reshape(-1, 3), forces, averaged, slope)
             return np.asarray(averaged.ravel() @ modes + slope.ravel() @ turns)
 
-        return cls(APART, at_points)
+        return cls(APART, at_points, of_sum=of_sum)
 
 
 @final
@@ -89,6 +94,7 @@ class LoadQuadrature:
         known = self._push.of_constant
         self._kept = [(load, known(force)) for load, force in constant] if known else []
         self._added = [] if known else constant
+        self._summed: tuple[Array, Callable[[Array], DeadForce]] | None = None
 
     @classmethod
     def of(cls, basis: Basis, loading: Loading, push: Callable[[LoadPoints], ModalPush]) -> LoadQuadrature | None:
@@ -96,6 +102,22 @@ class LoadQuadrature:
         if not loading.live or any(load.constant is None and load.form is None for load in loading.live):
             return None
         return cls(basis, loading.live, push)
+
+    @property
+    def by_points(self) -> bool:
+        """Whether any load is summed at points, which takes positions."""
+        return bool(self._points.count)
+
+    def dead_force(self, load: Array, time: float) -> DeadForce | None:
+        """Modal force of a load (n, 3) [N] with those of :meth:`dead`; None where that is to be asked for.
+
+        The load is known by its array.
+        """
+        if self._push.of_sum is None:
+            return None
+        if self._summed is None or self._summed[0] is not load:
+            self._summed = load, self._push.of_sum([load, *(force for _, force in self._added)])
+        return self._summed[1](np.array([1.0, *(changing.factor_at(time) for changing, _ in self._added)]))
 
     def dead(self, load: Array, time: float) -> Array:
         """The load (n, 3) [N] with those that change by a factor alone and are best added to it."""
@@ -109,7 +131,7 @@ class LoadQuadrature:
         Velocities are ``rate (x - before)``. Without those of :meth:`dead`.
         """
         push, drag = np.zeros(self._count), np.zeros((self._count, self._count))
-        if self._points.count:
+        if self.by_points:
             forces = self._points.forces(q, x, before, rate, time, self._push.way, push, drag)
             if self._push.at_points is not None:
                 push += self._push.at_points(q, forces)

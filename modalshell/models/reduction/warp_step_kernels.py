@@ -1,10 +1,10 @@
-"""A step of the exponential rule for modal warping under a dead load, in one call (theory 12, eq. 5 and 6)."""
+"""A step of the exponential rule for modal warping under a load, in one call (theory 12, eq. 5 and 6)."""
 
 import numpy as np
 
 from modalshell.integrators.modal.exponential_kernels import correct, predict
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.push import ROWS, push_frame
+from modalshell.kernels.push import ROWS, push_frame, work_frame
 
 
 @njit(error_model="numpy", fastmath=False)
@@ -27,3 +27,21 @@ def warp_step(modal, rows, powers, sampled, c, ratio, most, largest, q, v, kept,
         beyond = missed > most or whole > largest
         if sampled or not beyond:
             return beyond
+
+
+@njit(error_model="numpy", fastmath=False)
+def work_step(modal, rows, powers, c, ratio, most, largest, q, v, kept, last, ends, cost):  # type: ignore[no-untyped-def]
+    """The same under the gradient of the work of :func:`work_frame`, which is asked for again where it must be.
+
+    Returns whether it was.
+    """
+    force, work, beyond = ends[4], np.empty(2 * ROWS), False
+    predict(c, q, v, kept, ends)
+    while True:  # as above
+        work_frame(modal, rows, powers, ends[0], work, force)
+        if beyond:
+            return True
+        missed, whole = correct(c, ratio, q, v, kept, force, last, ends, cost)
+        beyond = missed > most or whole > largest
+        if not beyond:
+            return False
