@@ -74,7 +74,7 @@ class CholeskyAnalysis:
     def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
         self.block, graph = symmetric_block_graph(matrix)
-        order, graph, tree, counts = found = best_elimination(graph, once=once)
+        order, graph, tree, counts, products = best_elimination(graph, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
@@ -89,7 +89,7 @@ class CholeskyAnalysis:
         panels = np.concatenate([[0], np.cumsum(np.diff(columns) * self.block * heights)])
         self.height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
-        self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
+        self.solves_a_factorisation = _PRODUCTS_A_READ * products * self.block**3 / max(self.entries, 1)
         self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
         self._buffer, size = multifrontal.storage(self._supernodes)
         self._storage = max(self._buffer + size, self.entries + 2 * LANES)
