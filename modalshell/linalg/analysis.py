@@ -65,17 +65,20 @@ def postorder(parent: Index) -> Index:
 
 
 @njit
-def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
-    """Entries (n,) in each column of the factor, the diagonal included: every row's subtree is walked."""
+def column_counts(starts: Index, neighbours: Index, parent: Index, sizes: Index) -> Index:
+    """Entries (n,) in each column of the factor, the diagonal included: every row's subtree is walked.
+
+    A row counts for as many as its size (n,) says.
+    """
     n = len(parent)
-    counts = np.ones(n, np.int64)
+    counts = sizes.copy()
     mark = np.full(n, -1, np.int64)
     for i in range(n):
         mark[i] = i
         for e in range(starts[i], starts[i + 1]):
             k = neighbours[e]
             while k < i and mark[k] != i:
-                counts[k] += 1
+                counts[k] += sizes[i]
                 mark[k] = i
                 k = parent[k]
     return counts

@@ -27,6 +27,8 @@ _PRODUCTS_A_READ = 0.045
 
 
 _NONE, _NO_FLIPS = np.empty((3, 0, 3)), np.empty(0, np.int64)
+_FULL = 0.6
+"""Share of entries that are not zero up to which :func:`without_zeros` leaves the others out."""
 _ONE_BY_ONE = 2
 """Right sides up to which one after the other is faster than a register of them."""
 
@@ -74,7 +76,7 @@ class CholeskyAnalysis:
     def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
         self.block, graph = symmetric_block_graph(matrix)
-        order, graph, tree, counts = found = best_elimination(graph, once=once)
+        order, graph, tree, counts, products = best_elimination(graph, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
@@ -89,7 +91,7 @@ class CholeskyAnalysis:
         panels = np.concatenate([[0], np.cumsum(np.diff(columns) * self.block * heights)])
         self.height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
-        self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
+        self.solves_a_factorisation = _PRODUCTS_A_READ * products * self.block**3 / max(self.entries, 1)
         self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
         self._buffer, size = multifrontal.storage(self._supernodes)
         self._storage = max(self._buffer + size, self.entries + 2 * LANES)
@@ -217,3 +219,19 @@ def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
             f"than in column {wrong})"
         )
     return block, graph
+
+
+def without_zeros(matrix: sps.csc_array) -> sps.csc_array:
+    """A symmetric matrix without its stored zeros where these are many; itself where they are few.
+
+    Flat sheets along the axes have them, as their bending meets no force in their plane: two of three entries are zero.
+    """
+    if np.count_nonzero(matrix.data) > _FULL * matrix.nnz:
+        return matrix
+    other = sps.csc_array(matrix.T)
+    other.sort_indices()
+    if not (matrix.has_sorted_indices and np.array_equal(matrix.indices, other.indices)):
+        return matrix
+    kept = np.flatnonzero((matrix.data != 0.0) | (other.data != 0.0))
+    starts = np.searchsorted(kept, matrix.indptr).astype(matrix.indptr.dtype)
+    return sps.csc_array((matrix.data[kept], matrix.indices[kept], starts), shape=matrix.shape)

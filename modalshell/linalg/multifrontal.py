@@ -9,6 +9,7 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.linalg.blas import Blas, address, call
+from modalshell.linalg.panel_layout import lay_out
 
 _CACHED = 2**17
 """Numbers of the widest update that is formed in a buffer of its own: 1 MB, what a second cache holds."""
@@ -70,7 +71,8 @@ def factorise(
     With room for ``signs`` (N,) of pivots, in elimination order, negative ones are taken as they come: the matrix is
     ``L S L^T``, and the unknown is one whose pivot is zero or no number. Without (0,), it is ``L L^T``.
 
-    A supernode's panels hold its columns of L, column-major. Its update matrix is formed from ``values[buffer]`` on,
+    A supernode's panels hold its columns of L, column-major until its update is formed, then as
+    :mod:`modalshell.linalg.panel_layout` says. Its update matrix is formed from ``values[buffer]`` on,
     which stays in the processor's cache, or where the room is too small behind the panels. It waits for its parent, the
     lower triangle packed, on a stack that grows down from there, where no panel is yet: children are contiguous in
     postorder, so that a supernode finds theirs on top. ``numbers`` (7,) has room for the sizes that the BLAS reads.
@@ -80,7 +82,10 @@ def factorise(
     begins = np.empty(len(parent), np.int64)  # of the updates on the stack
     waiting = np.empty(len(parent), np.int64)
     runs = np.empty((len(relative) + 1, 2), np.int64)
-    depth, top = 0, buffer
+    depth, top, highest = 0, buffer, 0
+    for s in range(len(parent)):
+        highest = max(highest, row_starts[s + 1] - row_starts[s])
+    room = np.empty(8 * highest * block, values.dtype)
     for s in range(len(parent)):
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
@@ -107,6 +112,9 @@ def factorise(
             if wrong >= 0:
                 return wrong
             top = _stack(values, top, update, below)
+            for p in range(first_panel[s], first_panel[s + 1]):
+                above = (p - first_panel[s]) * PANEL
+                lay_out(values, panels[p], min(PANEL, width - above), width + below - above, room)
         if below > 0:
             waiting[depth], begins[depth] = s, top
             depth += 1

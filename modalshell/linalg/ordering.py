@@ -21,17 +21,16 @@ _GROUPED = 0.75
 
 
 class Elimination(NamedTuple):
-    """An order of elimination (n,), the permuted graph, its elimination tree and the factor's column counts."""
+    """An order of elimination (n,), the permuted graph, its elimination tree and the factor's column counts.
+
+    And ``products``, the multiplications of the factorisation, in blocks.
+    """
 
     order: Index
     graph: sps.csr_array
     parent: Index
     counts: Index
-
-    @property
-    def products(self) -> float:
-        """Multiplications of the factorisation, in blocks."""
-        return float(np.sum(self.counts.astype(np.float64) ** 2))
+    products: float
 
 
 def best_elimination(graph: sps.csr_array, *, once: bool = False) -> Elimination:
@@ -42,14 +41,15 @@ def best_elimination(graph: sps.csr_array, *, once: bool = False) -> Elimination
     factorised once, only dissection is tried, from as many vertices on as it takes.
     """
     group = _indistinguishable(graph)
-    _, first = np.unique(group, return_index=True)
+    _, first, sizes = np.unique(group, return_index=True, return_counts=True)
     smaller = graph if first.size == group.size else sps.csr_array(graph[first][:, first])
     found = []
     if smaller.shape[0] >= _DISSECTED:
-        found.append(eliminated(graph, _expanded(nested_dissection(smaller), group)))
+        found.append(eliminated(smaller, nested_dissection(smaller), sizes))
     if not (once and found):
-        found.append(eliminated(graph, _expanded(minimum_degree(smaller), group)))
-    return min(found, key=lambda each: each.products)
+        found.append(eliminated(smaller, minimum_degree(smaller), sizes))
+    best = min(found, key=lambda each: each.products)
+    return best if first.size == group.size else _expanded(best, graph, group, sizes)
 
 
 def _indistinguishable(graph: sps.csr_array) -> Index:
@@ -69,23 +69,35 @@ def _indistinguishable(graph: sps.csr_array) -> Index:
     return np.asarray(rank[group])
 
 
-def _expanded(order: Index, group: Index) -> Index:
-    """Order (n,) of vertices from that of their groups (n,)."""
-    if order.size == group.size:
-        return order
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    return np.argsort(place[group], kind="stable")
+def _expanded(found: Elimination, graph: sps.csr_array, group: Index, sizes: Index) -> Elimination:
+    """The elimination of a ``graph`` from that of its groups (n,), which have ``sizes``: their vertices in turn."""
+    place = np.empty_like(found.order)
+    place[found.order] = np.arange(found.order.size)
+    order = np.argsort(place[group], kind="stable")
+    begins = np.concatenate([[0], np.cumsum(sizes[found.order])])
+    members = np.arange(order.size) - np.repeat(begins[:-1], np.diff(begins))
+    parent = np.arange(1, order.size + 1)
+    parent[begins[1:] - 1] = np.where(found.parent >= 0, begins[found.parent], -1)
+    counts = np.repeat(found.counts, np.diff(begins)) - members
+    return Elimination(order, _permuted(graph, order), parent, counts, found.products)
 
 
-def eliminated(graph: sps.csr_array, order: Index) -> Elimination:
-    """What an order of elimination means, put in postorder."""
+def eliminated(graph: sps.csr_array, order: Index, sizes: Index | None = None) -> Elimination:
+    """What an order of elimination means, put in postorder.
+
+    With ``sizes`` (n,) every vertex is as many, which follow each other: the counts are those of its first.
+    """
     permuted = _permuted(graph, order)
     after = analysis.postorder(analysis.elimination_tree(*row_lists(permuted)))
-    permuted = _permuted(permuted, after)
+    permuted, order = _permuted(permuted, after), order[after]
     lists = row_lists(permuted)
     parent = analysis.elimination_tree(*lists)
-    return Elimination(order[after], permuted, parent, analysis.column_counts(*lists, parent))
+    own = np.ones(order.size, np.int64) if sizes is None else sizes[order]
+    counts = analysis.column_counts(*lists, parent, own)
+    high, width = counts.astype(np.float64), own.astype(np.float64)
+    # Squares of the counts of as many columns, each one less.
+    squares = width * high**2 - (width - 1.0) * width * high + (width - 1.0) * width * (2.0 * width - 1.0) / 6.0
+    return Elimination(order, permuted, parent, counts, float(np.sum(squares)))
 
 
 def minimum_degree(graph: sps.csr_array) -> Index:

@@ -2,8 +2,7 @@
 
 Small and slender matrices go to the profile factorisation of :mod:`modalshell.linalg`, others to its multifrontal one,
 which takes pivots of either sign, and those whose pivots vanish to SciPy's SuperLU. PARDISO was as fast as Cholesky
-(within 15 % from 7,500 to 300,000 unknowns, its solves half as fast) and CHOLMOD has no wheels, so that neither is
-worth a dependency.
+(within 15 % from 7,500 to 300,000 unknowns, its solves half as fast) and CHOLMOD has no wheels: neither is needed.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from modalshell.linalg import (
     ProfileFactor,
     Stop,
 )
-from modalshell.linalg.cholesky import block_graph
+from modalshell.linalg.cholesky import block_graph, without_zeros
 from modalshell.linalg.columns import ColumnFactor, column_factor, solve_axes, solve_rows
 from modalshell.linalg.ordering import minimum_degree
 
@@ -325,7 +324,7 @@ class Factoriser:
         count_factorisation(matrix.shape[0])
         way = self._way(matrix)
         if way == "cholesky":
-            return _Cholesky(self._analysed(matrix).factorise(matrix))
+            return _Cholesky(self._multifrontal(matrix))
         return self._superlu(matrix) if way == "superlu" else self._by_profile(matrix)
 
     def rough(self, matrix: sps.csc_array) -> Factor | None:
@@ -339,14 +338,16 @@ class Factoriser:
             return None
         count_factorisation(matrix.shape[0])
         try:
-            return _Cholesky(self._analysed(matrix).factorise(matrix, single=True))
+            return _Cholesky(self._multifrontal(matrix, single=True))
         except NotPositiveDefiniteError:
             return None
 
-    def _analysed(self, matrix: sps.csc_array) -> CholeskyAnalysis:
-        if self._analysis is None:
-            self._analysis = CholeskyAnalysis.known(matrix, once=self._use == "solve")
-        return self._analysis
+    def _multifrontal(self, matrix: sps.csc_array, *, single: bool = False, signed: bool = False) -> BlockCholesky:
+        once = self._use == "solve"
+        stored = without_zeros(matrix) if once else matrix
+        if once or self._analysis is None:
+            self._analysis = CholeskyAnalysis.known(stored, once=once)
+        return self._analysis.factorise(stored, single=single, signed=signed)
 
     def symmetric(self, matrix: sps.csc_array) -> Factor:
         """Factor of a symmetric matrix that may be indefinite; SolverError if it is singular."""
@@ -355,7 +356,7 @@ class Factoriser:
         except NotPositiveDefiniteError:
             count_factorisation(matrix.shape[0])
             try:
-                return _Signed(self._analysed(matrix).factorise(matrix, signed=True))
+                return _Signed(self._multifrontal(matrix, signed=True))
             except NotPositiveDefiniteError:  # a pivot vanishes: SuperLU looks for another one off the diagonal
                 return self._superlu(matrix)
 
