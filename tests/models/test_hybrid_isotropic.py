@@ -255,3 +255,23 @@ def test_a_basis_is_made_larger_where_that_serves(errors, size, monkeypatch):
     )
     assert (model._trained.basis.shape[1], model.held_out_error) == (size, errors[size])
     assert motions[-1] == (14, 14)
+
+
+@pytest.mark.parametrize("dt", [1 / 30, 0.5, 5.0])
+def test_steps_longer_than_a_shells_period_come_to_rest_where_its_statics_are(dt):
+    """A stiff plate of 23 Hz that a heavy load bends far."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 3))
+    sheet = ms.Isotropic(young=1e11, poisson=0.3, thickness=1e-2, density=500.0)
+    shell, gravity = ms.Shell(mesh, sheet, clamped="x < 1e-6"), (0.0, 0.0, -3000.0)
+    model = stiff_hybrid(shell, gravity)
+    run = ms.simulate(model, duration=60 * dt, dt=dt, gravity=gravity, damping=(1.0, 0.01))
+    still = model.equilibrium(gravity=gravity).positions
+    assert np.linalg.norm(still - shell.rest_positions, axis=1).max() > 0.1
+    assert ms.measure.displacement_error(run.positions[-1], still, shell) < 2e-3
+
+
+def stiff_hybrid(shell, gravity):
+    """Trained on few motions, which is enough for what a step ends at."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
+        return ms.HybridStress.trained(shell, gravity=gravity, modes=16, motions=8)

@@ -26,8 +26,8 @@ from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 STEP_GOAL = 2e-3
-"""Tolerance of a step's residual: a correction of the coordinates over the way that load and inertia alone would go.
-BDF2's own error is tens of times as large at 1/60 s."""
+"""Tolerance of a step's residual, a correction of the coordinates over their way. BDF2's own error is tens of times as
+large at 1/60 s."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _operation = _options | UNCOUNTED
@@ -92,9 +92,9 @@ def _solve_again(factor, vector, count):  # type: ignore[no-untyped-def]
 class Step(NamedTuple):
     """A step about ``origin`` (m,), ``outer`` being its quadratic part: the problem of mixed Newton.
 
-    Its residual is the out-of-balance force, and after the first iteration the correction by the last factor times the
-    inertia: an error of the coordinates, where the force itself is mostly a stretch that the next correction takes
-    away.
+    Its residual is the out-of-balance force, and after the first iteration the correction by the last factor: an error
+    of the coordinates, where the force itself is mostly a stretch that the next correction takes away. It is relative
+    to the way that load and inertia alone would go, or in steps longer than the shell's period to the coordinates.
 
     Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.bending_kernels`.
     """
@@ -135,7 +135,9 @@ def _residual(p):  # type: ignore[no-untyped-def]
     for i in range(width):
         p.correction[i] = p.gradient[i]
     _solve_again(p.hessian, p.correction, p.x.size)
-    return np.sqrt(dot(p.correction, 0, p.correction, 0, width)) * p.numbers[_INERTIA] / p.numbers[_SCALE]
+    far = max(dot(p.origin, 0, p.origin, 0, p.origin.size), dot(p.at, 0, p.at, 0, width))
+    way = min(p.numbers[_SCALE] / p.numbers[_INERTIA], np.sqrt(far))
+    return np.sqrt(dot(p.correction, 0, p.correction, 0, width)) / way if way > 0.0 else size
 
 
 @njit(**_operation)
