@@ -85,7 +85,7 @@ class Led:
             steps.accept()
         rest = replace(rest, iterations=iterations)
         if rest.limited:
-            residual = unstressed(self.problem, rest.point, self.problem.residual(rest.point))
+            residual = unstressed(self.problem, rest.point)
             rest = rest if residual is None else replace(rest, residual=residual, limited=False)
         return rest
 

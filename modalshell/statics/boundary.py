@@ -79,7 +79,7 @@ def continue_boundary(
         x = result.point
         steps.accept()
     result = refine(problem, replace(result, iterations=iterations), scale)
-    if result.limited and (residual := unstressed(problem, result.point, problem.residual(result.point))) is not None:
+    if result.limited and (residual := unstressed(problem, result.point)) is not None:
         return replace(result, residual=residual, converged=True, limited=False)
     return result
 
@@ -121,17 +121,17 @@ def predicted(
     return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
 
 
-def unstressed(problem: Potential, x: Array, gradient_free: Array) -> float | None:
+def unstressed(problem: Potential, x: Array) -> float | None:
     """Residual of a shell that no load acts on, where rounding explains all its forces at x (n, 3), reactions too.
 
     That is of a shell which its patches have moved as a rigid body: there is no force to which its balance relates.
-    ``gradient_free`` (N,) [N] is what is out of balance. None of other shells.
+    None of other shells.
     """
     if problem.push_at(x).any():
         return None
     noise = problem.rounding(x, problem.linearise(x, GAUSS_NEWTON)[1], 0.0)
     forces = float(np.linalg.norm(problem.shell.energy_gradient(x)[1]))
-    return ACCEPTED * float(np.linalg.norm(gradient_free)) / noise if forces <= noise else None
+    return ACCEPTED * float(np.linalg.norm(problem.residual(x))) / noise if forces <= noise else None
 
 
 def _by_vertices(patches: Sequence[HeldPatch]) -> dict[bytes, HeldPatch]:
