@@ -37,6 +37,7 @@ import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
 from modalshell.kernels import ahead  # noqa: E402
+from modalshell.kernels.callees import source_digest  # noqa: E402
 from modalshell.kernels.turns import take_turns  # noqa: E402
 
 _REFERENCE = 14.0, 4.0e-4
@@ -182,14 +183,15 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
     if kept is not None:
-        kept._load_index = functools.partial(_known_index, kept._load_index)
+        kept._load_index = functools.partial(_known_index, kept, kept._source_stamp, function.__module__)
         take_turns(made, cast(Path, folder))
     return made
 
 
-def _known_index(load: Callable[[], dict[Any, Any]]) -> dict[Any, Any]:
-    """Numba's index of a kernel's compiled forms; none where it names classes that another version had."""
+def _known_index(kept: Any, stamp: Any, module: str) -> dict[Any, Any]:
+    """Numba's index of a kernel's compiled forms, which are of today's sources; none that names lost classes."""
+    kept._source_stamp = stamp, source_digest(module, __name__)
     try:
-        return load()
+        return type(kept)._load_index(kept)
     except (AttributeError, ImportError):
         return {}

@@ -236,3 +236,26 @@ def test_an_index_of_kernels_that_names_a_class_of_another_version_is_made_anew(
 
 def _doubled(x):
     return 2.0 * x
+
+
+def test_a_kernel_is_compiled_again_where_one_that_it_calls_has_changed(tmp_path):
+    """Numba looks at the file of a kernel alone, and would run what it had made of both."""
+    package = tmp_path / "leaves"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    decorated = "from modalshell.kernels.compiler import njit\n{}@njit\ndef {}\n"
+    outer = decorated.format("from leaves import between\n", "outer(x):\n    return between.inner(x) + 1.0")
+    (package / "outer.py").write_text(outer)
+    (package / "between.py").write_text("from leaves.inner import (\n    inner,\n)\n")
+    command = [
+        sys.executable,
+        "-c",
+        ALONE + "from leaves.outer import outer\nprint(outer(3.0), len(outer.stats.cache_hits))",
+    ]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    printed = []
+    for factor in ("2.0", "2.0", "5.0"):
+        (package / "inner.py").write_text(decorated.format("", f"inner(x):\n    return {factor} * x"))
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
+        printed.append(done.stdout.strip())
+    assert printed == ["7.0 0", "7.0 1", "16.0 0"]
