@@ -152,7 +152,7 @@ def _read_as_stored(file: Path) -> Polygons:
     except ValueError as error:
         raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except FileNotFoundError as error:
-        raise MeshError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
+        raise _absent(file) from error
     except OSError as error:
         raise MeshError(f"{file}: cannot be read ({error.strerror}); give a readable file") from error
     data = data.removeprefix(codecs.BOM_UTF8)
@@ -232,11 +232,29 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
 def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
     suffix = file.suffix.lower()
     if suffix not in known:
+        if verb == "read":
+            _check_presence(file)
+        if suffix == ".toml":
+            raise MeshError(f"{file}: a scene, where a mesh is expected: `modalshell run` and `advise` take scenes")
         raise MeshError(
             f"{file}: cannot {verb} files with suffix {file.suffix!r}; expected one of {', '.join(known)}: convert the "
             "mesh or rename the file"
         )
     return suffix
+
+
+def _check_presence(file: Path) -> None:
+    """MeshError where no file has that name, whatever its suffix."""
+    try:
+        file.stat()
+    except FileNotFoundError as error:
+        raise _absent(file) from error
+    except (OSError, ValueError):  # what is wrong is said where it is read
+        return
+
+
+def _absent(file: Path) -> MeshError:
+    return MeshError(f"{file}: no such file; check the path (working folder: {Path.cwd()})")
 
 
 def _beside(file: Path) -> Any:

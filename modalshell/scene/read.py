@@ -16,6 +16,7 @@ import msgspec
 from modalshell.core.checks import shortened
 from modalshell.core.errors import ModalShellError, SceneError
 from modalshell.files.regular import read_text
+from modalshell.mesh.files import READABLE
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -46,15 +47,20 @@ def read_toml(file: Path) -> dict[str, Any]:
     except OSError as error:
         raise SceneError(f"{file}: cannot be read ({error.strerror}); give a readable scene file") from error
     except UnicodeDecodeError as error:
-        raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+        raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start}){_of_a_mesh(file)}") from error
     except SceneError:
         raise
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise SceneError(f"{file}: not TOML: {error}") from error
+        raise SceneError(f"{file}: not TOML: {error}{_of_a_mesh(file)}") from error
     for path, value in _numbers(file, document):
         if not (isinstance(value, int) or math.isfinite(value)) or abs(value) > 1e300:
             raise SceneError(f"{file}: {path}: must be a finite number below 1e300 (got {value!r:.40})")
     return document
+
+
+def _of_a_mesh(file: Path) -> str:
+    """What to do with a mesh file that was given for a scene."""
+    return "; a mesh is not a scene: `modalshell simulate` takes meshes" if file.suffix.lower() in READABLE else ""
 
 
 def _too_deep(file: Path, path: str) -> SceneError:

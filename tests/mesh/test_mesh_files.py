@@ -252,7 +252,10 @@ def test_every_cut_is_refused(tmp_path, suffix):
 
 
 def test_missing_file_folder_and_unwritable(tmp_path):
-    refuse(tmp_path / "nowhere.obj", "no such file")
+    for name in ("nowhere.obj", "nowhere", "nowhere.toml"):
+        refuse(tmp_path / name, "no such file")
+    refuse(_write(tmp_path / "a.toml", b"[mesh]"), "a scene, where a mesh is expected")
+    refuse(_write(tmp_path / "a.vtk", b""), r"cannot read files with suffix '\.vtk'")
     (tmp_path / "folder.obj").mkdir()
     refuse(tmp_path / "folder.obj", "cannot be read")
     mesh = v_beam(cells=(4, 2))

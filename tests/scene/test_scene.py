@@ -364,3 +364,10 @@ def test_deeply_nested_tables_are_refused(tmp_path, text):
         with pytest.raises(ms.SceneError, match="deep") as caught:
             load(path)
         assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.obj", b"v 0 0 0\n"), ("a.stl", b"\xff\xfe\x00solid")])
+def test_a_mesh_in_place_of_a_scene_is_told_where_it_belongs(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ms.SceneError, match="not a scene: `modalshell simulate` takes meshes"):
+        ms.load_scene(tmp_path / name)
