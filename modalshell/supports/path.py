@@ -189,10 +189,11 @@ class SupportPath:
         return path
 
     def at(self, time: float) -> Pose:
-        """Pose of the supports at ``time`` [s]."""
+        """Pose of the supports at ``time`` [s]; where accelerations jump from or to rest, the mean of both sides."""
         time = checked_number("time", time, unit="s")
         inside = float(np.clip(time, self.times[0], self.times[-1]))
-        moving = abs(time - inside) <= _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by rounding
+        rounding = _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by so much
+        moving = abs(time - inside) <= rounding
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
         if isinstance(self._rotation, RotationSpline):
@@ -205,6 +206,17 @@ class SupportPath:
             if moving:
                 rate, turning = turn_rates(vector, self._rotation(inside, 1), self._rotation(inside, 2))
         acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
+        if moving and self._jumps_at(inside, rounding):
+            acceleration, turning = 0.5 * acceleration, 0.5 * turning
         velocity = np.asarray(self._translation(inside, 1)) if moving else none
         place = np.asarray(self._translation(inside))
         return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity)
+
+    def _jumps_at(self, time: float, rounding: float) -> bool:
+        """Whether accelerations jump from or to rest at a time [s]: at the end, and at a beginning after the motion's.
+
+        There the mean of both sides is what steps on either side need: the frame's impulse is then right, and steps
+        stay of second order.
+        """
+        first, last = float(self.times[0]), float(self.times[-1])
+        return abs(time - last) <= rounding or (first > rounding and abs(time - first) <= rounding)
