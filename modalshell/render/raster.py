@@ -11,9 +11,9 @@ _kernel = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 
 @_kernel
 def unit_normals(vertices, faces, flat, smooth):  # type: ignore[no-untyped-def]
-    """Unit normals of ``faces`` (T, 3) into ``flat`` (T, 3), and at vertices, averaged by area, into ``smooth`` (n, 3), zeros before.
+    """Unit normals of ``faces`` (T, 3) into ``flat`` (T, 3), and averaged by area at vertices into ``smooth`` (n, 3).
 
-    Zero for a face without area.
+    Zero for a face without area. ``smooth`` is zero before.
     """
     for t in range(faces.shape[0]):
         i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
@@ -137,10 +137,10 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
 
 @njit(error_model="numpy", fastmath=False, **COUNTED)
 def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
-    """Lay layers over white from far to near and average blocks of pixels into a white ``out`` (h, w, 3); empty the layers.
+    """Lay layers over white from far to near and average blocks of pixels into ``out`` (h, w, 3), white before.
 
     ``near`` (L, h, w), ``color`` (L, h, w, 3) and ``alpha`` (L, h, w) as of :func:`draw_triangles`; outside ``box``
-    (4,) the picture is white.
+    (4,) the picture is white. The layers are empty afterwards.
     """
     layers = near.shape[0]
     order = np.empty(layers, np.int64)
@@ -171,7 +171,7 @@ def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-de
 
 @_kernel
 def flatten_one(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
-    """:func:`flatten` of one layer, ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w), as of opaque surfaces."""
+    """:func:`flatten` of one layer: ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w) of opaque surfaces."""
     one, full, white = np.float32(1.0), np.float32(255.0), 255 * factor * factor + factor * factor // 2
     for row in range(box[0] // factor, box[1] // factor + 1):
         for column in range(box[2] // factor, box[3] // factor + 1):

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.shell.kernels.patterns import free_values
 
-
 _SMALL = 200_000
 """Entries of a whole Hessian up to which NumPy takes those of the free unknowns: a kernel takes a second to compile."""
 
