@@ -35,9 +35,9 @@ render.raster.unit_normals d2 l2 d2 d2
 render.raster.seen_faces d2 l2 d2 d1 l1
 render.raster.shade l2 d2 b l1 d2 d2 d d3
 render.raster.outline l1 l1 b1 d2 l1 b1
-render.raster.flatten d3 f4 f3 l1 l B3
+render.raster.flatten_one d2 f3 f2 l1 l B3
 render.raster.draw_triangles d3 d2 d3 f d2 f3 f2 l1
-shell.kernels.split_folds.match_triangles l1 l1 rl2 l1
+shell.kernels.split_folds.match_triangles l1 l1 rl2 l1 l1
 shell.kernels.split_folds.colour_triangles l2 l1
 shell.kernels.split_folds.quadratic_forms d4 d4 d3
 shell.kernels.split_folds.fold_angles d2 l2 d1 d1 d2
@@ -48,7 +48,6 @@ shell.kernels.split_folds.add_fold_forces l2 d2 d1 d2
 shell.kernels.split_folds.add_edge_forces d2 rl2 d1 d2
 shell.kernels.split_folds.add_bending d2 l2 l2 l3 d2 d3 i3 i3 l1 d1
 shell.kernels.split_folds.add_membrane d2 l2 d3 i3 l1 d1
-shell.kernels.patterns.free_values d1 b1 i1 i1 i1 i1 i1 i1 i1 d1
 shell.kernels.split_folds.fold_rates d2 l2 d2 d1
 shell.kernels.split_folds.half_square_rates d2 d2 rl2 d1
 linalg.profile.factorise d1 l1 l1 d2 d1

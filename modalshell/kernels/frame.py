@@ -18,7 +18,7 @@ import numpy as np
 from numba import prange, types
 from numba.extending import overload
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.rotations import coefficients
 
 TILE = 128
@@ -57,7 +57,7 @@ THIRD_SINGLE = tuple(np.float32(c) for c in (
 
 # Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
-_kernel = njit(error_model="numpy", fastmath=FASTMATH)
+_kernel = njit(error_model="numpy", fastmath=FASTMATH, **UNCOUNTED)
 
 
 def polynomials(squared: Any) -> Any:

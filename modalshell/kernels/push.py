@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import HALF_DOUBLE, LIMIT, MIDDLE, THIRD_DOUBLE, TILE
 from modalshell.kernels.packed import LANES, any_above, larger, load, spread, spread_from, store, total
 from modalshell.kernels.rotations import coefficients, warped_work
@@ -23,6 +23,7 @@ ALIKE = 0.4
 """Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
 
 _kernel = njit(error_model="numpy", fastmath={"contract", "nsz"})
+_plain = njit(error_model="numpy", fastmath={"contract", "nsz"}, **UNCOUNTED)
 
 
 def load_rows(load: Array) -> Array:
@@ -33,7 +34,7 @@ def load_rows(load: Array) -> Array:
     return padded.reshape(tiles, TILE, 3).transpose(0, 2, 1).ravel()
 
 
-@_kernel
+@_plain
 def push_frame(modal, rows, powers, q, work, force):  # type: ignore[no-untyped-def]
     """Write the modal force ``Phi^T R(Psi q)^T f`` of a load in ``rows`` into ``force`` (m,).
 
@@ -82,7 +83,7 @@ def push_frame(modal, rows, powers, q, work, force):  # type: ignore[no-untyped-
             force[mode] += total((a + b) + (c + d))
 
 
-@_kernel
+@_plain
 def _turn_back_wound_up(modal, at, rows, first, q, work):  # type: ignore[no-untyped-def]
     """Turn the load of a tile back by rotations of any angle; its rotation vectors' rows begin ``at`` in ``modal``."""
     for vertex in range(TILE):

@@ -18,12 +18,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, load, load_first, spread, store, total
 from modalshell.linalg.cholesky import symmetric_block_graph
 from modalshell.linalg.known_analyses import known_analysis
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}} | UNCOUNTED
 # Rows start, and are padded with zeros, at multiples of LANES. Sums stand in packed registers, as in `packed.dot`, and
 # not in loops that LLVM packs by "reassoc": kernels that others call would round by what was loaded first.
 

@@ -4,18 +4,17 @@ import math
 
 import numpy as np
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
 
-_kernel = njit(error_model="numpy", fastmath=False)
+_kernel = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 
 
 @_kernel
 def unit_normals(vertices, faces, flat, smooth):  # type: ignore[no-untyped-def]
-    """Unit normals of ``faces`` (T, 3) into ``flat`` (T, 3), and at vertices, averaged by area, into ``smooth`` (n, 3).
+    """Unit normals of ``faces`` (T, 3) into ``flat`` (T, 3), and averaged by area at vertices into ``smooth`` (n, 3).
 
-    Zero for a face without area.
+    Zero for a face without area. ``smooth`` is zero before.
     """
-    smooth[:] = 0.0
     for t in range(faces.shape[0]):
         i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
         ax, ay, az = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
@@ -84,7 +83,6 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
     column drawn to, grows.
     """
     rows, columns = near.shape
-    slopes = np.empty((4, 2))
     for t in range(corners.shape[0]):
         x0, y0, x1, y1 = corners[t, 0, 0], corners[t, 0, 1], corners[t, 1, 0], corners[t, 1, 1]
         x2, y2 = corners[t, 2, 0], corners[t, 2, 1]
@@ -95,13 +93,15 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
         ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
         area = ax * by - ay * bx
         inverse = 1.0 / area if abs(area) > 1e-12 else 0.0
-        for value in range(4):
-            if value == 0:
-                rise, climb = heights[t, 1] - heights[t, 0], heights[t, 2] - heights[t, 0]
-            else:
-                rise = shades[t, 1, value - 1] - shades[t, 0, value - 1]
-                climb = shades[t, 2, value - 1] - shades[t, 0, value - 1]
-            slopes[value, 0], slopes[value, 1] = (rise * by - climb * ay) * inverse, (climb * ax - rise * bx) * inverse
+        ax, ay, bx, by = ax * inverse, ay * inverse, bx * inverse, by * inverse
+        rise, climb = heights[t, 1] - heights[t, 0], heights[t, 2] - heights[t, 0]
+        nearer, nearer_down = rise * by - climb * ay, climb * ax - rise * bx
+        rise, climb = shades[t, 1, 0] - shades[t, 0, 0], shades[t, 2, 0] - shades[t, 0, 0]
+        redder, redder_down = rise * by - climb * ay, climb * ax - rise * bx
+        rise, climb = shades[t, 1, 1] - shades[t, 0, 1], shades[t, 2, 1] - shades[t, 0, 1]
+        greener, greener_down = rise * by - climb * ay, climb * ax - rise * bx
+        rise, climb = shades[t, 1, 2] - shades[t, 0, 2], shades[t, 2, 2] - shades[t, 0, 2]
+        bluer, bluer_down = rise * by - climb * ay, climb * ax - rise * bx
         for row in range(top, foot):
             middle = row + 0.5
             left, right = np.inf, -np.inf
@@ -123,27 +123,28 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
             box[0], box[1] = min(box[0], row), max(box[1], row)
             box[2], box[3] = min(box[2], begin), max(box[3], end - 1)
             down = row + 0.5 - y0
+            first, red = heights[t, 0] + down * nearer_down, shades[t, 0, 0] + down * redder_down
+            green, blue = shades[t, 0, 1] + down * greener_down, shades[t, 0, 2] + down * bluer_down
             for column in range(begin, end):
                 across = column + 0.5 - x0
-                height = heights[t, 0] + across * slopes[0, 0] + down * slopes[0, 1]
+                height = first + across * nearer
                 if height >= near[row, column]:
                     near[row, column], alpha[row, column] = height, opacity
-                    for c in range(3):
-                        tone = shades[t, 0, c] + across * slopes[1 + c, 0] + down * slopes[1 + c, 1]
-                        color[row, column, c] = min(max(tone, 0.0), 1.0)
+                    color[row, column, 0] = min(max(red + across * redder, 0.0), 1.0)
+                    color[row, column, 1] = min(max(green + across * greener, 0.0), 1.0)
+                    color[row, column, 2] = min(max(blue + across * bluer, 0.0), 1.0)
 
 
-@_kernel
+@njit(error_model="numpy", fastmath=False, **COUNTED)
 def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
-    """Lay layers over white from far to near and average blocks of pixels into ``out`` (h, w, 3); empty the layers.
+    """Lay layers over white from far to near and average blocks of pixels into ``out`` (h, w, 3), white before.
 
     ``near`` (L, h, w), ``color`` (L, h, w, 3) and ``alpha`` (L, h, w) as of :func:`draw_triangles`; outside ``box``
-    (4,) the picture is white.
+    (4,) the picture is white. The layers are empty afterwards.
     """
     layers = near.shape[0]
     order = np.empty(layers, np.int64)
     total, page, one = np.empty(3, np.int64), np.empty(3, np.float32), np.float32(1.0)
-    out[:] = 255
     for row in range(box[0] // factor, box[1] // factor + 1):
         for column in range(box[2] // factor, box[3] // factor + 1):
             total[:] = 0
@@ -166,6 +167,27 @@ def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-de
                         total[c] += int(np.rint(np.float32(255.0) * page[c]))
             for c in range(3):
                 out[row, column, c] = (total[c] + factor * factor // 2) // (factor * factor)
+
+
+@_kernel
+def flatten_one(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
+    """:func:`flatten` of one layer: ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w) of opaque surfaces."""
+    one, full, white = np.float32(1.0), np.float32(255.0), 255 * factor * factor + factor * factor // 2
+    for row in range(box[0] // factor, box[1] // factor + 1):
+        for column in range(box[2] // factor, box[3] // factor + 1):
+            red = green = blue = white
+            for i in range(row * factor, (row + 1) * factor):
+                for j in range(column * factor, (column + 1) * factor):
+                    if near[i, j] > -np.inf:
+                        near[i, j] = -np.inf
+                        opacity = alpha[i, j]
+                        rest = one - opacity
+                        red += int(np.rint(full * (rest + opacity * color[i, j, 0]))) - 255
+                        green += int(np.rint(full * (rest + opacity * color[i, j, 1]))) - 255
+                        blue += int(np.rint(full * (rest + opacity * color[i, j, 2]))) - 255
+            out[row, column, 0] = red // (factor * factor)
+            out[row, column, 1] = green // (factor * factor)
+            out[row, column, 2] = blue // (factor * factor)
 
 
 @_kernel

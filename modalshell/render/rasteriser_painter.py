@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import LIGHTS, LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, reflectance
-from modalshell.render.raster import draw_triangles, flatten, shade
+from modalshell.render.raster import draw_triangles, flatten, flatten_one, shade
 from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_color, vertex_colors
 
 _LIGHTS = np.array([[*np.array(direction) / np.linalg.norm(direction), power] for direction, power in LIGHTS])
@@ -67,8 +67,11 @@ class Canvas:
 
     def take_image(self) -> NDArray[np.uint8]:
         """The layers over white, from far to near, pixel by pixel (height, width, 3); they are empty afterwards."""
-        image = np.empty((self._size[1], self._size[0], 3), np.uint8)
-        flatten(self._near, self._color, self._alpha, self._box, self._factor, image)
+        image = np.full((self._size[1], self._size[0], 3), 255, np.uint8)
+        if len(self._near) == 1:
+            flatten_one(self._near[0], self._color[0], self._alpha[0], self._box, self._factor, image)
+        else:
+            flatten(self._near, self._color, self._alpha, self._box, self._factor, image)
         self._begin()
         return image
 

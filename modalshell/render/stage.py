@@ -48,9 +48,9 @@ class Stage:
     Attributes
     ----------
     surfaces : list of ShadedSurface
-        The ground, then the shadows.
+        The shadows, the highest first, then the ground: what is hidden is not drawn to a pixel.
     motions : list
-        For each None (the ground) or an array (F, n, 3) (a shadow).
+        For each an array (F, n, 3) (a shadow) or None (the ground).
     """
 
     def __init__(self, positions: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
@@ -66,14 +66,16 @@ class Stage:
         fan = np.column_stack([np.zeros(_SIDES, int), 1 + around, 1 + (around + 1) % _SIDES])
         # Of a small thing that falls far, shadows of one lamp would lie apart.
         breadth = float(np.linalg.norm(np.ptp(x[0], axis=0))) / extent
-        self.surfaces = [ShadedSurface(disc, fan, color=_GROUND, lined=False)]
-        self.motions: list[Array | None] = [None]
-        for number, (slope, tone) in enumerate(_RAYS.items(), start=1):
+        self.surfaces: list[ShadedSurface] = []
+        self.motions: list[Array | None] = []
+        for number, (slope, tone) in reversed(list(enumerate(_RAYS.items(), start=1))):
             shadow = x.copy()
             shadow[..., :2] -= (x[..., 2:] - level) * breadth * np.array(slope)
             shadow[..., 2] = level + number * _LIFT * extent
             self.surfaces.append(ShadedSurface(shadow[0], faces, color=tone, lined=False))
             self.motions.append(shadow)
+        self.surfaces.append(ShadedSurface(disc, fan, color=_GROUND, lined=False))
+        self.motions.append(None)
 
 
 @lru_cache(maxsize=8)

@@ -125,7 +125,7 @@ class Sides:
 
 def normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Unit normals of the faces (T, 3), zero without area, and at the vertices (n, 3), averaged by area."""
-    flat, smooth = np.empty((len(faces), 3)), np.empty((len(vertices), 3))
+    flat, smooth = np.empty((len(faces), 3)), np.zeros((len(vertices), 3))
     # A read-only array would compile the kernel once more.
     kernel.unit_normals(np.require(vertices, np.float64, ("C", "W")), faces, flat, smooth)
     return flat, smooth

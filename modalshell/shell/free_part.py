@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.shell.kernels.patterns import free_values
 
+_SMALL = 200_000
+"""Entries of a whole Hessian up to which NumPy takes those of the free unknowns: a kernel takes a second to compile."""
+
 
 class FreePart(Protocol):
     """The part of a sparsity pattern that belongs to the free unknowns."""
@@ -54,9 +57,35 @@ class VertexPart:
         whole = sps.vstack([above, sps.hstack([wide, own], format="csr")], format="csr")
         return whole.indices, whole.indptr
 
+    @functools.cached_property
+    def _places(self) -> NDArray[np.int64]:
+        """Where the values of the free unknowns' matrix stand among those of the whole, row by row."""
+        chosen, blocks, coupling = np.flatnonzero(self._free), self._blocks, self._coupling
+        ends = 9 * blocks.nnz, 9 * blocks.nnz + 3 * coupling.nnz
+        lengths = np.diff(blocks.indptr).astype(np.int64)
+        begins = np.repeat(6 * blocks.indptr[:-1].astype(np.int64), lengths) + 3 * np.arange(blocks.nnz)
+        of_rows = np.repeat(3 * lengths, lengths)[:, None, None] * np.arange(3)[:, None] + np.arange(3)
+        of_rows += begins[:, None, None]
+        # Counted from 1, as zeros might be taken for entries that are not stored.
+        square = sps.bsr_array((1 + of_rows, blocks.indices, blocks.indptr), shape=(3 * blocks.shape[0],) * 2)
+        wide = np.arange(ends[0], ends[1]).reshape(-1, 1, 3)
+        shape = coupling.shape[0], 3 * coupling.shape[1]
+        coupled = sps.bsr_array((1 + wide, coupling.indices, coupling.indptr), shape=shape)
+        unknowns = (3 * chosen[:, None] + np.arange(3)).ravel()
+        numbers = 1 + ends[1] + np.arange(self._own.nnz)
+        own = sps.csr_array((numbers, self._own.indices, self._own.indptr), self._own.shape)
+        kept = coupled.tocsr()[:, unknowns]
+        above = sps.hstack([square.tocsr()[unknowns][:, unknowns], kept.T.tocsr()], format="csr")
+        whole = sps.vstack([above, sps.hstack([kept, own], format="csr")], format="csr")
+        places = np.asarray(whole.data, dtype=np.int64) - 1
+        places.flags.writeable = False
+        return places
+
     def matrix(self, data: Array) -> sps.csc_array:
         """See :class:`FreePart`."""
         indices, indptr = self._structure
+        if data.size <= _SMALL:
+            return sps.csc_array((data[self._places], indices, indptr), shape=(indptr.size - 1,) * 2)
         values = np.empty(indices.size)
         blocks, coupling = self._blocks, self._coupling
         structure = blocks.indptr, blocks.indices, coupling.indptr, coupling.indices, *self._meeting, self._own.indptr

@@ -80,7 +80,8 @@ def paired_triangles(
         rank = np.column_stack([-np.floor(100.0 * share + 0.3), np.floor(1000.0 * away + 0.3)])
         order = np.lexsort((rank[:, 1], rank[:, 0]))
         begins = np.flatnonzero(np.append(True, (np.diff(rank[order], axis=0) != 0.0).any(axis=1)))
-        match_triangles(candidates[order], np.append(begins, order.size), mesh.edge_faces, over)
+        wanted = np.zeros(over.size, np.int64)
+        match_triangles(candidates[order], np.append(begins, order.size), mesh.edge_faces, wanted, over)
 
     joined = np.unique(over[over >= 0])
     alone = np.flatnonzero(bends & (over < 0))

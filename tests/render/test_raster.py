@@ -63,6 +63,18 @@ def test_layers_mix_from_far_to_near():
     assert (canvas.take_image() == 255).all()
 
 
+def test_one_layer_is_averaged_as_the_nearest_of_two():
+    random, images = np.random.default_rng(3), []
+    corners, shades = random.uniform(0.0, 40.0, (30, 3, 2)), random.uniform(0.0, 1.0, (30, 3, 3))
+    triangles = Triangles(corners, random.uniform(0.0, 1.0, (30, 3)), shades, 0.7)
+    for layers in (1, 2):
+        canvas = Canvas((20, 16), layers, 2)
+        canvas.draw(layers - 1, triangles)
+        images.append(canvas.take_image())
+    np.testing.assert_array_equal(*images)
+    assert (images[0] < 255).any()
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e14])
 def test_corners_that_are_nowhere_draw_nothing_outside_the_picture(value):
     canvas = Canvas((6, 5), 1, 2)

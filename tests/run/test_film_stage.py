@@ -28,12 +28,12 @@ def test_a_stage_lies_below_the_motion_and_its_shadows_fall_on_it():
     vertices, faces = flat()
     frames = np.stack([vertices, vertices + np.array([0.0, 0.0, 0.3])])
     stage = Stage(frames, faces)
-    ground, *shadows = stage.surfaces
+    *shadows, ground = stage.surfaces
     level = np.asarray(ground.vertices)[:, 2]
     assert np.ptp(level) == 0.0
     assert level[0] < frames[..., 2].min()
-    assert stage.motions[0] is None
-    for surface, shadow in zip(shadows, stage.motions[1:], strict=True):
+    assert stage.motions[-1] is None
+    for surface, shadow in zip(shadows, stage.motions[:-1], strict=True):
         assert surface.opacity == 1.0  # a transparent one would take a layer of its own
         assert np.ptp(shadow[..., 2]) == 0.0
         assert 0.0 < shadow[0, 0, 2] - level[0] < 0.01
@@ -135,8 +135,8 @@ def test_the_ground_moves_away_below_a_following_camera(tmp_path, monkeypatch):
         write_result(run, tmp_path / "f.mp4", Look(follow=follow))
     still, moved = seen
     np.testing.assert_allclose(moved[0][1], moved[0][0], atol=1e-12)
-    assert still[1] is None
-    np.testing.assert_allclose((moved[1][1] - moved[1][0])[:, 2], 2.0)
+    assert still[-1] is None
+    np.testing.assert_allclose((moved[-1][1] - moved[-1][0])[:, 2], 2.0)
     assert "follow" not in Look().plain()
     assert Look(follow=True).plain()["follow"]
 

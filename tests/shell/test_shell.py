@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import Made
 
-from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
+from modalshell import Isotropic, Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
 from modalshell.core.errors import LoadError, MaterialError, ModalShellError, SupportError
 from modalshell.shell import EXACT
 
@@ -144,6 +144,21 @@ def test_free_part_is_the_submatrix_of_the_free_unknowns(name):
     whole = shell.pattern.matrix(data).toarray()
     np.testing.assert_allclose(shell.pattern.free_matrix(data).toarray(), whole[np.ix_(free, free)], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(data[shell.pattern.diagonal], np.diag(whole))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_free_part_of_a_large_shell_is_taken_alike(name, monkeypatch):
+    mesh = MESHES[name]
+    for material in (PLAIN, Isotropic(young=1e6, poisson=0.3, thickness=1e-2, density=100.0)):
+        shell = Shell(mesh, material, mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0]))
+        data = shell.energy_gradient_hessian(deformed(mesh), EXACT)[2]
+        found = []
+        for small in (data.size, 0):
+            monkeypatch.setattr("modalshell.shell.free_part._SMALL", small)
+            found.append(shell.pattern.free_matrix(data))
+        assert found[0].nnz > 0
+        np.testing.assert_array_equal(found[0].toarray(), found[1].toarray())
+        np.testing.assert_array_equal(found[0].data, found[1].data)
 
 
 @given(seed=st.integers(0, 2**16), data=st.data())

@@ -1,9 +1,9 @@
 """Compiled arithmetic of a step of the exponential rule: some twenty operations on vectors of a few modes."""
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 
 
-@njit(error_model="numpy", fastmath=False)
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
     """Flow of coordinates and rates under the ``kept`` force, into the first two rows of ``out``.
 
@@ -14,7 +14,7 @@ def predict(c, q, v, kept, out):  # type: ignore[no-untyped-def]
         out[1, k] = c[2, k] * q[k] + c[3, k] * v[k] + c[6, k] * kept[k]
 
 
-@njit(error_model="numpy", fastmath=False)
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-untyped-def]
     """Correct a prediction in ``out`` for the force ``pushed`` (m,) there.
 
@@ -45,7 +45,7 @@ def correct(c, ratio, q, v, kept, pushed, last, out, cost):  # type: ignore[no-u
     return missed, whole
 
 
-@njit(error_model="numpy", fastmath=False)
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 def stand_in(h, before, after, pushed, kept, out, cost):  # type: ignore[no-untyped-def]
     """Gain and curvature of the force, rows of ``out`` (2, m), and ``cost`` (3,) of a step of implicit Euler.
 

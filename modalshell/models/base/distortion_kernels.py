@@ -2,11 +2,11 @@
 
 import math
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import FASTMATH
 
 
-@njit(error_model="numpy", fastmath=FASTMATH)
+@njit(error_model="numpy", fastmath=FASTMATH, **UNCOUNTED)
 def surface_changes(x, faces, areas, pairs, factor, cosine, ignored, normals):  # type: ignore[no-untyped-def]
     """Area at ``x`` (n, 3), rest area of the ``faces`` (T, 3) that changed by ``factor``, and folded ``pairs`` (P, 2).
 

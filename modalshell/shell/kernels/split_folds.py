@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.shell.kernels.elements import (
     OPTIONS,
     add_block,
@@ -35,9 +35,11 @@ _EDGES, _WIDTH = len(EDGES), 12
 _COLUMNS = 24
 """Unknowns of the eight vertices about a pair of triangles."""
 _FIRST, _SECOND = tuple(zip(*EDGES, strict=True))
+_PLAIN = OPTIONS | UNCOUNTED
+"""Options of kernels that make no array."""
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def colour_triangles(neighbours: Any, colours: Any) -> None:
     """Colour cells 0 and 1 so that few neighbours (T, k; -1 for none) share theirs; colours start at -1.
 
@@ -60,13 +62,13 @@ def colour_triangles(neighbours: Any, colours: Any) -> None:
             break
 
 
-@njit(**OPTIONS)
-def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None:
+@njit(**_PLAIN)
+def match_triangles(edges: Any, begins: Any, edge_faces: Any, wanted: Any, over: Any) -> None:
     """Pair triangles over the ``edges`` in their order: ``over`` (T,) of -1 takes the common edge of each pair.
 
     Of the edges from one of ``begins`` to the next none comes before another: two that want one triangle both lose it.
+    ``wanted`` (T,) are zeros.
     """
-    wanted = np.zeros(over.size, np.int64)
     for group in range(begins.size - 1):
         for turn in range(3):
             for place in range(begins[group], begins[group + 1]):
@@ -95,21 +97,21 @@ def quadratic_forms(maps: Any, forms: Any, out: Any) -> None:
                             out[element, p, q] += left * maps[side, element, j, q]
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
     """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
     for hinge in range(hinges.shape[0]):
         change[hinge] = principal(first_derivatives(*relative(x, hinges, hinge), slopes[hinge]) - rest[hinge])
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def add_fold_forces(hinges: Any, slopes: Any, couples: Any, gradient: Any) -> None:
     """Add ``sum couple grad theta`` to ``gradient``."""
     for hinge in range(hinges.shape[0]):
         add_forces(hinges, hinge, VERTICES, couples[hinge], slopes[hinge], gradient)
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
     """Write ``grad theta . step`` into ``rates`` (H,)."""
     for hinge in range(hinges.shape[0]):
@@ -229,7 +231,7 @@ def add_bending(
                         data[slot + axis] += share * stressed[k, 3 * vertex + axis]
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
     """Write ``l^2 / 2 - rest`` of every edge into ``out`` (E,)."""
     for edge in range(edges.shape[0]):
@@ -240,7 +242,7 @@ def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
         out[edge] = 0.5 * total - rest[edge]
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
     """Write the derivative of ``l^2 / 2`` along ``step`` into ``rates`` (E,)."""
     for edge in range(edges.shape[0]):
@@ -251,7 +253,7 @@ def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
         rates[edge] = total
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
     """Add ``sum tension grad (l^2 / 2)`` to ``gradient``."""
     for edge in range(edges.shape[0]):
@@ -262,7 +264,7 @@ def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
             gradient[b, axis] += force
 
 
-@njit(**OPTIONS)
+@njit(**_PLAIN)
 def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, strides: Any, data: Any) -> None:
     """Add ``sum tension Hess (l^2 / 2)`` to ``data``; of edges in tension alone if ``positive``."""
     for edge in range(edges.shape[0]):
