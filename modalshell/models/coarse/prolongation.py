@@ -93,9 +93,8 @@ class Prolongation(ReadOnlyArrays):
             read_only(np.array(part))
             for part in (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data)
         )
-        self._under, self._faces, self._heights = (
-            read_only(np.array(part)) for part in (under, np.array(coarse.faces, dtype=np.int64), self._heights)
-        )
+        self._under, self._faces = read_only(np.array(under)), read_only(np.array(coarse.faces, dtype=np.int64))
+        self._heights.flags.writeable = False
         self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
 
     @property

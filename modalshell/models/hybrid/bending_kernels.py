@@ -98,7 +98,7 @@ def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-u
 
 
 _X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
-"""Components. Of a number that is written out where a kernel is called numba compiles this anew for every number."""
+"""Components. Of a number that is written out where a kernel is called numba compiles this once for each."""
 FIRST = _X
 """The first of some rows, alike."""
 
