@@ -55,7 +55,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve both maps; ``quick`` takes fewer cases on a coarser mesh."""
     cells = (16, 4) if quick else (30, 6)
     folds, membranes = (FOLDS[::4], MEMBRANES[1::4]) if quick else (FOLDS, MEMBRANES)
-    gammas = np.array(GAMMAS[::3] if quick else GAMMAS)
+    gammas = np.array(GAMMAS[3::3] if quick else GAMMAS)
     cases = [("fold", fold, fold, FIXED["membrane"]) for fold in folds]
     cases += [("membrane", membrane, FIXED["fold"], membrane) for membrane in membranes]
     found: dict[str, Any] = {name: {"values": [], "rows": []} for name in ("fold", "membrane")}

@@ -9,6 +9,9 @@ from modalshell.kernels.compiler import njit
 
 _kernel = njit(error_model="numpy", fastmath=False)
 _inline = njit(error_model="numpy", fastmath=False, forceinline=True)
+_FACED, _CROSSED = np.bool_(True), np.bool_(False)
+"""Whether a pair is of a vertex and a triangle, or of two edges: of True and False that are written out where a kernel
+is called numba compiles this once for each."""
 
 
 @_kernel
@@ -96,7 +99,7 @@ def _pair_vertices(f, g, faces, owner, boxes, ways, room, found, count):  # type
         if shared or owner[v] != f or _apart(boxes[0], v, boxes[2], g):
             continue
         pair[0], pair[1], pair[2], pair[3] = v, faces[g, 0], faces[g, 1], faces[g, 2]
-        if _near(x, moved, gap, pair, True, room[:4]):
+        if _near(x, moved, gap, pair, _FACED, room[:4]):
             if count < len(found):
                 found[count] = pair
             count += 1
@@ -120,7 +123,7 @@ def _pair_edges(f, g, sides, edges, owner, boxes, ways, room, found, count):  # 
             pair[2], pair[3] = edges[second, 0], edges[second, 1]
             if pair[0] == pair[2] or pair[0] == pair[3] or pair[1] == pair[2] or pair[1] == pair[3]:
                 continue
-            if _near(x, moved, gap, pair, False, room[:4]):
+            if _near(x, moved, gap, pair, _CROSSED, room[:4]):
                 if count < len(found):
                     found[count, 0], found[count, 1] = first, second
                 count += 1

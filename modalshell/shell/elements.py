@@ -154,8 +154,8 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
 
 
 def _view(array: Array) -> Array:
-    """A read-only view: kernels are compiled for one kind of argument alone, whoever owns it."""
-    view = array.view()
+    """A contiguous, read-only view: kernels are compiled for one kind of argument alone, whoever owns it."""
+    view = np.ascontiguousarray(array).view()
     view.flags.writeable = False
     return view
 

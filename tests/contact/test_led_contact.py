@@ -120,6 +120,7 @@ def test_a_rough_table_drags_by_coulombs_law(move):
         np.testing.assert_allclose(found.constraint_reactions[0, 0], 0.4 * borne, rtol=1e-6)
 
 
+@pytest.mark.slow  # pulled by a load, half of a strip stays in test_static_friction, too
 def test_of_a_short_pull_a_part_slips_as_in_a_bar_with_friction():
     """A bar of stiffness EA under friction q a length, pulled by d, slips as far as ``sqrt(2 EA d / q)``."""
     shell, end = sheet()

@@ -257,6 +257,7 @@ def test_a_basis_is_made_larger_where_that_serves(errors, size, monkeypatch):
     assert motions[-1] == (14, 14)
 
 
+@pytest.mark.by_default("0.5")
 @pytest.mark.parametrize("dt", [1 / 30, 0.5, 5.0])
 def test_steps_longer_than_a_shells_period_come_to_rest_where_its_statics_are(dt):
     """A stiff plate of 23 Hz that a heavy load bends far."""

@@ -124,6 +124,7 @@ def test_a_turned_scene_is_the_same(surface, energy, rung):
     np.testing.assert_allclose(*answers, rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("integrator", ["sdirk2", "bdf2"])
 def test_a_turned_fold_under_great_stress_moves_alike(integrator):
     """Its first step has many ends: the way downhill is measured by a length that turns with the shell."""

@@ -9,9 +9,9 @@ from modalshell.kernels import rotations
 from studies import integrator_drift as study
 
 
-@pytest.fixture(scope="module")
-def result(quick_study):
-    return StudyResult.load(quick_study("integrator_drift"), "integrator_drift")
+@pytest.fixture(scope="module", params=[pytest.param("integrator_drift", marks=pytest.mark.slow)])
+def result(quick_study, request):
+    return StudyResult.load(quick_study(request.param), request.param)
 
 
 @pytest.fixture(scope="module")

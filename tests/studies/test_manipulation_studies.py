@@ -16,9 +16,9 @@ CORNERS = np.array([[0.0, -0.1, 0.0], [1.0, -0.1, 0.0], [1.0, 0.1, 0.0], [0.0, 0
 STRIP = (CORNERS, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-@pytest.fixture(scope="module")
-def beam(quick_study):
-    return StudyResult.load(quick_study("manipulation"), "manipulation")
+@pytest.fixture(scope="module", params=[pytest.param("manipulation", marks=pytest.mark.slow)])
+def beam(quick_study, request):
+    return StudyResult.load(quick_study(request.param), request.param)
 
 
 @pytest.fixture(scope="module")

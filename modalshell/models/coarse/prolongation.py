@@ -93,7 +93,8 @@ class Prolongation(ReadOnlyArrays):
             read_only(np.array(part))
             for part in (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data)
         )
-        self._under, self._faces = under, np.array(coarse.faces, dtype=np.int64)
+        self._under, self._faces = read_only(np.array(under)), read_only(np.array(coarse.faces, dtype=np.int64))
+        self._heights.flags.writeable = False
         self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
 
     @property
@@ -105,6 +106,8 @@ class Prolongation(ReadOnlyArrays):
         """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]."""
         fine = np.empty((self._shape[0], 3))
         count_read(self._bytes)
+        positions = np.ascontiguousarray(positions).view()
+        positions.flags.writeable = False  # as other arguments are, or a kernel of its own would be compiled
         _prolong(positions, self._starts, self._columns, self._weights, self._faces, self._under, self._heights, fine)
         return fine
 

@@ -13,7 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, spread, store, total
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import Room, add_products, add_rows, make_room
+from modalshell.models.hybrid.bending_kernels import FIRST, Room, add_products, add_rows, make_room
 from modalshell.models.hybrid.energy_kernels import (
     add_membrane,
     energy_terms,
@@ -263,7 +263,7 @@ def _damp(p, at, factor):  # type: ignore[no-untyped-def]
     quadratic(viscous, p.at, strains, slopes, p.room)
     for i in range(p.outer.size):
         p.outer[i] = p.bending[i]
-    add_products(slopes, 0, slopes, 0, viscous.modes, width, p.outer)
+    add_products(slopes, FIRST, slopes, FIRST, viscous.modes, width, p.outer)
     for i in range(width):
         for j in range(i + 1):
             p.outer[i * width + j] *= factor

@@ -97,6 +97,12 @@ def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-u
             store(slopes, row + i, (to_b + to_c) + (to_d - to_a))
 
 
+_X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
+"""Components. Of a number that is written out where a kernel is called numba compiles this once for each."""
+FIRST = _X
+"""The first of some rows, alike."""
+
+
 @njit(**_options)
 def _corners(bending, h):  # type: ignore[no-untyped-def]
     """Where the positions of a hinge's vertices begin."""
@@ -125,9 +131,9 @@ def _pull(bending, x, pulls, bent, h, forces):  # type: ignore[no-untyped-def]
     work = px * nx + py * ny + pz * nz
     scale = bent * over
     px, py, pz = scale * (px - work * nx), scale * (py - work * ny), scale * (pz - work * nz)
-    _push(forces, a, b, c, d, 0, wy * pz - wz * py, py * ez - pz * ey, foot, height, other_foot, other_height)
-    _push(forces, a, b, c, d, 1, wz * px - wx * pz, pz * ex - px * ez, foot, height, other_foot, other_height)
-    _push(forces, a, b, c, d, 2, wx * py - wy * px, px * ey - py * ex, foot, height, other_foot, other_height)
+    _push(forces, a, b, c, d, _X, wy * pz - wz * py, py * ez - pz * ey, foot, height, other_foot, other_height)
+    _push(forces, a, b, c, d, _Y, wz * px - wx * pz, pz * ex - px * ez, foot, height, other_foot, other_height)
+    _push(forces, a, b, c, d, _Z, wx * py - wy * px, px * ey - py * ex, foot, height, other_foot, other_height)
     return nx, ny, nz, work
 
 

@@ -11,7 +11,15 @@ import numpy as np
 
 from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
-from modalshell.models.hybrid.bending_kernels import add_products, add_rows, couple, hinge_angles, make_room, multiply
+from modalshell.models.hybrid.bending_kernels import (
+    FIRST,
+    add_products,
+    add_rows,
+    couple,
+    hinge_angles,
+    make_room,
+    multiply,
+)
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
 
@@ -142,14 +150,14 @@ def write_bending(bending, slopes, first, others, width, matrix):  # type: ignor
     for i in range(flat.size, matrix.size):
         matrix[i] = 0.0
     add_products(slopes, first, slopes, first, bending.angles.size, width, matrix)
-    add_products(slopes, first, others, 0, coupled, width, matrix)
-    add_products(others, 0, slopes, first, coupled, width, matrix)
+    add_products(slopes, first, others, FIRST, coupled, width, matrix)
+    add_products(others, FIRST, slopes, first, coupled, width, matrix)
 
 
 @njit(**_options)
 def add_membrane(membrane, stresses, slopes, width, hessian, room):  # type: ignore[no-untyped-def]
     """Add the Hessian of the membrane, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given, to the lower triangle."""
-    add_products(slopes, 0, slopes, 0, membrane.modes, width, hessian)
+    add_products(slopes, FIRST, slopes, FIRST, membrane.modes, width, hessian)
     _add_stressed(membrane, stresses, width, hessian, room)
 
 

@@ -31,14 +31,21 @@ class VertexTurns:
         ends = mesh.edges
         self._neighbour[ends[:, 0]], self._neighbour[ends[:, 1]] = ends[:, 1], ends[:, 0]
         self._rest = np.empty((len(rest), 3, 3))
-        _frames(np.ascontiguousarray(rest), self._faces, self._neighbour, self._rest)
+        _frames(_view(rest), self._faces, self._neighbour, self._rest)
 
     def vectors(self, x: Array) -> Array:
         """Rotation vectors (n, 3) [rad] at positions x (n, 3)."""
         frames, out = np.empty_like(self._rest), np.empty((len(self._rest), 3))
-        _frames(np.ascontiguousarray(x), self._faces, self._neighbour, frames)
+        _frames(_view(x), self._faces, self._neighbour, frames)
         _turns(frames, self._rest, out)
         return out
+
+
+def _view(x: Array) -> Array:
+    """A contiguous, read-only view: a kernel of its own would be compiled for what can be written to."""
+    view = np.ascontiguousarray(x).view()
+    view.flags.writeable = False
+    return view
 
 
 @njit(error_model="numpy", fastmath=False)
