@@ -1,25 +1,29 @@
 """What a compiled kernel was made of: the sources of its module and of those that this one imports.
 
-Numba looks at the file of a kernel alone; of a kernel that calls another, whose file has changed since, it would load
-what was compiled of both.
+Numba goes by the path and the time of a kernel's file alone: it would load what was compiled of a kernel and of one
+that it calls, whose file has changed since, and compile all again in every copy of the package.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import re
+import shutil
 import sys
 from contextlib import suppress
 from pathlib import Path
 
 _IMPORT = re.compile(r"^(?:from ([\w.]+) )?import (\((?s:.*?)\)|.*)$", re.MULTILINE)
 """Imports of a module, not those within its functions."""
+_LETTERS, _KEPT = 20, 6
+"""Letters of a digest that name a folder, and forms of a module whose kernels are kept: of several copies at once."""
 
 
 @functools.cache
 def source_digest(module: str, last: str) -> str:
-    """Digest of the sources of an imported module and of those of its own package that it imports, and so on.
+    """Digest of the sources of an imported module and of what it imports, all the way, of its package and of this one.
 
     Parameters
     ----------
@@ -34,9 +38,10 @@ def source_digest(module: str, last: str) -> str:
         Hexadecimal SHA-256.
     """
     digest, seen, waiting = hashlib.sha256(), {last}, [module]
+    packages = {name.partition(".")[0] for name in (module, last)}
     while waiting:
         name = waiting.pop()
-        if name not in seen:
+        if name not in seen and name.partition(".")[0] in packages:
             seen.add(name)
             waiting += _imports(name)
     for name in sorted(seen):
@@ -54,9 +59,24 @@ def _source(module: str) -> str:
 
 @functools.cache
 def _imports(module: str) -> tuple[str, ...]:
-    """Modules of the same package that a module imports, itself by name or something of them."""
-    package, found = module.partition(".")[0], []
+    """Modules that a module imports, themselves by name or something of them."""
+    found: list[str] = []
     for origin, names in _IMPORT.findall(_source(module)):
         words = re.findall(r"[\w.]+", names)
         found += [origin, *(f"{origin}.{word}" for word in words)] if origin else words
-    return tuple(name for name in found if name.partition(".")[0] == package and name in sys.modules)
+    return tuple(name for name in found if name in sys.modules)
+
+
+def folder_of(folder: Path, module: str, digest: str) -> Path:
+    """Where kernels of a module are kept, in a cache ``folder``; of its sources' earlier forms some are kept, too."""
+    of_module = folder / module
+    made = of_module / digest[:_LETTERS]
+    if made.is_dir():
+        with suppress(OSError):  # somebody else's
+            os.utime(made)
+        return made
+    made.mkdir(parents=True, exist_ok=True)
+    with suppress(OSError):  # another process may remove the same
+        for old in sorted(of_module.iterdir(), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+            shutil.rmtree(old, ignore_errors=True)
+    return made

@@ -37,7 +37,7 @@ import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
 from modalshell.kernels import ahead  # noqa: E402
-from modalshell.kernels.callees import source_digest  # noqa: E402
+from modalshell.kernels.callees import folder_of, source_digest  # noqa: E402
 from modalshell.kernels.turns import take_turns  # noqa: E402
 
 _REFERENCE = 14.0, 4.0e-4
@@ -114,7 +114,8 @@ def _most_seconds() -> float:
     return max(1.0, _REFERENCE[0] * min(times) / _REFERENCE[1])
 
 
-COUNTED, UNCOUNTED = {"_nrt": True}, {"_nrt": False}
+COUNTED: dict[str, Any] = {"_nrt": True}
+UNCOUNTED: dict[str, Any] = {"_nrt": False}
 """Options: whether a kernel counts the references to its arrays, as it must where it makes or returns one.
 
 Of records of many arrays to count takes a quarter of the time to compile; a kernel that only writes needs no count.
@@ -171,7 +172,11 @@ def cache_folder() -> Path | None:
 
 
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """``numba.njit`` with the package's cache, and without the entry point that C code would call."""
+    """``numba.njit`` with the package's cache, and without the entry point that C code would call.
+
+    Kernels of this package are kept by what they are made of, so that its copies share them; those of others by their
+    path, too.
+    """
     if function is None:
         return functools.partial(njit, **options)
     options = {"no_cfunc_wrapper": True} | COUNTED | options
@@ -181,17 +186,25 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         made = numba.njit(cache=folder is not None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
-    kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
-    if kept is not None:
-        kept._load_index = functools.partial(_known_index, kept, kept._source_stamp, function.__module__)
+    cache: Any = getattr(made, "_cache", None)
+    if hasattr(cache, "_cache_file"):
+        own = folder if function.__module__.startswith(_OWN) else None
+        cache._cache_file._load_index = functools.partial(
+            _known_index, cache, cache._cache_file._source_stamp, function.__module__, own
+        )
         take_turns(made, cast(Path, folder))
     return made
 
 
-def _known_index(kept: Any, stamp: Any, module: str) -> dict[Any, Any]:
+def _known_index(cache: Any, stamp: Any, module: str, folder: Path | None) -> dict[Any, Any]:
     """Numba's index of a kernel's compiled forms, which are of today's sources; none that names lost classes."""
-    kept._source_stamp = stamp, source_digest(module, __name__)
+    kept, digest = cache._cache_file, source_digest(module, __name__)
+    kept._source_stamp = digest if folder else (stamp, digest)
+    if folder:
+        place = str(folder_of(folder, module, digest))
+        cache._cache_path = cache._impl.locator._cache_path = kept._cache_path = place
+        kept._index_path = os.path.join(place, kept._index_name)
     try:
-        return type(kept)._load_index(kept)
+        return cast("dict[Any, Any]", type(kept)._load_index(kept))
     except (AttributeError, ImportError):
         return {}

@@ -5,6 +5,7 @@ import io
 import os
 import pickle
 import re
+import shutil
 import stat
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from modalshell.kernels import compiler
+from modalshell.kernels import callees, compiler
 from modalshell.kernels.compiler import cache_folder, njit
 
 ALONE = f"""
@@ -259,3 +260,35 @@ def test_a_kernel_is_compiled_again_where_one_that_it_calls_has_changed(tmp_path
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
         printed.append(done.stdout.strip())
     assert printed == ["7.0 0", "7.0 1", "16.0 0"]
+
+
+def test_copies_of_the_package_share_what_is_compiled_of_the_same_sources(tmp_path):
+    root = Path(compiler.__file__).parents[2]
+    copy = tmp_path / "copy"
+    shutil.copytree(root / "modalshell" / "kernels", copy / "modalshell" / "kernels")
+    for name in ("core", "models/reduction"):
+        shutil.copytree(root / "modalshell" / name, copy / "modalshell" / name)
+    use = USE.replace("print(cache_folder())", "print(len(multiply.stats.cache_hits))").format(temporary=str(tmp_path))
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def loaded(folder):
+        command = [sys.executable, "-c", ALONE.replace(repr(str(root)), repr(str(folder))) + use]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
+        return done.stdout.strip()
+
+    assert [loaded(root), loaded(copy)] == ["0", "1"]
+    changed = copy / "modalshell" / "models" / "reduction" / "blocks.py"
+    changed.write_text(changed.read_text() + "\n# not what it was\n")
+    assert [loaded(copy), loaded(root)] == ["0", "1"]
+    kept = tmp_path / "cache" / "modalshell.models.reduction.blocks"
+    assert len(list(kept.iterdir())) == 2
+
+
+def test_of_earlier_sources_some_are_kept(tmp_path):
+    made = [callees.folder_of(tmp_path, "shell.kernels", f"{number:064d}"[::-1]) for number in range(9)]
+    for age, folder in enumerate(made):
+        if folder.is_dir():
+            os.utime(folder, (1e9 + age, 1e9 + age))
+    assert callees.folder_of(tmp_path, "shell.kernels", "f" * 64).is_dir()
+    assert sum(folder.is_dir() for folder in made) == callees._KEPT - 1
+    assert made[-1].is_dir()
