@@ -24,6 +24,14 @@ def read_only_copy(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     return array if not array.flags.writeable and array.flags.owndata else read_only(array.copy())
 
 
+def read_only_view(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """A contiguous, read-only view of ``array``, whoever owns it, or of a copy.
+
+    Numba compiles a kernel for each kind of argument: what can be written to, and what is not contiguous, are two more.
+    """
+    return read_only(np.ascontiguousarray(array).view())
+
+
 class ReadOnlyArrays:
     """Base of classes whose arrays stay read-only when copied or pickled, which NumPy does not ensure."""
 

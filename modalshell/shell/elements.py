@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from modalshell.core.cost import count_elements
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.registry import Registry
+from modalshell.core.thread_safety import read_only_view
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
@@ -58,9 +59,7 @@ class ElementSet:
     viscosity: Array | None = None
 
     def __post_init__(self) -> None:
-        stencils = self.stencils.view()
-        stencils.flags.writeable = False  # as those of meshes, also in copies: kernels are compiled for one kind
-        object.__setattr__(self, "stencils", stencils)
+        object.__setattr__(self, "stencils", read_only_view(self.stencils))  # as those of meshes, also in copies
 
     @classmethod
     def at_rest(
@@ -153,13 +152,6 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
     return sets
 
 
-def _view(array: Array) -> Array:
-    """A contiguous, read-only view: kernels are compiled for one kind of argument alone, whoever owns it."""
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
-
-
 @final
 class ElementSum(ElasticEnergy):
     """Sum of element sets, such as the stretch, shear and flexure of a discrete shell.
@@ -197,7 +189,7 @@ class ElementSum(ElasticEnergy):
 
     def energy(self, x: Array) -> float:
         """Energy [J]."""
-        x = _view(x)
+        x = read_only_view(x)
         return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self._counted()))
 
     def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
@@ -218,7 +210,7 @@ class ElementSum(ElasticEnergy):
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
-        x, gradient = _view(x), np.zeros_like(x)
+        x, gradient = read_only_view(x), np.zeros_like(x)
         total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self._counted())
         return float(total), gradient
 
@@ -226,7 +218,7 @@ class ElementSum(ElasticEnergy):
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian values."""
-        x, gradient = _view(x), np.zeros_like(x)
+        x, gradient = read_only_view(x), np.zeros_like(x)
         data, none, total = np.zeros(pattern.size), np.empty(0), 0.0
         for index, e in enumerate(self._counted()):
             stress = none if stresses is None else stresses[index]
@@ -314,7 +306,7 @@ class ElementSum(ElasticEnergy):
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""
         stresses = []
-        x, step = _view(x), _view(step)
+        x, step = read_only_view(x), read_only_view(step)
         for e in self._counted():
             stress = np.empty(e.rest.size)
             e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
@@ -333,7 +325,7 @@ class ElementSum(ElasticEnergy):
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""
         force = np.zeros_like(x)
-        x, velocity = _view(x), _view(velocity)
+        x, velocity = read_only_view(x), read_only_view(velocity)
         for e in self.elements:
             e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
@@ -342,7 +334,7 @@ class ElementSum(ElasticEnergy):
         """Values of its matrix [N s/m] on the pattern."""
         data = np.zeros(pattern.size)
         unused, none = np.zeros_like(x), np.empty(0)
-        x = _view(x)
+        x = read_only_view(x)
         for place, e in zip(slots, self.elements, strict=True):
             where = (place, pattern.strides, data, unused)
             e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *where)

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
 from modalshell.shell.kernels.patterns import free_values
 
@@ -77,9 +78,7 @@ class VertexPart:
         kept = coupled.tocsr()[:, unknowns]
         above = sps.hstack([square.tocsr()[unknowns][:, unknowns], kept.T.tocsr()], format="csr")
         whole = sps.vstack([above, sps.hstack([kept, own], format="csr")], format="csr")
-        places = np.asarray(whole.data, dtype=np.int64) - 1
-        places.flags.writeable = False
-        return places
+        return read_only(np.asarray(whole.data, dtype=np.int64) - 1)
 
     def matrix(self, data: Array) -> sps.csc_array:
         """See :class:`FreePart`."""

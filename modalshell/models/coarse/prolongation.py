@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalshell.core.cost import count_read
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_view
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
@@ -106,8 +106,7 @@ class Prolongation(ReadOnlyArrays):
         """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]."""
         fine = np.empty((self._shape[0], 3))
         count_read(self._bytes)
-        positions = np.ascontiguousarray(positions).view()
-        positions.flags.writeable = False  # as other arguments are, or a kernel of its own would be compiled
+        positions = read_only_view(positions)
         _prolong(positions, self._starts, self._columns, self._weights, self._faces, self._under, self._heights, fine)
         return fine
 

@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.thread_safety import read_only_view
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
@@ -31,21 +32,14 @@ class VertexTurns:
         ends = mesh.edges
         self._neighbour[ends[:, 0]], self._neighbour[ends[:, 1]] = ends[:, 1], ends[:, 0]
         self._rest = np.empty((len(rest), 3, 3))
-        _frames(_view(rest), self._faces, self._neighbour, self._rest)
+        _frames(read_only_view(rest), self._faces, self._neighbour, self._rest)
 
     def vectors(self, x: Array) -> Array:
         """Rotation vectors (n, 3) [rad] at positions x (n, 3)."""
         frames, out = np.empty_like(self._rest), np.empty((len(self._rest), 3))
-        _frames(_view(x), self._faces, self._neighbour, frames)
+        _frames(read_only_view(x), self._faces, self._neighbour, frames)
         _turns(frames, self._rest, out)
         return out
-
-
-def _view(x: Array) -> Array:
-    """A contiguous, read-only view: a kernel of its own would be compiled for what can be written to."""
-    view = np.ascontiguousarray(x).view()
-    view.flags.writeable = False
-    return view
 
 
 @njit(error_model="numpy", fastmath=False)
