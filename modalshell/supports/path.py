@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,10 @@ from modalshell.kernels import rotations
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
+
+
+Side = Literal["before", "after"]
+"""Side of a jump in time."""
 
 
 @final
@@ -188,8 +192,13 @@ class SupportPath:
         path.pivot = self.pivot - origin
         return path
 
-    def at(self, time: float) -> Pose:
-        """Pose of the supports at ``time`` [s]; where accelerations jump from or to rest, the mean of both sides."""
+    def at(self, time: float, side: Side | None = None) -> Pose:
+        """Pose of the supports at ``time`` [s].
+
+        Accelerations jump from and to rest where a path begins and ends. A stage of a step that ends there takes those
+        on its ``side``. A force at a frame that serves the steps on both sides takes their mean, or steps would be of
+        first order; the beginning of a motion has one side.
+        """
         time = checked_number("time", time, unit="s")
         inside = float(np.clip(time, self.times[0], self.times[-1]))
         rounding = _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by so much
@@ -206,17 +215,17 @@ class SupportPath:
             if moving:
                 rate, turning = turn_rates(vector, self._rotation(inside, 1), self._rotation(inside, 2))
         acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
-        if moving and self._jumps_at(inside, rounding):
-            acceleration, turning = 0.5 * acceleration, 0.5 * turning
+        share = self._share_of_jump(inside, rounding, side)
+        acceleration, turning = share * acceleration, share * turning
         velocity = np.asarray(self._translation(inside, 1)) if moving else none
         place = np.asarray(self._translation(inside))
         return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity)
 
-    def _jumps_at(self, time: float, rounding: float) -> bool:
-        """Whether accelerations jump from or to rest at a time [s]: at the end, and at a beginning after the motion's.
-
-        There the mean of both sides is what steps on either side need: the frame's impulse is then right, and steps
-        stay of second order.
-        """
+    def _share_of_jump(self, time: float, rounding: float, side: Side | None) -> float:
+        """How much of its acceleration a path has on a side of a time [s] within it."""
         first, last = float(self.times[0]), float(self.times[-1])
-        return abs(time - last) <= rounding or (first > rounding and abs(time - first) <= rounding)
+        if abs(time - last) <= rounding:
+            return {"before": 1.0, "after": 0.0, None: 0.5}[side]
+        if first > rounding and abs(time - first) <= rounding:
+            return {"before": 0.0, "after": 1.0, None: 0.5}[side]
+        return 1.0

@@ -72,12 +72,13 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     assert ms.measure.displacement_error(rest.positions, run.positions[-1], shells[0]) < 0.01
 
 
-@pytest.mark.by_default("hybrid-0.002-20", "MWTS-0.02-40", "RSW-0.01-40")
+@pytest.mark.by_default("hybrid-0.003-20", "MWTS-0.02-40", "RSW-0.01-40")
 @pytest.mark.parametrize(
     ("name", "error", "begin"),
-    [("coarse DS", 2e-3, 20), ("hybrid", 2e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.01, 40)],
+    [("coarse DS", 3e-3, 20), ("hybrid", 3e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.01, 40)],
 )
 def test_supports_move_a_shell_over_a_table(shells, run_of, name, error, begin):
+    """At the same steps; both are 0.02 off steps of an eighth of the length."""
     run, truth = run_of(name, supports=TURNED), run_of("DS", supports=TURNED)
     assert run.unconverged_steps == 0
     assert off(run, truth, shells[0], begin) < error

@@ -141,8 +141,7 @@ def test_explicit_steps_follow_the_path_too():
 
 def test_a_function_cut_off_in_motion_is_stopped_within_a_few_samples():
     path = ms.SupportPath.from_function(lambda t: ([t, 0, 0], [0, 0, 0]), 1.0, step=0.01)
-    felt = np.array([path.at(1.0 - 0.01 * k).acceleration[0] for k in range(11)])
-    felt[0] *= 2.0  # at the end itself it is the mean of braking and rest
+    felt = np.array([path.at(1.0 - 0.01 * k, "before").acceleration[0] for k in range(11)])
     assert felt[0] < -100.0
     np.testing.assert_allclose(felt[:10] / felt[1:], -(2.0 + np.sqrt(3.0)), rtol=1e-4)
     np.testing.assert_allclose([path.at(t).translation[0] for t in (0.3, 0.515, 0.9)], [0.3, 0.515, 0.9], atol=1e-6)
@@ -219,3 +218,32 @@ def test_supports_that_set_off_and_stop_in_a_frame_keep_steps_of_second_order(ru
     errors = [np.abs(runs[n].positions - runs[960].positions).max() for n in (60, 120)]
     assert errors[0] > 3.0 * errors[1]
     assert all(error < runs[n].step_error for error, n in zip(errors, (60, 120), strict=True))
+
+
+def test_accelerations_have_two_sides_where_a_path_begins_and_ends():
+    path = ms.SupportPath([0.1, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)], [(0.0, 0.0, 0.0), (0.3, 0.0, 0.6)])
+    for time, inside in ((0.1, "after"), (0.5, "before")):
+        whole, mean = path.at(time, inside), path.at(time)
+        outside = path.at(time, "before" if inside == "after" else "after")
+        for name in ("acceleration", "turn_acceleration"):
+            assert np.abs(getattr(whole, name)).max() > 0.1
+            np.testing.assert_allclose(getattr(mean, name), 0.5 * getattr(whole, name), rtol=1e-12)
+            assert not getattr(outside, name).any()
+    begun = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)])
+    np.testing.assert_array_equal(begun.at(0.0).acceleration, begun.at(0.0, "after").acceleration)
+
+
+@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
+def test_implicit_steps_in_the_frame_feel_the_side_of_a_jump_that_is_theirs(integrator):
+    """Of first order, and 3 to 10 times as far off, with all of the acceleration at both ends of a path."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-3, 200.0), "x < 1e-6")
+    model = ms.CoarseDiscreteShell(shell, shell, integrator=integrator)
+    path = ms.SupportPath([0.1, 0.3], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1)], [(0.0, 0.0, 0.0), (0.0, 0.4, 0.0)])
+    runs = {
+        n: ms.simulate(model, duration=0.5, dt=1.0 / n, store_every=n // 60, supports=path, damping=(2.0, 0.0))
+        for n in (60, 120, 960)
+    }
+    errors = [np.abs(runs[n].positions - runs[960].positions).max() for n in (60, 120)]
+    assert errors[0] < 0.5 * runs[60].step_error
+    assert errors[0] > 2.5 * errors[1]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, final
+from typing import ClassVar, Literal, Protocol, final
 
 import numpy as np
 
@@ -48,6 +48,9 @@ class EulerStart:
         States with their weights whose rates add up to v': so do the momenta of free parts.
     viscous_ahead : bool
         Whether ``viscous_at`` is as near to its end as where the rates lead.
+    side : "before" or None
+        Side of a jump in time at its end of which it takes loads; None where they are the only ones of a frame, which
+        then stand for the time on both sides.
     """
 
     origin: Array
@@ -60,6 +63,7 @@ class EulerStart:
     viscous_time: float
     made_of: tuple[tuple[float, MotionState], ...] = ()
     viscous_ahead: bool = False
+    side: Literal["before"] | None = None
 
     @property
     def reduced(self) -> tuple[Array, Array, Array, Array, Array]:

@@ -106,4 +106,5 @@ def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> 
     w, lead, near = half.rates, rest / part, half.coordinates
     change, last = lead * (w - v), v + (w - v) / GAMMA
     end, made_of = x + 0.5 * dt * (v + last), ((1.0 - lead, state), (lead, half))
-    return euler.solve(EulerStart(x + rest * w, v + change, part, 1.0, last, near, end, 1.0, made_of))
+    last_part = EulerStart(x + rest * w, v + change, part, 1.0, last, near, end, 1.0, made_of, side="before")
+    return euler.solve(last_part)

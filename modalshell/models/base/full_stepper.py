@@ -136,7 +136,8 @@ class FullStepper(Stepper):
             load = load + self.drag_along(self._path, time, start.guess.coordinates)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
-            load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)
+            state = MotionState(start.origin, start.rates) if begins else start.guess
+            load, _ = self.felt(time, load, state, start.side)
         elif loading.live and begins:
             load = load + loading.live_force(start.origin + self.origin, start.rates, time)
         elif loading.live:

@@ -17,6 +17,7 @@ from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.supports import Pose, SupportPath
 from modalshell.supports.constraints import HeldPatch
+from modalshell.supports.path import Side
 
 Drag = tuple[Index, Array]
 """Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
@@ -157,13 +158,14 @@ class Stepper(ABC):
         converged.
         """
 
-    def felt(self, time: float, load: Array, state: MotionState) -> tuple[Array, Drag | None]:
+    def felt(self, time: float, load: Array, state: MotionState, side: Side | None = None) -> tuple[Array, Drag | None]:
         """Load (n, 3) [N] in the frame of the states at ``time`` [s], inertial ones with it, and how it falls.
 
         ``load`` (n, 3) [N] are the dead loads in the world, ``state`` is where the shell is then. How the load falls
-        with velocities is None where it does not.
+        with velocities is None where it does not. ``side`` is that of a jump of the frame's acceleration, see
+        :meth:`SupportPath.at <modalshell.SupportPath.at>`.
         """
-        loading, pose = self.setup.loading, None if self._frame is None else self._frame.at(time)
+        loading, pose = self.setup.loading, None if self._frame is None else self._frame.at(time, side)
         live = bool(loading.live)
         turns = pose is not None and bool(pose.turn_rate.any() or pose.turn_acceleration.any())
         if pose is None and not live:
