@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Literal, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from modalshell.core.checks import checked_count, checked_number, checked_times, checked_vectors
+from modalshell.core.checks import checked_choice, checked_count, checked_number, checked_times, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
@@ -200,6 +200,8 @@ class SupportPath:
         first order; the beginning of a motion has one side.
         """
         time = checked_number("time", time, unit="s")
+        if side is not None:
+            checked_choice("side", side, get_args(Side))
         inside = float(np.clip(time, self.times[0], self.times[-1]))
         rounding = _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by so much
         moving = abs(time - inside) <= rounding

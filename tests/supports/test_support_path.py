@@ -231,6 +231,8 @@ def test_accelerations_have_two_sides_where_a_path_begins_and_ends():
             assert not getattr(outside, name).any()
     begun = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)])
     np.testing.assert_array_equal(begun.at(0.0).acceleration, begun.at(0.0, "after").acceleration)
+    with pytest.raises(ms.OptionError, match="side must be"):
+        begun.at(0.2, "left")
 
 
 @pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
