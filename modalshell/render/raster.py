@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 
 _kernel = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 
@@ -135,7 +135,7 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
                     color[row, column, 2] = min(max(blue + across * bluer, 0.0), 1.0)
 
 
-@njit(error_model="numpy", fastmath=False, **COUNTED)
+@njit(error_model="numpy", fastmath=False)
 def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
     """Lay layers over white from far to near and average blocks of pixels into ``out`` (h, w, 3), white before.
 

@@ -94,7 +94,7 @@ class Prolongation(ReadOnlyArrays):
             for part in (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data)
         )
         self._under, self._faces = read_only(np.array(under)), read_only(np.array(coarse.faces, dtype=np.int64))
-        self._heights.flags.writeable = False
+        read_only(self._heights)
         self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
 
     @property
