@@ -38,6 +38,7 @@ from numba.core import event  # noqa: E402
 
 from modalshell.kernels import ahead  # noqa: E402
 from modalshell.kernels.callees import folder_of, source_digest  # noqa: E402
+from modalshell.kernels.linked import LINKED  # noqa: E402
 from modalshell.kernels.turns import take_turns  # noqa: E402
 
 _REFERENCE = 14.0, 4.0e-4
@@ -171,15 +172,19 @@ def cache_folder() -> Path | None:
     return None
 
 
-def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+def njit(function: Callable[..., Any] | None = None, entry: bool | None = None, **options: Any) -> Any:
     """``numba.njit`` with the package's cache, and without the entry point that C code would call.
 
     Kernels of this package are kept by what they are made of, so that its copies share them; those of others by their
-    path, too.
+    path, too. Those that are not an ``entry`` cannot be called by Python: they are linked into kernels, which is less
+    to compile. By default they are the ones of this package whose name begins with an underscore.
     """
     if function is None:
-        return functools.partial(njit, **options)
-    options = {"no_cfunc_wrapper": True} | COUNTED | options
+        return functools.partial(njit, entry=entry, **options)
+    if entry is None:
+        own = function.__name__.startswith("_") and function.__module__.startswith(_OWN)
+        entry = not own or bool(options.get("parallel"))
+    options = {"no_cfunc_wrapper": True} | COUNTED | ({} if entry else LINKED) | options
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:

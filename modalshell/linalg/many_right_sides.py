@@ -71,7 +71,7 @@ def _each_less(values: Any, at: int, stride: int, known: Any, x: Any) -> Any:
     )
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def eliminate_many(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """Solve for the columns of a panel, and subtract their products from the rows below."""
     k, at, lanes = 0, begin, lane_count(values)
@@ -113,7 +113,7 @@ def eliminate_many(values: Any, begin: int, width: int, height: int, work: Any) 
         at += height - last
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def substitute_many(values: Any, begin: int, width: int, height: int, work: Any) -> None:
     """Solve for the columns of a panel by the transpose, with what is known of the rows below."""
     k, lanes = width // 8 * 8, lane_count(values)

@@ -19,7 +19,7 @@ from modalshell.kernels.packed import lane_count, load, store
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def lay_out(values: Any, begin: int, width: int, height: int, room: Any) -> None:
     """Lay out a panel, column-major from ``values[begin]`` on, in place as solves read it.
 

@@ -115,7 +115,7 @@ def factorise(values, first, starts, own, pivots):  # type: ignore[no-untyped-de
     return negative
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def substitute_back(values, first, starts, own, vector):  # type: ignore[no-untyped-def]
     """Solve ``L^T y = vector`` in place; of unit vector k ``y`` has the curvature ``y . A y`` of pivot k."""
     for i in range(first.size - 1, -1, -1):
@@ -157,7 +157,7 @@ def solve(values, first, starts, own, pivots, vector):  # type: ignore[no-untype
     substitute_back(values, first, starts, own, vector)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-def]
     """Add the product with a matrix that is not factorised yet to ``out`` (3n,), in order of elimination."""
     zero = spread(0.0)

@@ -25,6 +25,7 @@ from numba.extending import overload, register_jitable
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import COUNTED, UNCOUNTED
+from modalshell.kernels.linked import LINKED
 
 GOAL = 1e-10
 """Residual that is aimed at: near what double precision leaves."""
@@ -67,8 +68,7 @@ START: int = np.int64(0)  # type: ignore[assignment]
 BEST: int = np.int64(1)  # type: ignore[assignment]
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
 
-_uncalled: dict[str, Any] = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-_plain = _uncalled | {"error_model": "numpy"} | UNCOUNTED
+_plain = LINKED | {"error_model": "numpy"} | UNCOUNTED
 _jitable = register_jitable(**_plain)
 
 
@@ -164,7 +164,7 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
             of_record = isinstance(problem, named) and problem.instance_class is record
             return function if of_record else None
 
-        overload(operation, jit_options=_uncalled | COUNTED | options, strict=False)(choose)  # type: ignore[arg-type]
+        overload(operation, jit_options=LINKED | COUNTED | options, strict=False)(choose)  # type: ignore[arg-type]
         return function
 
     return register

@@ -210,7 +210,7 @@ def test_slopes_of_the_coefficients_keep_their_digits(angle):
             )
             for s in (2, 3)
         ]
-    curves = rotations._curvatures(squared, *found, second, third)
+    curves = rotations._curvatures.py_func(squared, *found, second, third)
     for curve, exact in zip(curves, series, strict=True):
         assert curve == pytest.approx(float(exact), rel=1e-11, abs=1e-16)
 

@@ -32,7 +32,6 @@ _LITTLE_STEP, _CLEAR = 0.02, 0.5
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
-_inner = _options | {"no_cpython_wrapper": True}
 
 
 class Lanczos(NamedTuple):
@@ -53,7 +52,7 @@ def make_lanczos(body: Body) -> Lanczos:
     return Lanczos(vectors, images, *np.zeros((4, most)))
 
 
-@njit(**_inner)
+@njit(**_options)
 def _pivots(lanczos, count, value):  # type: ignore[no-untyped-def]
     """Write pivots of the tridiagonal matrix less ``value``; whether all are positive."""
     diagonal, beside, pivots = lanczos.diagonal, lanczos.beside, lanczos.pivots
@@ -65,7 +64,7 @@ def _pivots(lanczos, count, value):  # type: ignore[no-untyped-def]
     return pivots[count - 1] > 0.0
 
 
-@njit(**_inner)
+@njit(**_options)
 def _lowest(lanczos, count, size):  # type: ignore[no-untyped-def]
     """Lowest eigenvalue of the tridiagonal matrix, of a ``size`` at most, by bisection; and its vector's last part."""
     beside, pivots, shape = lanczos.beside, lanczos.pivots, lanczos.shape
@@ -94,7 +93,7 @@ def _lowest(lanczos, count, size):  # type: ignore[no-untyped-def]
     return low, abs(shape[count - 1])
 
 
-@njit(**_inner)
+@njit(**_options)
 def _take(values, start, other, begin, count, factor):  # type: ignore[no-untyped-def]
     """Take ``factor`` times ``count`` numbers of ``other`` from those of ``values``."""
     whole, wide = count // LANES * LANES, everywhere(factor)
@@ -104,7 +103,7 @@ def _take(values, start, other, begin, count, factor):  # type: ignore[no-untype
         values[start + k] -= factor * other[begin + k]
 
 
-@njit(**_inner)
+@njit(**_options)
 def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
     """:func:`modalshell.statics.margin.lowest_ratio` less 1, G in ``room.values``, a factor in ``room.viscous``."""
     vectors, images, diagonal, beside = lanczos.vectors, lanczos.images, lanczos.diagonal, lanczos.beside
@@ -204,7 +203,7 @@ def check(body, rooms, lanczos, start, load, weights, probe, early):  # type: ig
     return np.nan, 0, 0
 
 
-@njit(**_inner)
+@njit(**_options)
 def _is_short(body, x, before):  # type: ignore[no-untyped-def]
     """Whether the way from ``before`` (n, 3) to x is short against that from rest, in the norm of the mass."""
     moved, whole = 0.0, 0.0

@@ -34,11 +34,7 @@ _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
-_inner = _options | {"no_cpython_wrapper": True}
-"""Those of kernels that Python never calls: reading a record's arrays takes longer to compile than most of them.
-
-They are those of the operations too: an operation is compiled once more for callers of other options.
-"""
+"""Options of the operations, too: one is compiled once more for callers of others."""
 
 
 class Body(NamedTuple):
@@ -117,14 +113,14 @@ _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
 """Places in a room's numbers: of forces, of the mass, of a descent, and the negative pivots of the last factor."""
 
 
-@njit(**_inner)
+@njit(entry=False, **_options)
 def still(room):  # type: ignore[no-untyped-def]
     """Leave inertia and drag out, and forces as they are."""
     numbers = room.numbers
     numbers[_INERTIA], numbers[_DRAG], numbers[_SCALE] = 0.0, 0.0, 1.0
 
 
-@njit(**_inner)
+@njit(entry=False, **_options)
 def outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
     body, room = p.body, p.room  # more names at once make a tuple: to copy records of arrays takes long to compile
@@ -148,7 +144,7 @@ def outer(p):  # type: ignore[no-untyped-def]
     return value
 
 
-@operation_of(Step, method.residual, **_inner)
+@operation_of(Step, method.residual, **_options)
 def _residual(p):  # type: ignore[no-untyped-def]
     """Size of the out-of-balance force."""
     elasticity.energy(p.body.elastic, p.room, p.x)
@@ -156,14 +152,14 @@ def _residual(p):  # type: ignore[no-untyped-def]
     return _size(p)
 
 
-@operation_of(Step, method.potential, **_inner)
+@operation_of(Step, method.potential, **_options)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
     value = elasticity.energy(p.body.elastic, p.room, p.x) + outer(p)
     return value, _size(p)
 
 
-@njit(**_inner)
+@njit(**_options)
 def _size(p):  # type: ignore[no-untyped-def]
     """Size of the residual over that of the forces."""
     total, room = 0.0, p.room
@@ -172,7 +168,7 @@ def _size(p):  # type: ignore[no-untyped-def]
     return np.sqrt(total) / room.numbers[_SCALE]
 
 
-@operation_of(Step, method.solve, **_inner)
+@operation_of(Step, method.solve, **_options)
 def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction into ``room.step``."""
     body, room = p.body, p.room
@@ -194,7 +190,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     return negative >= 0
 
 
-@njit(**_inner)
+@njit(entry=False, **_options)
 def spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
     """Write ``factor`` times values of unknowns, in order of elimination, to ``room.step``."""
     room.step[:] = 0.0
@@ -203,7 +199,7 @@ def spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
             room.step[body.free[k], axis] = factor * unknowns[3 * body.rows[k] + axis]
 
 
-@njit(**_inner)
+@njit(**_options)
 def _warp(body, room, x):  # type: ignore[no-untyped-def]
     """Write ``x`` moved by the warped ``room.step``, shortened to turn no vertex too far, to ``room.moved``."""
     rotations.vertex_rotations(x, room.step, body.faces, room.turns)
@@ -219,7 +215,7 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
             room.moved[v, axis] += x[v, axis]
 
 
-@operation_of(Step, method.advance, **_inner)
+@operation_of(Step, method.advance, **_options)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the warped direction."""
     body, room = p.body, p.room
@@ -229,13 +225,13 @@ def _advance(p):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@operation_of(Step, method.is_minimum, **_inner)
+@operation_of(Step, method.is_minimum, **_options)
 def _is_minimum(p):  # type: ignore[no-untyped-def]
     """Whether the last factor has no negative pivot."""
     return p.room.numbers[_NEGATIVE] == 0.0
 
 
-@operation_of(Step, method.drag, **_inner)
+@operation_of(Step, method.drag, **_options)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     room = p.room
@@ -244,7 +240,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     elasticity.predict(p.body.elastic, room, p.x)
 
 
-@operation_of(Step, method.first_drag, **_inner)
+@operation_of(Step, method.first_drag, **_options)
 def _first_drag(p, size):  # type: ignore[no-untyped-def]
     """Drag to begin with."""
     total, body = 0.0, p.body
@@ -253,7 +249,7 @@ def _first_drag(p, size):  # type: ignore[no-untyped-def]
     return size * p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * body.size)
 
 
-@operation_of(Step, method.point_downhill, **_inner)
+@operation_of(Step, method.point_downhill, **_options)
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find a direction in which the potential curves down: that of the smallest pivot of the last factor."""
     body, room, way = p.body, p.room, p.room.way
@@ -275,7 +271,7 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
     return smallest / squares
 
 
-@operation_of(Step, method.step_aside, **_inner)
+@operation_of(Step, method.step_aside, **_options)
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction, warped."""
     body, room = p.body, p.room
@@ -284,7 +280,7 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     write(room.moved, p.x)
 
 
-@njit(**_inner)
+@njit(**_options)
 def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
     """Write the push of load and inertia, and the first iterate with its stresses; returns the scale of forces."""
     x, push, origin, rates = room.x, room.push, start.origin, start.rates

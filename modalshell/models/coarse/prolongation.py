@@ -118,7 +118,7 @@ class Prolongation(ReadOnlyArrays):
         return coarse
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@njit(entry=True, error_model="numpy", fastmath={"contract"}, nogil=True)
 def _prolong(positions, starts, columns, weights, faces, under, heights, fine):  # type: ignore[no-untyped-def]
     for i in range(starts.size - 1):
         x, y, z = 0.0, 0.0, 0.0
@@ -144,7 +144,7 @@ def _prolong(positions, starts, columns, weights, faces, under, heights, fine): 
             fine[i, axis] += heights[i] * normals[under[i], axis]
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@njit(entry=True, error_model="numpy", fastmath={"contract"}, nogil=True)
 def _restrict(load, starts, columns, weights, coarse):  # type: ignore[no-untyped-def]
     for i in range(starts.size - 1):
         for k in range(starts[i], starts[i + 1]):

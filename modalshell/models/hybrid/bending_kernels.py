@@ -63,7 +63,7 @@ def multiply(rows, z, out):  # type: ignore[no-untyped-def]
         place += width
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-untyped-def]
     """Write the angles' changes and their slopes, times the roots of their weights, from the ``first`` row on.
 
@@ -206,7 +206,7 @@ def _write_coupled(bending, begin, end, first, slopes, others, to, width):  # ty
         store(others, to + i, a + b)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
     """Add ``count`` rows as long as ``out``, from number ``begin`` on, times the factors from ``first`` on."""
     width, pairs = out.size, out.size // (2 * LANES) * (2 * LANES)
@@ -227,7 +227,7 @@ def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untype
         store(out, i, a)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def add_products(left, begin, right, start, count, width, matrix):  # type: ignore[no-untyped-def]
     """Add products of ``count`` rows, from number ``begin`` of ``left`` and number ``start`` of ``right`` on.
 

@@ -117,7 +117,7 @@ def predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
         stresses[k] += strains[k]
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
     """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
 
@@ -138,7 +138,7 @@ def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: 
     return energy
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def write_bending(bending, slopes, first, others, width, matrix):  # type: ignore[no-untyped-def]
     """Write the lower triangle of the Hessian of bending, whose rows of slopes begin with the ``first``.
 
@@ -161,7 +161,7 @@ def add_membrane(membrane, stresses, slopes, width, hessian, room):  # type: ign
     _add_stressed(membrane, stresses, width, hessian, room)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
     """Write the lower triangle of the energy's Hessian at given stresses, by what :func:`energy_terms` has written."""
     write_bending(reduced.bending, slopes, reduced.membrane.modes, others, width, hessian)

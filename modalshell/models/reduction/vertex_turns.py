@@ -42,7 +42,7 @@ class VertexTurns:
         return out
 
 
-@njit(error_model="numpy", fastmath=False)
+@njit(entry=True, error_model="numpy", fastmath=False)
 def _frames(x, faces, neighbour, out):  # type: ignore[no-untyped-def]
     """Axes ``out`` (n, 3, 3), as columns: along an edge, across it, and along the normal."""
     out[:] = 0.0
@@ -72,7 +72,7 @@ def _frames(x, faces, neighbour, out):  # type: ignore[no-untyped-def]
             frame[i, 1] = frame[j, 2] * frame[k, 0] - frame[k, 2] * frame[j, 0]
 
 
-@njit(error_model="numpy", fastmath=False)
+@njit(entry=True, error_model="numpy", fastmath=False)
 def _turns(frames, rest, out):  # type: ignore[no-untyped-def]
     """Rotation vectors ``out`` (n, 3) that take axes at rest to those of ``frames``, both (n, 3, 3)."""
     turn, quaternion = np.empty((3, 3)), np.empty(4)
