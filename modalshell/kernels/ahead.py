@@ -20,6 +20,8 @@ from typing import Any
 
 from numba.core import types
 
+from modalshell.core.cores import usable_cores
+
 _LETTERS = {
     types.float64: "d",
     types.float32: "f",
@@ -100,7 +102,7 @@ def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> N
     process fills the same folder.
     """
     global _begun
-    if _begun or folder is None or not sys.executable or _cores() < 2:
+    if _begun or folder is None or not sys.executable or usable_cores() < 2:
         return
     function = dispatcher.py_func
     name = f"{function.__module__}.{function.__name__}".removeprefix(f"{_PACKAGE}.")
@@ -138,11 +140,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     with suppress(OSError, subprocess.TimeoutExpired):
         process.stdin.close()
         process.wait(timeout=2.0)
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def compile_from_end(lock: str) -> None:

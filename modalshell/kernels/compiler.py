@@ -176,8 +176,8 @@ def njit(function: Callable[..., Any] | None = None, entry: bool | None = None, 
     """``numba.njit`` with the package's cache, and without the entry point that C code would call.
 
     Kernels of this package are kept by what they are made of, so that its copies share them; those of others by their
-    path, too. Those that are not an ``entry`` cannot be called by Python: they are linked into kernels, which is less
-    to compile. By default they are the ones of this package whose name begins with an underscore.
+    path, too. Those that are not an ``entry`` cannot be called by Python: they are linked into kernels and kept with
+    them, which is less to compile. By default they are the ones of this package whose name begins with an underscore.
     """
     if function is None:
         return functools.partial(njit, entry=entry, **options)
@@ -188,7 +188,7 @@ def njit(function: Callable[..., Any] | None = None, entry: bool | None = None, 
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
     try:
-        made = numba.njit(cache=folder is not None, **options)(function)
+        made = numba.njit(cache=entry and folder is not None, **options)(function)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     cache: Any = getattr(made, "_cache", None)

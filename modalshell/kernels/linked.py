@@ -7,11 +7,20 @@ implicit step takes to compile, for the same machine code.
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from contextlib import suppress
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+
+
+@ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+def _refuse(*_: Any) -> None:
+    """What a call by Python runs, or the process would end: of no result Python makes a SystemError."""
+    with suppress(Exception):  # one that left this function would not reach Python
+        print("modalshell: only kernels can call this function; njit(entry=True) lets Python do so", file=sys.stderr)
 
 
 class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -31,13 +40,9 @@ class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._verify_declare_only_symbols()
         self._finalized = True
 
-    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002
-        """Address of a function: 0, as numba says where there is none."""
-        return 0
-
-    def serialize_using_object_code(self) -> Any:
-        """What the cache keeps: the LLVM code alone."""
-        return self.serialize_using_bitcode()
+    def get_pointer_to_function(self, name: str) -> int | None:  # noqa: ARG002
+        """Address of the function for Python."""
+        return ctypes.cast(_refuse, ctypes.c_void_p).value
 
     @property
     def codegen(self) -> Any:
@@ -53,11 +58,9 @@ class _LinkedCompiler(Compiler):  # type: ignore[misc]
 
     def define_pipelines(self) -> Any:
         """Numba's passes, after the library has been made."""
-        library = _LinkedLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
-        library.enable_object_caching()
-        self.state.library = library
+        self.state.library = _LinkedLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         return super().define_pipelines()
 
 
 LINKED: dict[str, Any] = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": _LinkedCompiler}
-"""Options of a function that only kernels call. Python cannot: there is no code to read its arguments either."""
+"""Options of a function that only kernels call. Such functions are not kept in the cache: their callers are."""

@@ -14,6 +14,9 @@ from modalshell.kernels.packed import dot
 from modalshell.linalg.analysis import Panels
 from modalshell.linalg.triangular_solves import solve
 
+_ONE: int = np.int64(1)  # type: ignore[assignment]
+"""Right side of a solve; numba would compile the solve anew for a number that is written out at the call."""
+
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
@@ -98,7 +101,7 @@ def solve_near(factor: Preconditioner, matrix: Rows, right: Any, stop: Stop) -> 
         _turn(factor.axes, residual, image, True)
         for k in range(size):
             permuted[k] = image[factor.order[k]] / scale
-        solve(values, factor.panels, permuted, 1, work, factor.flips)
+        solve(values, factor.panels, permuted, _ONE, work, factor.flips)
         for k in range(size):
             image[factor.order[k]] = permuted[k] * scale
         _turn(factor.axes, image, image, False)

@@ -9,10 +9,12 @@ import sys
 import threading
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from modalshell.core.cores import usable_cores
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.memory import demand_memory
 from modalshell.render.painter import Painter
@@ -180,3 +182,13 @@ def open_painter(size: tuple[int, int], *, film: bool = False) -> Painter:
     from modalshell.render.rasteriser_painter import RasteriserPainter
 
     return RasteriserPainter(size)
+
+
+def open_painters(size: tuple[int, int], most: int, *, film: bool = False) -> list[Painter]:
+    """Open up to `most` painters that draw at the same time, as many as cores and memory allow; one under OpenGL."""
+    painters = [open_painter(size, film=film)]
+    if painters[0].threaded:
+        with suppress(OptionError):  # the memory does for fewer
+            while len(painters) < min(most, usable_cores()):
+                painters.append(open_painter(size, film=film))
+    return painters

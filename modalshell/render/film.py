@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import cast
 
@@ -14,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import replacing
-from modalshell.render.backend import open_painter
+from modalshell.render.backend import open_painters
 from modalshell.render.camera import Camera, frame_points
 from modalshell.render.compose import Page, paste
 from modalshell.render.content import (
@@ -31,6 +33,8 @@ from modalshell.render.surfaces import scalar_colors
 
 RATE_FACTOR = 18
 """H.264's constant rate factor where nothing is said about a film's size: higher is smaller and coarser."""
+_AT_ONCE = 4
+"""Frames that are drawn at the same time at most: each takes the memory of a painter."""
 
 
 def write_film(
@@ -62,7 +66,7 @@ def write_film(
         What is seen; scalars, if any, are coloured from their least to their largest, and named by a colour bar.
     motions : sequence of array_like, iterable or None
         For each surface its positions in every frame, shape (F, n, 3) [m], or None where it stands still. With `total`
-        an iterable of positions (n, 3) serves too, of which one frame is held at a time.
+        an iterable of positions (n, 3) serves too, of which a few frames are held at a time.
     total : int, optional
         Number of frames, where motions are iterables.
     fps : float
@@ -122,34 +126,59 @@ def write_film(
             for surface, motion in list(zip(shown, moves, strict=True))[:framed]
         ]
         view = frame_points(np.concatenate(passed), checked_direction(camera), page.cell[0] / page.cell[1])
-    with closing(open_painter(page.cell, film=all(surface.opacity == 1.0 for surface in shown))) as painter:
-        painter.start(shown, view, colors)
-        pictures = _pictures(page, painter, moves, values, count)
+    with ExitStack() as opened:
+        painters = open_painters(page.cell, min(_AT_ONCE, count), film=all(surface.opacity == 1.0 for surface in shown))
+        for painter in painters:
+            opened.callback(painter.close)
+            painter.start(shown, view, colors)
+        drawn = opened.enter_context(closing(_pictures(page, painters, moves, values, count)))
+        pictures: Iterator[NDArray[np.uint8]] = drawn
         if texts:
             left, top = page.corners[0]
-            pictures = with_texts(pictures, texts, (left, top + page.cell[1]), page.font)
+            pictures = with_texts(drawn, texts, (left, top + page.cell[1]), page.font)
         _encode(target, pictures, size, fps, count, on_frame, rate_factor)
     return target
 
 
 def _pictures(
     page: Page,
-    painter: Painter,
+    painters: Sequence[Painter],
     motions: Sequence[ArrayLike | Iterable[ArrayLike] | None],
     scalars: Sequence[NDArray[np.float64] | None],
     count: int,
-) -> Iterator[NDArray[np.uint8]]:
-    """The frames of a film, all in one array."""
+) -> Generator[NDArray[np.uint8]]:
+    """The frames of a film, all in one array; several painters draw at the same time, each on a thread."""
     canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])
     moving: dict[int, Iterator[ArrayLike]] = {
         index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(motions) if motion is not None
     }
-    for frame in range(count):
-        for index, frames in moving.items():
+
+    def draw(frame: int, places: dict[int, NDArray[np.float64]]) -> NDArray[np.uint8]:
+        painter = painters[frame % len(painters)]
+        for index, positions in places.items():
             values = scalars[index]
-            positions = checked_positions(next(frames), "motions")
             painter.move(index, positions, None if values is None else values[frame])
-        paste(canvas, page.corners[0], painter.image())
+        return painter.image()
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        frames = (
+            (frame, {index: checked_positions(next(rest), "motions") for index, rest in moving.items()})
+            for frame in range(count)
+        )
+        if len(painters) == 1:
+            yield from (draw(*frame) for frame in frames)
+            return
+        with ThreadPoolExecutor(len(painters)) as threads:
+            waiting: deque[Future[NDArray[np.uint8]]] = deque()
+            for frame in frames:
+                done = waiting.popleft().result() if len(waiting) == len(painters) else None  # its painter is free
+                waiting.append(threads.submit(draw, *frame))
+                if done is not None:
+                    yield done
+            yield from (one.result() for one in waiting)
+
+    for image in images():
+        paste(canvas, page.corners[0], image)
         yield canvas
 
 

@@ -25,7 +25,15 @@ MESH_LINE_WIDTH = 0.6
 
 
 class Painter(Protocol):
-    """Draws surfaces into images of one size."""
+    """Draws surfaces into images of one size.
+
+    Attributes
+    ----------
+    threaded : bool
+        Whether another thread than the one that made it may draw, and others of its kind at the same time.
+    """
+
+    threaded: bool
 
     def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
         """Replace everything shown."""

@@ -25,6 +25,8 @@ class PyvistaPainter:
         Width and height of the images [pixels].
     """
 
+    threaded = False  # OpenGL's context belongs to the thread that made it
+
     def __init__(self, size: tuple[int, int]) -> None:
         window = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
         self._pyvista, self._plotter = open_plotter(window, off_screen=True)

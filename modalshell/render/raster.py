@@ -6,7 +6,7 @@ import numpy as np
 
 from modalshell.kernels.compiler import UNCOUNTED, njit
 
-_kernel = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+_kernel = njit(error_model="numpy", fastmath=False, nogil=True, **UNCOUNTED)
 
 
 @_kernel

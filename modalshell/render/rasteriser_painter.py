@@ -89,6 +89,8 @@ class RasteriserPainter:
         Width and height of the images [pixels].
     """
 
+    threaded = True
+
     def __init__(self, size: tuple[int, int]) -> None:
         self._picture = size
         self._size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from modalshell.core.checks import checked_callback, checked_count, checked_folder, checked_number, shown
+from modalshell.core.cores import usable_cores
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
@@ -18,7 +19,7 @@ from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
 from modalshell.sweep.figure import checked_value, draw_summary
 from modalshell.sweep.grid import Sweep, load_sweep
-from modalshell.sweep.local import run_locally, usable_cores
+from modalshell.sweep.local import run_locally
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 from modalshell.sweep.summary import (

@@ -31,11 +31,6 @@ _STARTS = 5
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def usable_cores() -> int:
-    """Number of processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-
-
 def run_locally(
     tasks: Sequence[Task], workers: int, time_limit: float | None = None
 ) -> Generator[CaseResult, None, None]:

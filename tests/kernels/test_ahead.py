@@ -51,7 +51,7 @@ def started(monkeypatch):
     found = []
     monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: found.append(Started(*a, **k)) or found[-1])
     monkeypatch.setattr(ahead, "_begun", False)
-    monkeypatch.setattr(ahead, "_cores", lambda: 2)
+    monkeypatch.setattr(ahead, "usable_cores", lambda: 2)
     monkeypatch.setattr(ahead.atexit, "register", lambda *_: None)
     return found
 
@@ -72,7 +72,7 @@ def test_it_does_not_begin_where_it_cannot_help(started, tmp_path, monkeypatch):
     ahead.begin(largest_angle, (), tmp_path)
     ahead.begin(largest_angle, LISTED, None)
     with monkeypatch.context() as inner:
-        inner.setattr(ahead, "_cores", lambda: 1)
+        inner.setattr(ahead, "usable_cores", lambda: 1)
         ahead.begin(largest_angle, LISTED, tmp_path)
     with monkeypatch.context() as inner:
         inner.setattr(sys, "executable", "")

@@ -78,7 +78,17 @@ def test_kernels_give_what_their_linked_functions_say():
     assert is_linked(inner)
     assert not is_linked(outer)
     (compiled,) = inner.overloads.values()
-    assert compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name) == 0
+    assert compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name) == (
+        compiled.library.get_pointer_to_function("any other")
+    )
+
+
+def test_calls_by_python_are_refused(capsys):
+    inner = njit(entry=False)(lambda a: a + 1.0)
+    for _ in range(2):  # as it is compiled, and afterwards
+        with pytest.raises(SystemError):
+            inner(1.0)
+        assert "only kernels can call this function" in capsys.readouterr().err
 
 
 def test_errors_of_linked_functions_reach_python():

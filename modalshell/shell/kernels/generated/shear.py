@@ -76,7 +76,7 @@ def _split(e_x, e_y, e_z, factors, squares, firsts, seconds):
 
 measure = njit(**elements.OPTIONS)(_measure)
 first_derivatives = njit(**elements.OPTIONS)(_first)
-second_derivatives = njit(**elements.OPTIONS)(_second)
+second_derivatives = njit(entry=True, **elements.OPTIONS)(_second)
 split_hessian = njit(**elements.OPTIONS)(_split)
 
 
