@@ -139,6 +139,8 @@ def buckling_factors(
 
 def _at_rest(shell: Shell) -> tuple[Array, Factor]:
     """Hessian values at rest and their factor; an error where the shell is in no stable equilibrium there."""
+    if shell.crease_state is not None and shell.crease_state.angles.any():
+        shell.refuse_creases("linear buckling of a folded shell")
     if shell.stressed and (off := distance_from_balance(shell, Factoriser())) is not None:
         raise OptionError(
             "buckling needs a shell without stress at rest, or in equilibrium (got one of a prestrain, rest_curvature, "

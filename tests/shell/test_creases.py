@@ -307,6 +307,11 @@ def test_what_knows_no_creases_says_so():
         ms.equilibrium_path(model, gravity=(0.0, 0.0, -1.0))
     with pytest.raises(ms.OptionError, match="a derivative of an equilibrium knows no creases"):
         model.sensitivity(model.equilibrium(gravity=(0.0, 0.0, -0.1)), "young")
+    with pytest.raises(ms.OptionError, match="a fit knows no creases"):
+        ms.fit(shell, "young", shell.rest_positions, gravity=(0.0, 0.0, -1.0))
+    with pytest.raises(ms.OptionError, match="linear buckling of a folded shell knows no creases"):
+        ms.buckling_factors(shell.creased([0.1]), gravity=(-1.0, 0.0, 0.0))
+    assert ms.buckling_factors(shell, gravity=(-1.0, 0.0, 0.0)).factors.size  # those that do not yield are elastic
     plain = ms.Shell(shell.mesh, SHEET, clamped="x < 0.13")
     with pytest.raises(ms.OptionError, match="has no creases"):
         plain.creased([0.1])
