@@ -126,13 +126,14 @@ def fit(
     Raises
     ------
     OptionError
-        For names that are no constants of the material, a shape that does not fit, or both kinds of measurement.
+        For names that are no constants of the material, a shape that does not fit, both kinds of measurement, or a
+        shell with creases.
     LoadError
         For loads of the wrong shape, or no measured number.
     SolverError
         If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
     """
-    checked_kind("shell", shell, Shell)
+    checked_kind("shell", shell, Shell).refuse_creases("a fit")
     names = _checked_constants(shell, wrt)
     confidence = checked_number("confidence", confidence, above=0.0, at_most=0.999999)
     checked_kind("average", average, bool)

@@ -16,6 +16,9 @@ from modalshell.shell import EXACT, Shell
 
 _SETTLED = 1e-6
 """Move of Newton's method, in sizes of the mesh, from which it is in no equilibrium."""
+_RELEASED, _EXACT = 1e-10, 1e-11
+"""Share of the energy that the move may release, so that stresses are those of the equilibrium to 1e-5; and the move,
+in sizes of the mesh, that is rounding: thin sheets buckle by moves hardly larger."""
 
 
 @final
@@ -29,13 +32,23 @@ class SettledModes(NamedTuple):
     whole: int
 
 
+def distance_from_balance(shell: Shell, factoriser: Factoriser) -> float | None:
+    """How far [m] the mesh is from an equilibrium of its own stresses; None where it is in one."""
+    x, unknowns = shell.rest_positions, shell.unknowns
+    energy, whole = shell.energy_gradient(x)
+    gradient = np.asarray(unknowns.restrict(whole.ravel()))
+    move = np.asarray(unknowns.prolong(TangentStiffness.at(shell, x, factoriser).solve(gradient)))
+    off, released = float(np.abs(move).max()), 0.5 * abs(float(move @ whole.ravel()))
+    if off <= _EXACT * shell.size or (off <= _SETTLED * shell.size and released <= _RELEASED * energy):
+        return None
+    return off
+
+
 def settled_modes(shell: Shell, count: int, backend: str | None) -> SettledModes:
     """The modes of the exact stiffness about the mesh; OptionError where that is in no stable equilibrium."""
     x, unknowns = shell.rest_positions, shell.unknowns
     factoriser = Factoriser(backend)
-    gradient = np.asarray(unknowns.restrict(shell.energy_gradient(x)[1].ravel()))
-    move = np.asarray(unknowns.prolong(TangentStiffness.at(shell, x, factoriser).solve(gradient)))
-    if not (off := float(np.abs(move).max())) <= _SETTLED * shell.size:
+    if (off := distance_from_balance(shell, factoriser)) is not None:
         raise OptionError(
             "vibration modes about the mesh need a shell without stress there, or in equilibrium (got one of a "
             f"prestrain, rest_curvature, temperature or rest, {off:.3g} m from it): take DS or coarse DS; or let it "

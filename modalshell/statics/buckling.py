@@ -21,7 +21,8 @@ from modalshell.loads import Load
 from modalshell.modes import Factor, Factoriser, condensed_factor
 from modalshell.modes.resolution import unresolved_remark
 from modalshell.modes.rigid import left_free
-from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.modes.settled import distance_from_balance
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 
 ADVICE = (
@@ -72,9 +73,10 @@ def buckling_factors(
 ) -> Buckling:
     """The lowest factors by which a load buckles a shell, by linear theory.
 
-    Solves ``(K + lambda (K_g + K_f)) phi = 0`` (theory 8, eq. 7), K the stiffness at rest, K_g the geometric stiffness
-    under the stresses of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell,
-    unsymmetric where they have no potential. That is exact where the shell hardly moves before it buckles; where it
+    Solves ``(K + lambda (K_g + K_f)) phi = 0`` (theory 8, eq. 7), K the stiffness at rest, with the stresses that a
+    prestrain or a temperature has caused there, K_g the geometric stiffness under those of the linear answer
+    [bathe1996, section 6.8.2], and K_f that of loads that follow the shell, unsymmetric where they have no potential.
+    That is exact where the shell hardly moves before it buckles; where it
     bends first, follow :func:`modalshell.equilibrium_path`. There may be fewer factors than asked for: of a load that
     pulls, none.
 
@@ -98,9 +100,9 @@ def buckling_factors(
     LoadError
         For a load of the wrong shape, not finite, or of no force on what can move.
     OptionError
-        For an invalid ``count``, or a shell that its supports leave free.
+        For an invalid ``count``, a shell that its supports leave free, or one whose own stresses are in no equilibrium.
     SolverError
-        If the stiffness at rest cannot be factorised, or the factors do not converge.
+        If the stiffness at rest cannot be factorised, own stresses buckle the shell, or the factors do not converge.
     """
     count = checked_count("count", count)
     checked_kind("shell", shell, Shell)
@@ -111,10 +113,7 @@ def buckling_factors(
     if loose := left_free(shell):
         raise OptionError(f"buckling needs a shell that its supports hold, but {loose}: hold more vertices")
     rest, unknowns, pattern = shell.rest_positions, shell.unknowns, shell.pattern
-    stiffness = shell.hessian(rest, GAUSS_NEWTON)
-    factor = _definite_factor(shell, stiffness)
-    if factor is None:
-        raise SolverError("the stiffness at rest is not positive definite: check the mesh for slivers")
+    stiffness, factor = _at_rest(shell)
     softer = _loaded(shell, factor, load) - stiffness
     LiveLoads(loading).add_stiffness(pattern, rest, softer)
     geometric = pattern.matrix(softer)
@@ -136,6 +135,25 @@ def buckling_factors(
     if remark := unresolved_remark(shell.mesh, modes, "buckling mode", "load factors"):
         warnings.warn(remark, ModalShellWarning, stacklevel=2)
     return Buckling(read_only(1.0 / inverses[order]), read_only(modes), loading.conservative)
+
+
+def _at_rest(shell: Shell) -> tuple[Array, Factor]:
+    """Hessian values at rest and their factor; an error where the shell is in no stable equilibrium there."""
+    if shell.crease_state is not None and shell.crease_state.angles.any():
+        shell.refuse_creases("linear buckling of a folded shell")
+    if shell.stressed and (off := distance_from_balance(shell, Factoriser())) is not None:
+        raise OptionError(
+            "buckling needs a shell without stress at rest, or in equilibrium (got one of a prestrain, rest_curvature, "
+            f"temperature or rest, {off:.3g} m from it): let it come to rest first, "
+            "shell.settled(ms.DiscreteShell(shell).equilibrium().positions)"
+        )
+    stiffness = _unloaded(shell)
+    factor = _definite_factor(shell, stiffness)
+    if factor is not None:
+        return stiffness, factor
+    if shell.stressed:
+        raise SolverError("the shell is not stable under its own stresses: it buckles without a load already")
+    raise SolverError("the stiffness at rest is not positive definite: check the mesh for slivers")
 
 
 def _inverses(
@@ -197,8 +215,13 @@ def buckles(shell: Shell, load: Array) -> bool:
     """
     if not (load.any() and shell.unknowns.supported.any()):
         return False
-    factor = _definite_factor(shell, shell.hessian(shell.rest_positions, GAUSS_NEWTON))
+    factor = _definite_factor(shell, _unloaded(shell))
     return factor is not None and _definite_factor(shell, _loaded(shell, factor, load)) is None
+
+
+def _unloaded(shell: Shell) -> Array:
+    """Hessian values at rest: with the stresses that a shell has there, which no load factor multiplies."""
+    return shell.hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)
 
 
 def _loaded(shell: Shell, factor: Factor, load: Array) -> Array:

@@ -66,9 +66,9 @@ class Steps:
         """Go on from the target, or from what was reached instead, with a longer step."""
         self.fraction, self.step = self.target if reached is None else reached, min(1.0, _GROWTH * self.step)
 
-    def refuse(self) -> bool:
-        """Shorten the step; False, and the step as it was, where it would become too small."""
-        possible = self._shrink * self.step >= self._smallest
+    def refuse(self, of: float = 1.0) -> bool:
+        """Shorten the step; False, and the step as it was, where it would become too small, as a share ``of`` this."""
+        possible = self._shrink * self.step >= self._smallest * of
         self.step *= self._shrink if possible else 1.0
         return possible
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
+from modalshell.mesh.topology import area_vectors
 from modalshell.shell import EXACT, CreaseState
 from modalshell.shell.creases import CreaseSet, is_definite
 from modalshell.statics.continuation import Steps, equilibrium
@@ -32,8 +33,16 @@ _ROUNDS = 30
 """Rounds of positions and plastic folds at most."""
 _LARGEST_SLIP = 0.5
 """Change of a plastic fold in a round at most [rad]."""
-_FIRST_STEP = 0.125
-"""First step of a load under which creases yield, as a share of it."""
+_FIRST_STEP, _FINEST = 0.125, 2.0**-14
+"""First step of a load under which creases yield, as a share of it, and the one that is halved no more."""
+_ALIKE, _LEAST = 1e-3, 1e-6
+"""How far two halves of a step may end from it, as a share of the change of plastic folds, and in any case [rad]."""
+_STRAIGHT = 0.01
+"""By how much a couple may leave a straight line, as a share of its limit, where a parabola says that none yields."""
+_TURN = 0.9
+"""Cosine of the angle by which a triangle may turn between two places of the way that are compared."""
+_DEPTH = 14
+"""Bisections of the way at most, in search of what yields on it."""
 _NEARLY = 0.9
 """Share of the limit from which a crease may yield next."""
 
@@ -119,54 +128,161 @@ def _released(problem: Potential, result: NewtonResult, creases: CreaseSet, chos
     return stiffness, moves
 
 
+@final
+@dataclass(frozen=True)
+class _Way:
+    """The way of a load from what holds the ``origin`` (n, 3) [m] to all of it, as a share from 0 to 1.
+
+    ``held`` (n, 3) [N] is the load that holds the origin.
+    """
+
+    problem: Potential
+    origin: Array
+    held: Array
+    scale: float
+
+    @classmethod
+    def of(cls, problem: Potential, start: Array | None) -> _Way:
+        """That from a start, or from the shape without load."""
+        held = np.zeros_like(problem.load) if start is None else problem.shell.energy_gradient(start)[1]
+        origin = problem.shell.rest_positions if start is None else start
+        return cls(problem, origin, held, problem.scale_at(start))
+
+    def loaded(self, share: float) -> Potential:
+        """The problem under a share of the load."""
+        part = self.problem.loaded(share)
+        return replace(part, load=part.load + (1.0 - share) * self.held)
+
+    def yielded(self, share: float, before: _Place) -> tuple[_Place, Yielded]:
+        """Where a step from a place to a share of the load ends."""
+
+        def solver(own: Potential, point: Array, stresses: list[Array] | None) -> NewtonResult:
+            return solve(own, point, self.scale, GOAL, stresses)
+
+        found = yielded(self.loaded(share), before.x, before.angles, solver, None)
+        heat = before.heat + _creases(self.problem).heat(before.angles, found.angles)
+        return self.place(share, found.result.point, found.angles, heat), found
+
+    def elastic(self, share: float, before: _Place) -> tuple[_Place, NewtonResult]:
+        """The same where nothing yields."""
+        found = equilibrium(self.loaded(share), before.x)
+        return self.place(share, found.point, before.angles, before.heat), found
+
+    def place(self, share: float, x: Array, angles: Array, heat: float) -> _Place:
+        """A place on the way."""
+        creases = _creases(self.problem)
+        couples = self.problem.shell.creased(angles).elastic_energy.fold_couples(x, creases.hinges)
+        return _Place(share, x, angles, heat, creases.drive(couples, angles) / creases.limits)
+
+    def even(self, low: _Place, middle: _Place, high: _Place) -> bool:
+        """Whether nothing that stays still between three places yields on the way, and the shell turns little."""
+        still = (low.angles == middle.angles) & (middle.angles == high.angles)
+        bend = middle.drive - 0.5 * (low.drive + high.drive)
+        slope = 0.5 * (high.drive - low.drive)
+        inside = np.abs(slope) < 2.0 * np.abs(bend)
+        rise = np.divide(slope**2, 4.0 * bend, out=np.zeros_like(bend), where=inside)
+        largest = np.max(np.abs([low.drive, middle.drive, high.drive, middle.drive + rise]), axis=0)
+        fine = (largest + np.abs(bend) <= 1.0) | ((largest <= 1.0 + MET) & (np.abs(bend) <= _STRAIGHT))
+        if not fine[still].all():
+            return False
+        faces = self.problem.shell.mesh.faces
+        sides = [area_vectors(place.x, faces) for place in (low, high)]
+        return bool((np.sum(sides[0] * sides[1], axis=1) >= _TURN * np.prod(_lengths(sides), axis=0)).all())
+
+
+@final
+@dataclass(frozen=True)
+class _Place:
+    """A place on the way of a load: positions (n, 3), plastic folds (C,), heat, and drive over its limits (C,)."""
+
+    share: float
+    x: Array
+    angles: Array
+    heat: float
+    drive: Array
+
+    @property
+    def within(self) -> bool:
+        """Whether nothing yields here."""
+        return float(np.abs(self.drive).max()) <= 1.0 + MET
+
+
+def _lengths(vectors: list[Array]) -> Array:
+    return np.linalg.norm(vectors, axis=2)
+
+
+def _stays_elastic(way: _Way, low: _Place, high: _Place, depth: int = _DEPTH) -> tuple[bool, int]:
+    """Whether nothing yields between two places where nothing does, and the iterations that it took to see."""
+    middle, found = way.elastic(0.5 * (low.share + high.share), low)
+    if not found.converged or not middle.within:
+        return False, found.iterations
+    if depth == 0 or way.even(low, middle, high):
+        return True, found.iterations
+    iterations = found.iterations
+    for ends in ((low, middle), (middle, high)):
+        stays, further = _stays_elastic(way, *ends, depth - 1)
+        iterations += further
+        if not stays:
+            return False, iterations
+    return True, iterations
+
+
 def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[NewtonResult, CreaseState]:
     """Equilibrium of a shell whose creases yield as the load grows, and what they have kept then.
 
     Without a start the load grows from none; with one it goes straight from the load that holds the start. Where
-    nothing yields the answer is the one without creases, to the last bit. Otherwise the load goes in steps, each of
-    which ends at a minimum by positions and plastic folds; steps shrink where that is not found.
+    nothing yields on the way, which need not be its end, the answer is the one without creases, to the last bit.
+    Otherwise the load goes in steps, each of which ends at a minimum by positions and plastic folds. Steps shrink where
+    that is not found, and where two halves of a step end elsewhere: a crease that yields and is relieved again.
     """
-    shell, creases = problem.shell, _creases(problem)
+    shell = problem.shell
     state = shell.crease_state
     assert state is not None
     whole = equilibrium(problem, start)
     result = refine(problem, whole, problem.scale_at(start))
-    couples = shell.elastic_energy.fold_couples(result.point, creases.hinges)
-    beyond = creases.beyond(creases.drive(couples, state.angles), np.zeros_like(state.angles))
-    if result.converged and float(beyond.max()) <= MET * float(creases.limits.max()):
-        return result, state
-    scale, iterations = problem.scale_at(start), result.iterations
-
-    def solver(own: Potential, point: Array, stresses: list[Array] | None) -> NewtonResult:
-        return solve(own, point, scale, GOAL, stresses)
-
-    x = shell.rest_positions if start is None else start
-    angles, heat = state.angles, state.dissipated
-    held = np.zeros_like(problem.load) if start is None else shell.energy_gradient(x)[1]
-
-    def loaded(share: float) -> Potential:
-        """The problem on the way from the load that holds the start, or from none."""
-        part = problem.loaded(share)
-        return replace(part, load=part.load + (1.0 - share) * held)
-
-    if start is None and (angles.any() or shell.stressed):  # the load grows from the shape without it
-        still = yielded(loaded(0.0), x, angles, solver, None)
+    way, iterations = _Way.of(problem, start), result.iterations
+    low = way.place(0.0, way.origin, state.angles, state.dissipated)
+    if start is None and (state.angles.any() or shell.stressed):  # the load grows from the shape without it
+        low, still = way.yielded(0.0, low)
         iterations += still.iterations
         if not still.settled:
             return replace(still.result, converged=False, iterations=iterations), state
-        heat += creases.heat(angles, still.angles)
-        x, angles = still.result.point, still.angles
-    steps, found = Steps(_FIRST_STEP), NewtonResult(x, np.inf, 0, False)
+    high = way.place(1.0, result.point, state.angles, state.dissipated)
+    unyielded = np.array_equal(low.angles, state.angles)
+    if result.converged and unyielded and low.within and high.within:
+        stays, further = _stays_elastic(way, low, high)
+        iterations += further
+        if stays:
+            return replace(result, iterations=iterations), state
+    return _stepped(way, low, iterations)
+
+
+def _stepped(way: _Way, low: _Place, iterations: int) -> tuple[NewtonResult, CreaseState]:
+    """The answer by steps of the load from a place, and what creases have kept then."""
+    steps, known = Steps(_FIRST_STEP), None
+    found = NewtonResult(low.x, np.inf, 0, False)
     while steps.fraction < 1.0:
         target = steps.target
-        tried = yielded(loaded(target), x, angles, solver, None)
-        iterations += tried.iterations
-        if not tried.settled:
-            if steps.refuse():
+        tried, halves, place = known or way.yielded(target, low), [], low
+        iterations += 0 if known else tried[1].iterations
+        for share in (0.5 * (low.share + target), target) if tried[1].settled else ():
+            halves.append(way.yielded(share, place))
+            iterations += halves[-1][1].iterations
+            if not halves[-1][1].settled:
+                break
+            place = halves[-1][0]
+        known = None
+        if place.share < target:
+            if steps.refuse(max(low.share, _FINEST)):
                 continue
-            kept = CreaseState(angles, heat)
+            kept = CreaseState(low.angles, low.heat)
             return replace(found, converged=False, residual=np.inf, iterations=iterations), kept
-        heat += creases.heat(angles, tried.angles)
-        x, angles, found = tried.result.point, tried.angles, tried.result
+        change = float(np.abs(place.angles - low.angles).max())
+        apart = float(np.abs(place.angles - tried[0].angles).max())
+        if (apart > _ALIKE * change + _LEAST or not way.even(low, halves[0][0], place)) and steps.step > _FINEST:
+            steps.limit(halves[0][0].share - low.share)
+            known = halves[0]
+            continue
+        low, found = place, halves[-1][1].result
         steps.accept(target)
-    return replace(found, iterations=iterations), CreaseState(angles, heat)
+    return replace(found, iterations=iterations), CreaseState(low.angles, low.heat)

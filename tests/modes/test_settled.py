@@ -108,3 +108,19 @@ def test_a_settled_strip_touches_as_ds_does():
     assert pressed == pytest.approx(wanted, rel=0.005)
     moved = np.abs(truth.positions - settled.rest_positions).max()
     assert np.abs(answer.positions - truth.positions).max() < 0.005 * moved
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, -1.0])
+def test_a_thin_plate_is_settled_only_where_its_stresses_are_those_of_its_equilibrium(share):
+    """Warm between two walls and free to grow along them, it moves by a millionth of its size and vibrates by half."""
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(12, 12))
+    sheet = ms.Isotropic(young=7e10, poisson=0.3, thickness=3e-4, density=2700.0)
+    rim = np.isin(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
+    supports = [ms.Fix(rim, "z"), ms.Fix("x < 1e-9 or x > 0.999", "x"), ms.Fix([0], "y")]
+    strain = share * 4.0 * np.pi**2 * sheet.thickness**2 / 12.0 / (1.0 - sheet.poisson**2)
+    warm = ms.Shell(mesh, sheet, supports=supports, temperature=ms.Temperature(strain, 1.0))
+    with pytest.raises(ms.OptionError, match="let it come to rest first"):
+        ms.solve_modes(warm, 1)
+    settled = warm.settled(ms.DiscreteShell(warm).equilibrium().positions)
+    cold = ms.solve_modes(ms.Shell(mesh, sheet, supports=supports), 1).frequencies[0]
+    assert ms.solve_modes(settled, 1).frequencies[0] == pytest.approx(cold * np.sqrt(1.0 - share), rel=0.02)

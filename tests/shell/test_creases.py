@@ -307,6 +307,11 @@ def test_what_knows_no_creases_says_so():
         ms.equilibrium_path(model, gravity=(0.0, 0.0, -1.0))
     with pytest.raises(ms.OptionError, match="a derivative of an equilibrium knows no creases"):
         model.sensitivity(model.equilibrium(gravity=(0.0, 0.0, -0.1)), "young")
+    with pytest.raises(ms.OptionError, match="a fit knows no creases"):
+        ms.fit(shell, "young", shell.rest_positions, gravity=(0.0, 0.0, -1.0))
+    with pytest.raises(ms.OptionError, match="linear buckling of a folded shell knows no creases"):
+        ms.buckling_factors(shell.creased([0.1]), gravity=(-1.0, 0.0, 0.0))
+    assert ms.buckling_factors(shell, gravity=(-1.0, 0.0, 0.0)).factors.size  # those that do not yield are elastic
     plain = ms.Shell(shell.mesh, SHEET, clamped="x < 0.13")
     with pytest.raises(ms.OptionError, match="has no creases"):
         plain.creased([0.1])
@@ -389,3 +394,20 @@ def test_a_moving_crease_keeps_the_balance_of_energy(hardening):
     assert run.crease_heat[-1] > 0.3 * -run.energies[-1, 2]
     balance = run.energies.sum(axis=1) + run.crease_heat
     assert np.abs(balance).max() < 0.05 * run.crease_heat[-1]
+
+
+@ENERGIES
+@pytest.mark.parametrize("limit", [0.03, 0.055])
+def test_what_yields_on_the_way_to_a_load_keeps_its_fold(material, limit):
+    """A strip folds early; pulled straight up beside its clamp, it has hardly a moment left at the crease."""
+    shell = strip(material, limit=limit)
+    own, x = shell, None
+    for force in np.geomspace(0.1, 20.0, 16):
+        slowly = ms.DiscreteShell(own).equilibrium(loads=[ms.LineForce("x > 0.99", (0.0, 0.0, force))], start=x)
+        own, x = shell.creased(slowly.creases), slowly.positions
+    at_once = ms.DiscreteShell(shell).equilibrium(loads=[ms.LineForce("x > 0.99", (0.0, 0.0, 20.0))])
+    assert slowly.converged
+    assert at_once.converged
+    assert np.abs(slowly.creases.angles).max() > 0.05
+    assert at_once.creases.angles == pytest.approx(slowly.creases.angles, rel=1e-3)
+    assert at_once.creases.dissipated == pytest.approx(slowly.creases.dissipated, rel=5e-3)

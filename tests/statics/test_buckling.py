@@ -38,6 +38,33 @@ def test_a_column_buckles_at_eulers_load(material):
     assert not buckles(shell, 0.0 * force)
 
 
+def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
+    """A warm rod between two clamps bears less of a further push: none of it from the temperature that buckles it."""
+    mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 4))
+    sheet = ms.Isotropic(young=1e9, poisson=0.0, thickness=1e-3, density=1.0)
+    ends = [ms.Clamp("x < 1e-9"), ms.Fix("x > 0.999", "xz"), ms.Fix("nearest(1, 0, 0)", "y")]
+    push = [ms.LineForce("x > 0.49 and x < 0.51", (-1.0, 0.0, 0.0))]
+    warmest = np.pi**2 * sheet.thickness**2 / 3.0  # thermal strain at which a rod between two clamps buckles
+
+    def shell(share):
+        warmth = ms.Temperature(share * warmest, 1.0)
+        warm = ms.Shell(mesh, sheet, supports=ends, temperature=warmth)
+        return warm.settled(ms.DiscreteShell(warm).equilibrium().positions), warm
+
+    cold = ms.buckling_factors(ms.Shell(mesh, sheet, supports=ends), loads=push).factors[0]
+    for share in (0.5, -1.0):
+        settled, warm = shell(share)
+        factor = ms.buckling_factors(settled, loads=push).factors[0]
+        force = push[0].force(mesh)
+        for part, stable in ((0.99, True), (1.01, False)):
+            state = ms.DiscreteShell(settled).equilibrium(force=part * factor * force, start=settled.rest_positions)
+            straight = np.abs(state.positions[:, 2]).max() < 1e-9
+            assert bool(straight and state.stable) is stable
+        assert bool(factor < 0.9 * cold) is (share > 0.0)
+        with pytest.raises(ms.OptionError, match=r"buckling needs .* come to rest first"):
+            ms.buckling_factors(warm, loads=push)
+
+
 def test_shells_that_nothing_holds_or_that_have_no_stiffness_are_not_said_to_buckle():
     mesh = ms.flat_beam(cells=(8, 2))
     for material, held in ((ms.Material(20.0, 20.0, 0.05, 0.2), None), (ms.Material(0.0, 0.0, 0.0, 0.2), [0, 1, 2])):
