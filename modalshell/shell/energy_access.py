@@ -62,6 +62,8 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     def creased(self, state: CreaseState | ArrayLike) -> Self:
         """The same shell whose creases have kept the plastic folds of ``state``, or those of an array (C,) [rad].
 
+        The fields and reactions of an answer whose creases have yielded are those of ``shell.creased(answer.creases)``.
+
         OptionError for a shell without creases, LoadError for another number of folds.
         """
         if self.creases is None or self.crease_state is None:
