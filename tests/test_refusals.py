@@ -46,6 +46,7 @@ BETWEEN_PARTS = {
     "distance",
     "velocity",
     "largest_move",
+    "way",
     "surfaces",
     "body",
     "local_error",

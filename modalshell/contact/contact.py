@@ -143,13 +143,17 @@ class Contact(ReadOnlyArrays):
         before, after = (self.motion.at(t + side * lead).to_world(own) for side in (-1.0, 1.0))
         return np.asarray((after - before) / (2.0 * lead) + self.collider.velocity(own, t) @ pose.rotation.T)
 
+    def way(self, x: Array, t: float, dt: float) -> Array:
+        """Way (n, 3) [m] of the collider's material that is at points (n, 3) [m] from ``t`` to ``t + dt`` [s]."""
+        if self.motion is None:
+            return dt * self.collider.velocity(x, t)
+        pose = self.motion.at(t)
+        own = pose.to_shell(x)
+        return np.asarray(self.motion.at(t + dt).to_world(own + dt * self.collider.velocity(own, t)) - x)
+
     def largest_move(self, x: Array, t: float, dt: float) -> float:
         """Longest way [m] of the collider's material at points (n, 3) [m] in a step from ``t`` to ``t + dt`` [s]."""
-        if self.motion is None:
-            return float(np.linalg.norm(self.collider.velocity(x, t), axis=1).max(initial=0.0)) * dt
-        own = self.motion.at(t).to_shell(x)
-        way = self.motion.at(t + dt).to_world(own) - x + dt * self.collider.velocity(own, t)
-        return float(np.linalg.norm(way, axis=1).max(initial=0.0))
+        return float(np.linalg.norm(self.way(x, t, dt), axis=1).max(initial=0.0))
 
     def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
         """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).

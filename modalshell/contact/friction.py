@@ -60,8 +60,22 @@ class Friction:
         self._limit = SLIP * touching.size
         normals = touching.gaps(x, self._rows)[1]
         self._across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
-        self._begin = x[self.vertices] + dt * touching.velocities(x, self._rows)
+        self._begin = x[self.vertices] + touching.ways(x, self._rows, dt)
         self._starts, self._sizes = touching.starts(self._rows)
+
+    def held_back(self, x: Array, masses: Array) -> Array:
+        """A guess x (n, 3) of the step's end, without slips beyond the limit that friction can stop in the step.
+
+        ``masses`` (n,) are the vertices' [kg] over the square of the step [s^2]. From there Newton's method reaches
+        what sticks from one side; from a slip beyond the limit it would pass it, to and fro.
+        """
+        slip, share, _ = self._slips(x)
+        stops = (share > 1.0) & (share * self._limit * masses[self.vertices] <= self._strength)
+        if not stops.any():
+            return x
+        x = x.copy()
+        x[self.vertices[stops]] -= slip[stops]
+        return x
 
     def _slips(self, x: Array) -> tuple[Array, Array, Array]:
         """Slips (k, 3) [m], their lengths over the limit (k,), and f' (k,)."""

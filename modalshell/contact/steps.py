@@ -167,10 +167,10 @@ class TouchingSteps:
         gap, normals, curvature = self.now.gaps(rest.point, rows)
         if not curvature.any():
             return forces
-        way = rest.point[vertices] - x[vertices] - dt * self.now.velocities(rest.point, rows)
+        way = rest.point[vertices] - x[vertices] - before.ways(x, rows, dt)
         driven = np.sum(normals * way, axis=1) - (gap - before.distances(x)[rows])
-        length = np.sum(way**2, axis=1)
-        share = np.where(driven > 0.0, driven / np.maximum(length, 1e-300), 0.0)
+        length = np.maximum(np.sum(way**2, axis=1), self._deep**2)  # of less than that only rounding drives
+        share = np.where(driven > 0.0, driven / length, 0.0)
         np.subtract.at(forces, vertices, (rest.pushes[rows] * share)[:, None] * way)
         return forces
 
@@ -188,6 +188,8 @@ class TouchingSteps:
         (before, lagged, dt), settled = start, False
         while True:
             friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
+            if friction is not None:
+                first = friction.held_back(first, self.now.shell.mass / dt**2)
             solver = ActiveSet(problem, self.now, scale, friction)
             rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
             if not rest.converged or self.now.crossed(problem.origin, rest.point):

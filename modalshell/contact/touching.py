@@ -146,6 +146,14 @@ class Touching:
             velocity[here] = contact.velocity(points if self._origin is None else points + self._origin, self.time)
         return velocity
 
+    def ways(self, x: Array, rows: Index, dt: float) -> Array:
+        """Ways (k, 3) [m] of the colliders' material at the rows' vertices in the next ``dt`` [s]."""
+        way = np.empty((rows.size, 3))
+        for contact, here in self._parts(rows):
+            points = x[self.vertices[rows[here]]]
+            way[here] = contact.way(points if self._origin is None else points + self._origin, self.time, dt)
+        return way
+
     def distances(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows alone."""
         gap = np.empty(self.vertices.size)

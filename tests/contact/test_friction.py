@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.contact.descent import descend
 from modalshell.contact.friction import SLIP, Friction
 from modalshell.contact.touching import Touching
 from modalshell.motion.stepping import Motion
@@ -105,3 +106,39 @@ def test_a_resumed_motion_with_friction_has_the_same_bits():
     for _ in range(3):
         second.advance()
     assert whole.positions().tobytes() == second.positions().tobytes()
+
+
+@pytest.mark.by_default("full")
+@pytest.mark.parametrize("rung", ["modal", "full"])
+def test_what_sticks_to_a_turning_table_or_drum_turns_with_it(rung, monkeypatch):
+    """In a circle, not along its tangents: it leaves it by no more than it creeps. Newton's steps find that."""
+    slow = []
+    monkeypatch.setattr(
+        "modalshell.contact.steps.descend", lambda *given, **how: slow.append(1) or descend(*given, **how)
+    )
+    dt, rate, reach, begun = STEP, 3.0, 0.2, 0.3
+    times = np.linspace(0.0, 0.8, 65)
+    smooth = 0.5 * times - 0.5 * begun / np.pi * np.sin(np.pi * times / begun)
+    turns = rate * np.where(times < begun, smooth, times - 0.5 * begun)
+    flat = ms.sheet(length=0.1, width=0.1, cells=(2, 2))
+    places = flat.vertices - [0.05, 0.0, 0.0]
+    bent = np.stack([reach * np.sin(places[:, 0] / reach), places[:, 1], reach * np.cos(places[:, 0] / reach)], axis=1)
+    drum = ms.Cylinder((0.0, -1.0, 0.0), (0.0, 1.0, 0.0), reach)
+    for body, axis, share, start in (
+        (ms.Plane(), np.array([0.0, 0.0, 1.0]), 1.0, places + np.array([reach, 0.0, 0.0])),
+        (drum, np.array([0.0, 1.0, 0.0]), 0.25, bent),
+    ):
+        shell = ms.Shell(ms.TriangleMesh(start, flat.faces), ms.Isotropic(1e8, 0.3, 0.02, 300.0))
+        path = ms.SupportPath(times, np.zeros((65, 3)), share * turns[:, None] * axis)
+        model = (
+            ms.ModalWarping(ms.solve_modes(shell, count=8))
+            if rung == "modal"
+            else ms.DiscreteShell(shell, integrator="bdf2")
+        )
+        carried = [ms.Contact(body, friction=0.9, motion=path)]
+        run = ms.simulate(model, duration=0.6, dt=dt, gravity=(0.0, 0.0, -9.81), contacts=carried)
+        assert run.unconverged_steps == 0
+        creeps = SLIP * np.sqrt(0.02) / dt  # by the smoothed law, at the limit
+        gone = np.linalg.norm(run.positions[-1].mean(axis=0) - path.at(0.6).to_world(start).mean(axis=0))
+        assert gone <= 0.25 * creeps * 0.6  # at less than 0.44 of the limit: 1 - sqrt(1 - 0.44)
+    assert len(slow) <= 10  # of 72 steps
