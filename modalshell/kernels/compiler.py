@@ -182,8 +182,8 @@ def njit(function: Callable[..., Any] | None = None, entry: bool | None = None, 
     if function is None:
         return functools.partial(njit, entry=entry, **options)
     if entry is None:
-        own = function.__name__.startswith("_") and function.__module__.startswith(_OWN)
-        entry = not own or bool(options.get("parallel"))
+        inner = function.__name__.startswith("_") and function.__module__.startswith(_OWN)
+        entry = not inner or bool(options.get("parallel"))
     options = {"no_cfunc_wrapper": True} | COUNTED | ({} if entry else LINKED) | options
     folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]

@@ -12,8 +12,10 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core import codegen, compiler
+
+_Library: Any = codegen.JITCodeLibrary
+_Compiler: Any = compiler.Compiler
 
 
 @ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -23,7 +25,7 @@ def _refuse(*_: Any) -> None:
         print("modalshell: only kernels can call this function; njit(entry=True) lets Python do so", file=sys.stderr)
 
 
-class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
+class _LinkedLibrary(_Library):  # type: ignore[misc]
     """LLVM code of one function, simplified and linked with what it calls, for the libraries of its callers."""
 
     def _optimize_final_module(self) -> None:
@@ -53,7 +55,7 @@ class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Nothing: only conversions to Python's objects need an environment."""
 
 
-class _LinkedCompiler(Compiler):  # type: ignore[misc]
+class _LinkedCompiler(_Compiler):  # type: ignore[misc]
     """Numba's compiler with such a library for the function."""
 
     def define_pipelines(self) -> Any:

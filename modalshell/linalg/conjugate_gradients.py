@@ -15,7 +15,7 @@ from modalshell.linalg.analysis import Panels
 from modalshell.linalg.triangular_solves import solve
 
 _ONE: int = np.int64(1)  # type: ignore[assignment]
-"""Right side of a solve; numba would compile the solve anew for a number that is written out at the call."""
+"""Right side of a solve; numba would compile the solve once more for a number that is written out at the call."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
