@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
+from modalshell.loads.averaged import averaged
 from modalshell.loads.surface_kernels import surface_forces
 
 _STEP = 1e-30
@@ -119,6 +120,8 @@ class AppliedLoad:
         Its forces [N], if they depend only on the factor.
     times : tuple of float
         Times [s] at one of which the factor is at its largest, as far as that is known.
+    bends : tuple of float
+        Times [s] between which the factor is straight, or a product of straight ones, as far as that is known.
     """
 
     stencils: Index
@@ -131,17 +134,26 @@ class AppliedLoad:
     form: SurfaceForm | TurningForm | BodyForm | None = None
     constant: Array | None = None
     times: tuple[float, ...] = (0.0,)
+    bends: tuple[float, ...] = ()
 
     @property
     def is_dead(self) -> bool:
         """Whether the forces never change."""
         return not (self.by_position or self.by_velocity or self.factor)
 
-    def scaled(self, factor: Callable[[float], float], times: tuple[float, ...]) -> AppliedLoad:
-        """The same load times a factor of time, which is at its largest at one of ``times``."""
+    def scaled(
+        self, factor: Callable[[float], float], times: tuple[float, ...], bends: tuple[float, ...] = ()
+    ) -> AppliedLoad:
+        """The same load times a factor of time, at its largest at one of ``times``, that bends at ``bends`` [s]."""
         first = self.factor
         both = factor if first is None else lambda time: first(time) * factor(time)
-        return replace(self, factor=both, times=(*self.times, *times))
+        return replace(self, factor=both, times=(*self.times, *times), bends=(*self.bends, *bends))
+
+    def averaged(self, dt: float) -> AppliedLoad:
+        """The same load as steps of ``dt`` [s] take it that join the forces at their ends by straight lines."""
+        if self.factor is None or not self.bends:
+            return self
+        return replace(self, factor=averaged(self.factor, self.bends, dt), bends=())
 
     def factor_at(self, time: float) -> float:
         """Factor on the forces at a time [s]."""

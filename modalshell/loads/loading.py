@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from typing import final
 
 import numpy as np
@@ -84,6 +85,14 @@ class Loading:
         made = cls(rest, dead, live, held)
         made.loads = loads
         return made
+
+    def averaged(self, dt: float) -> Loading:
+        """The same loads as steps of ``dt`` [s] take them that join the forces at their ends by straight lines."""
+        if not any(one.bends for one in self.live):
+            return self
+        other = copy(self)
+        other.live = tuple(one.averaged(dt) for one in self.live)
+        return other
 
     @property
     def steady(self) -> bool:

@@ -27,7 +27,8 @@ class Scaled(Load):
         The load.
     factor : callable, or (times, factors)
         ``factor(time)`` of the time [s]; or a table of increasing times [s] and the factors there, joined by straight
-        lines and constant before and after.
+        lines and constant before and after. Modal and rigid models join the forces at the ends of steps by straight
+        lines: where a table bends or jumps within steps they take its weighted means there, which keep its impulse.
 
     Raises
     ------
@@ -67,7 +68,9 @@ class Scaled(Load):
             applied = constant_load(
                 mesh, checked_vectors(f"the force of {type(self.load).__name__}", self.load.force(mesh), shape)
             )
-        return applied.scaled(self.factor, (0.0,) if self._function is not None else tuple(self._times))
+        if self._function is not None:
+            return applied.scaled(self.factor, (0.0,))
+        return applied.scaled(self.factor, tuple(self._times), tuple(self._times))
 
 
 def _between(time: float, times: list[float], values: list[float]) -> float:

@@ -93,7 +93,7 @@ class RigidShell(FrameModel):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        return RigidStepper(self, setup)
+        return RigidStepper(self, setup.averaged)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None

@@ -93,7 +93,8 @@ class Motion:
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
         wanted = checked_constraints(constraints, shell.unknowns)
         # Contacts are checked where they are known: what has none does not import them.
-        self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or ())
+        divided = tolerance is not None
+        self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or (), divided)
         self._load = loading.dead.copy()
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))

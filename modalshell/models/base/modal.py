@@ -221,7 +221,7 @@ class ModalModel(ModalMotion):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; constraints are met by the modal forces of least work."""
-        return ModalStepper(self, setup)
+        return ModalStepper(self, setup.averaged)
 
     def rigid_load(self, load: Array) -> float:
         """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""

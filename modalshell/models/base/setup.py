@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
 
 from modalshell.loads import Loading
@@ -34,6 +34,8 @@ class MotionSetup:
         On patches of vertices.
     contacts : sequence of Contact
         Colliders.
+    divided : bool
+        Whether steps are divided as their errors ask for.
     """
 
     dt: float
@@ -42,3 +44,10 @@ class MotionSetup:
     supports: SupportPath | None = None
     constraints: Sequence[Constraint] = ()
     contacts: Sequence[Contact] = ()
+    divided: bool = False
+
+    @property
+    def averaged(self) -> MotionSetup:
+        """The same motion for steps that join the forces at their ends by straight lines; divided ones find bends."""
+        loading = self.loading if self.divided else self.loading.averaged(self.dt)
+        return self if loading is self.loading else replace(self, loading=loading)

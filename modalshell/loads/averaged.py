@@ -1,0 +1,45 @@
+"""Factors of loads as steps take them that join the forces at their ends by straight lines.
+
+Where a table of factors bends, or jumps, within steps, its value at their ends says nothing of that. Its mean there,
+weighted by one over a step to each side and falling in a straight line from the end itself, keeps the impulse of the
+load and when it comes, to second order in the step. Where tables bend at ends of steps alone, and do not jump, their
+values serve, to the last bit.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import sqrt
+
+_NEAR = 1e-6
+"""Share of a step within which a bend is at the end of one."""
+_JUMP = 1e-4
+"""Share of the factors about by which one jumps there."""
+_GAUSS = 0.5 / sqrt(3.0)
+"""Points of Gauss from the middle of an interval, in its lengths: exact for two tables' product under the weight."""
+
+
+def averaged(factor: Callable[[float], float], bends: Sequence[float], dt: float) -> Callable[[float], float]:
+    """The factor as steps of ``dt`` [s] take it at their ends, from time 0 [s] on; it bends at times ``bends`` [s]."""
+    places, near = sorted(set(bends)), _NEAR * dt
+
+    def at_end(time: float) -> float:
+        first, high = time < 0.5 * dt, time + dt
+        low = time if first else time - dt
+        inside = places[bisect_right(places, low - near if first else low + near) : bisect_left(places, high - near)]
+        if all(abs(bend - time) <= near for bend in inside):
+            if not inside:
+                return factor(time)
+            before, after = factor(time - near), factor(time + near)
+            if abs(after - before) <= _JUMP * max(abs(one) for one in (before, after, factor(low), factor(high))):
+                return factor(time)
+        marks, total = sorted({low, time, high, *(bend for bend in inside if bend > low)}), 0.0
+        for begin, end in pairwise(marks):
+            for point in (0.5 - _GAUSS, 0.5 + _GAUSS):
+                at = begin + point * (end - begin)
+                total += 0.5 * (end - begin) * (1.0 - abs(at - time) / dt) * factor(at)
+        return total / (0.5 * (high - low))
+
+    return at_end

@@ -1,0 +1,92 @@
+"""Tables of factors that bend or jump within steps, under rules that join forces at the ends of steps."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.loads.averaged import averaged
+
+STEP = 1 / 60
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+
+
+def shell(mesh, clamped):
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
+    return ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6 if clamped else None)
+
+
+def pushed(times, factors, sel="x > 0.999", force=0.02):
+    return [ms.Scaled(ms.PointForce(sel=sel, force=(0.0, 0.0, force)), (times, factors))]
+
+
+def table(times, factors):
+    return lambda time: float(np.interp(time, times, factors))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_straight_lines_between_the_averages_have_the_impulse_of_the_table(seed):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.05, 2.5, 12))
+    factors = rng.standard_normal(12)
+    factors[[0, -1]] = 0.0
+    at_end = averaged(table(times, factors), times, 1.0)
+    ends = np.arange(0.0, times[-1] + 3.0)
+    values = np.array([at_end(time) for time in ends])
+    values[0] *= 0.5  # that of half a step
+    for moment, exact in (
+        (values.sum(), np.trapezoid(factors, times)),
+        (values @ ends, sum(  # by Simpson's rule, which is exact for squares
+            (b - a) / 6 * (a * f + 2 * (a + b) * 0.5 * (f + g) + b * g)
+            for a, b, f, g in zip(times[:-1], times[1:], factors[:-1], factors[1:], strict=True)
+        )),
+    ):  # fmt: skip
+        assert moment == pytest.approx(exact, rel=1e-12, abs=1e-12)
+
+
+def test_a_jump_at_an_end_is_shared_by_both_steps_and_one_at_the_start_by_none():
+    jump = [1.0, 1.0 + 1e-9]
+    assert averaged(table(jump, [1.0, 0.0]), jump, 0.5)(1.0) == pytest.approx(0.5, abs=1e-8)
+    start = [0.0, 1e-9]
+    assert averaged(table(start, [1.0, 0.0]), start, 0.5)(0.0) == pytest.approx(0.0, abs=1e-8)
+
+
+def test_tables_that_bend_at_ends_alone_keep_their_bits(mesh):
+    times, factors = np.arange(6) * STEP, [0.0, 1.0, 0.3, 0.3, -2.0, 0.0]
+    at_end, plain = averaged(table(times, factors), times, STEP), table(times, factors)
+    for count in range(8):
+        assert at_end(count * STEP) == plain(count * STEP)
+    load = ms.Scaled(ms.PointForce(sel="x > 0.5", force=(0.0, 0.0, 1.0)), lambda time: time)
+    load = load.applied(mesh, np.ones(len(mesh.vertices)))
+    assert load.averaged(STEP) is load  # of a function nothing is known
+
+
+@pytest.mark.parametrize("kind", ["rigid", "LMA", "MWTS"])
+def test_a_free_shell_gets_the_impulse_of_a_push_that_ends_with_a_frame(mesh, kind):
+    body = shell(mesh, clamped=False)
+    model = ms.RigidShell(body)
+    if kind != "rigid":
+        model = (ms.LinearModal if kind == "LMA" else ms.ModalWarping)(ms.solve_modes(body, count=8))
+    force = 0.09 / len(mesh.vertices)
+    run = ms.simulate(model, duration=0.2, dt=STEP, loads=pushed([0, 0.1, 0.1001], [1, 1, 0], "x > -1", force))
+    momentum = body.mass @ (run.positions[-1] - run.positions[-2]) / STEP
+    assert momentum == pytest.approx([0.0, 0.0, 0.09 * 0.10005], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.1, 0.1001], [0.0, 0.1, 0.1 + 1e-9], [0.0, 0.09, 0.0905]])
+def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_the_error_says_so(mesh, times):
+    model, loads = ms.ModalWarping(ms.solve_modes(shell(mesh, clamped=True), count=6)), pushed(times, [1, 1, 0])
+
+    def run(parts):
+        return ms.simulate(model, duration=0.5, dt=STEP / parts, loads=loads, damping=(0.1, 1e-3))
+
+    true, errors = run(64), []
+    for parts in (1, 2):
+        found = run(parts)
+        errors.append(np.abs(found.positions[::parts] - true.positions[::64]).max())
+        assert errors[-1] <= found.step_error
+    assert errors[0] < 0.01 * np.abs(true.positions - mesh.vertices).max()
+    assert errors[1] < 0.45 * errors[0]
