@@ -13,7 +13,7 @@ import pytest
 
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.render import ShadedSurface, View, backend, choose_backend, draw_views, look_at, write_film
-from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
+from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint, open_painter
 from modalshell.render.camera import frame_points
 
 CRASH = (sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
@@ -293,6 +293,22 @@ def test_frames_that_come_one_by_one_make_the_same_film(detected, monkeypatch, t
     whole = write_film(tmp_path / "whole.mp4", [surface], [frames], **options)
     streamed = write_film(tmp_path / "streamed.mp4", [surface], [(shape for shape in frames)], total=3, **options)
     assert streamed.read_bytes() == whole.read_bytes()
+
+
+def test_threads_make_the_same_film(detected, monkeypatch, tmp_path):
+    use("built-in", detected, monkeypatch)
+    frames, films = np.stack([grid(bend=bend)[0] for bend in np.linspace(0.1, 2.0, 7)]), []
+    surface = ShadedSurface(frames[0], grid()[1], scalars=frames[0][:, 0])
+    opened = []
+    monkeypatch.setattr(
+        backend, "open_painter", lambda *size, **how: opened.append(open_painter(*size, **how)) or opened[-1]
+    )
+    for cores in (1, 2, 3):
+        monkeypatch.setattr(backend, "usable_cores", lambda cores=cores: cores)
+        scalars = [frames[:, :, 2]]
+        films.append(write_film(tmp_path / f"{cores}.mp4", [surface], [frames], size=(128, 96), scalars=scalars))
+    assert len(opened) == 1 + 2 + 3
+    assert films[0].read_bytes() == films[1].read_bytes() == films[2].read_bytes()
 
 
 def test_interrupted_film_leaves_no_file(detected, monkeypatch, tmp_path):
