@@ -131,8 +131,8 @@ class Touching:
         gap, normal = np.empty(chosen.size), np.empty((chosen.size, 3))
         curvature = np.empty((chosen.size, 3, 3))
         for contact, here in self._parts(chosen):
-            points = x[self.vertices[chosen[here]]]
-            found = contact.gap(points if self._origin is None else points + self._origin, self.time)
+            points = self._in_world(x[self.vertices[chosen[here]]])
+            found = contact.gap(points, self.time)
             gap[here], normal[here], curvature[here] = found
         if self.bounds is not None:
             gap -= self.bounds[chosen]
@@ -142,24 +142,24 @@ class Touching:
         """Velocities (k, 3) [m/s] of the colliders at the rows' vertices."""
         velocity = np.empty((rows.size, 3))
         for contact, here in self._parts(rows):
-            points = x[self.vertices[rows[here]]]
-            velocity[here] = contact.velocity(points if self._origin is None else points + self._origin, self.time)
+            points = self._in_world(x[self.vertices[rows[here]]])
+            velocity[here] = contact.velocity(points, self.time)
         return velocity
 
     def ways(self, x: Array, rows: Index, dt: float) -> Array:
         """Ways (k, 3) [m] of the colliders' material at the rows' vertices in the next ``dt`` [s]."""
         way = np.empty((rows.size, 3))
         for contact, here in self._parts(rows):
-            points = x[self.vertices[rows[here]]]
-            way[here] = contact.way(points if self._origin is None else points + self._origin, self.time, dt)
+            points = self._in_world(x[self.vertices[rows[here]]])
+            way[here] = contact.way(points, self.time, dt)
         return way
 
     def distances(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows alone."""
         gap = np.empty(self.vertices.size)
         for contact, begin, end in zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True):
-            points = x[self.vertices[begin:end]]
-            gap[begin:end] = contact.distance(points if self._origin is None else points + self._origin, self.time)
+            points = self._in_world(x[self.vertices[begin:end]])
+            gap[begin:end] = contact.distance(points, self.time)
         return gap if self.bounds is None else gap - self.bounds
 
     def packed(self) -> Packed | None:
@@ -177,6 +177,10 @@ class Touching:
     def of_contact(self, index: int) -> slice:
         """Rows of one contact."""
         return slice(int(self._ends[index]), int(self._ends[index + 1]))
+
+    def _in_world(self, points: Array) -> Array:
+        """Points (k, 3) [m] as the colliders know them."""
+        return points if self._origin is None else points + self._origin
 
     def _parts(self, rows: Index) -> list[tuple[Contact, Any]]:
         parts = []
@@ -210,7 +214,7 @@ class Touching:
             if np.isfinite(radius) and vertices.size:
                 way = np.linalg.norm(moved[vertices] - x[vertices], axis=1)
                 if way.max() > _PASSABLE * radius:
-                    points = x[vertices] if self._origin is None else x[vertices] + self._origin
+                    points = self._in_world(x[vertices])
                     allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
                     part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
         return part
@@ -226,14 +230,14 @@ class Touching:
             longest = float(np.linalg.norm(way, axis=1).max())
             looks = min(_LOOKS, int(longest / (_PASSABLE * radius)))
             for share in np.arange(1, looks + 1) / (looks + 1):
-                points = begin + share * way if self._origin is None else begin + share * way + self._origin
+                points = self._in_world(begin + share * way)
                 if contact.distance(points, self.time).min() < -_PASSED * radius:
                     return True
         return False
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
         """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""
-        points = x[vertices] if self._origin is None else x[vertices] + self._origin
+        points = self._in_world(x[vertices])
         chosen = (contact.vertices(self.shell.mesh)[vertices] for contact in self.contacts)
         gaps = [contact.distance(points[own], self.time) for contact, own in zip(self.contacts, chosen, strict=True)]
         return [index for index, gap in enumerate(gaps) if gap.min(initial=0.0) < -INSIDE * self.size]

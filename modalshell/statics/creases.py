@@ -187,7 +187,8 @@ class _Way:
             return False
         faces = self.problem.shell.mesh.faces
         sides = [area_vectors(place.x, faces) for place in (low, high)]
-        return bool((np.sum(sides[0] * sides[1], axis=1) >= _TURN * np.prod(_lengths(sides), axis=0)).all())
+        least = _TURN * np.prod(np.linalg.norm(sides, axis=2), axis=0)
+        return bool((np.sum(sides[0] * sides[1], axis=1) >= least).all())
 
 
 @final
@@ -205,10 +206,6 @@ class _Place:
     def within(self) -> bool:
         """Whether nothing yields here."""
         return float(np.abs(self.drive).max()) <= 1.0 + MET
-
-
-def _lengths(vectors: list[Array]) -> Array:
-    return np.linalg.norm(vectors, axis=2)
 
 
 def _stays_elastic(way: _Way, low: _Place, high: _Place, depth: int = _DEPTH) -> tuple[bool, int]:
