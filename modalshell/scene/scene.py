@@ -105,7 +105,9 @@ class Scene(ABC):
                 values = material_values(self.material, self.file.parent)
             content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
         # Results of scenes without these tables keep their digests.
-        content |= {} if self.rest is None else {"rest": rest_content(self.file, self.rest)}
+        content |= (
+            {} if self.rest is None else {"rest": rest_content(self.file, self.rest, getattr(self.mesh, "up", None))}
+        )
         content |= {"creases": [table.plain() for table in self.creases]} if self.creases else {}
         return content | {"positions": self.output.positions}
 
