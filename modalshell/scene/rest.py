@@ -86,13 +86,16 @@ def rest_options(file: Path, table: RestTable | None, up: Any) -> dict[str, Any]
         return options
 
 
-def build_creases(file: Path, entries: Sequence[CreaseTable], mesh: TriangleMesh) -> list[Crease]:
+def build_creases(
+    file: Path, entries: Sequence[CreaseTable], mesh: TriangleMesh, rest: TriangleMesh | None
+) -> list[Crease]:
     """The creases; SceneError where one is refused."""
     made = []
+    at_rest = rest if rest is not None and np.array_equal(rest.faces, mesh.faces) else mesh  # others a shell refuses
     for index, table in enumerate(entries):
         with located(file, f"creases[{index}]", table):
             made.append(table.build())
-            made[-1].hinges(mesh)
+            made[-1].hinges(mesh, at_rest)
     return made
 
 

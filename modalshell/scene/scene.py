@@ -161,7 +161,7 @@ class Scene(ABC):
                 energies.append(entry.build())
         options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None))
         if self.creases:
-            options["creases"] = build_creases(self.file, self.creases, mesh)
+            options["creases"] = build_creases(self.file, self.creases, mesh, options.get("rest"))
         place = ("rest", self.rest) if self.rest is not None else ("material", self.material)
         with located(self.file, *place):
             return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts, **options)
