@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 _BEYOND = 2.0
 """Multiples of the requested range of load factors within which a path is followed."""
+_LITTLE = 1.0, 1e-2, 1e-4
+"""Shares of the first step's load under which a shell that its own stresses buckle is let go."""
 
 
 @final
@@ -178,7 +180,8 @@ def equilibrium_path(
     begin : float
         Load factor at which it begins.
     start : array_like, shape (n, 3), optional
-        Positions [m] near those at the beginning; by default those under a load that grows from zero.
+        Positions [m] near those at the beginning; by default those under a load that grows from zero, of a shell that
+        its own stresses buckle those to which it has buckled, on the side to which the load pushes.
     control : {"arc", "load", "displacement"}
         What the steps are measured by. Load control ends at the first limit point, displacement control where the
         watched displacement turns back.
@@ -276,8 +279,31 @@ def _first(walker: Tracer[object], followed: _Followed, begin: float, sense: flo
         return walker.first(followed.first, begin, sense)
     if begin == 0.0:
         with contextlib.suppress(SolverError):  # a shell under much stress is far from its equilibrium at rest
-            return walker.first(problem.origin, begin, sense)
+            if (at_rest := walker.first(problem.origin, begin, sense)).negative == 0:
+                return at_rest
+            return _buckled(walker, at_rest, sense)
     return walker.first(equilibrium(problem.loaded(begin), None).point, begin, sense)
+
+
+def _buckled(walker: Tracer[object], at_rest: PathPoint, sense: float) -> PathPoint:
+    """The point without load to which a shell has buckled by its own stresses, on the side to which the load pushes.
+
+    The point ``at_rest``, which is unstable, where no stable one is found.
+    """
+    problem, best, gone = walker.problem, at_rest, 0.0
+    push = sense * problem.push_at(problem.origin)
+    for share in _LITTLE:
+        start = equilibrium(problem.loaded(sense * share * walker.longest), None).point
+        for _ in range(2):
+            with contextlib.suppress(SolverError):
+                point = walker.first(start, 0.0, sense)
+                work = float(push @ problem.difference(point.x, problem.origin))
+                if point.negative < best.negative or (point.negative == best.negative and gone < 0.0 < work):
+                    best, gone = point, work
+            start = problem.moved(problem.origin, -problem.difference(start, problem.origin))[0]  # the other side
+        if best.negative == 0:
+            break
+    return best
 
 
 def _with_contacts(

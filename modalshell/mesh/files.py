@@ -106,6 +106,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
     try:
         vertices = validation.as_vertices(polygons.vertices)
         faces = validation.as_faces(polygons.triangles(), len(vertices))
+        polygons.refuse_crossed(faces)
         vertices, faces = _without_unused(file, vertices, faces)
         if file.suffix.lower() in _WELDED:
             vertices, faces = _weld(file, vertices, faces)

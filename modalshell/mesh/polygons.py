@@ -9,11 +9,16 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.errors import MeshError
 from modalshell.core.short_repr import short_repr
 from modalshell.mesh.topology import FloatArray, IntArray
 
 _FLAT = 1e-6
 """Height of a triangle, as a share of its longest side, that counts as none."""
+_BACK = -0.5
+"""Cosine between normals of triangles of one polygon below which it is folded back on itself."""
+_SMALL = 1e-3
+"""Area of a triangle, over that of the largest one of its polygon, below which it may be turned by rounding."""
 
 
 @final
@@ -70,6 +75,26 @@ class Polygons:
             corners = self.corners[first[polygon] : first[polygon] + self.sizes[polygon]]
             triangles[owner == polygon] = corners[_clip_ears(self.vertices[corners], normals[polygon])]
         return triangles
+
+    def refuse_crossed(self, triangles: IntArray) -> None:
+        """MeshError for a polygon that crosses itself: some of its :meth:`triangles` lie back on the others."""
+        owner = np.repeat(np.arange(len(self.sizes)), self.sizes - 2)
+        points = self.vertices[triangles]
+        areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        sizes = np.linalg.norm(areas, axis=1)
+        order = np.lexsort((sizes, owner))
+        largest = order[np.cumsum(self.sizes - 2) - 1][owner]
+        back = np.sum(areas * areas[largest], axis=1) < _BACK * sizes * sizes[largest]
+        crossed = np.unique(owner[back & (sizes > _SMALL * sizes[largest])])
+        if crossed.size:
+            first = int(crossed[0])
+            start = int(self.sizes[:first].sum())
+            corners = self.corners[start : start + self.sizes[first]].tolist()
+            more = "" if crossed.size == 1 else f"; {crossed.size} such polygons in all"
+            raise MeshError(
+                f"polygon {first} crosses itself (got corners {corners}; both counted from 0{more}): name the corners "
+                "of every polygon in order around it, which those of VTK's pixels, for one, are not"
+            )
 
 
 def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:

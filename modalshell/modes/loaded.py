@@ -75,6 +75,11 @@ class LoadedModes(VibrationModes):
     rigid_modes: int = 0
 
 
+@final
+class UnstableState(OptionError):
+    """Vibrations were asked for about a state whose stiffness is not positive definite."""
+
+
 def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: str | None) -> tuple[LoadedModes, int]:
     """The ``count`` lowest vibrations about a state, or positions (n, 3) [m]; see :func:`modalshell.solve_modes`.
 
@@ -99,7 +104,7 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
         return LoadedModes(shell, read_only(x.copy()), read_only(values), read_only(modes), conservative=False), whole
     root, none = np.sqrt(mass), np.empty((mass.size, 0))
     wanted = min(count + 1, mass.size)
-    unstable = OptionError(
+    unstable = UnstableState(
         "about must be a stable state of a shell that its supports hold (got one about which the stiffness is not "
         "positive definite): see its stable and its converged; under loads that follow the shell, pass the equilibrium "
         "itself"

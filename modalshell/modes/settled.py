@@ -10,7 +10,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import mass_scaled
 from modalshell.modes.factorisation import Factoriser
-from modalshell.modes.loaded import loaded_modes
+from modalshell.modes.loaded import UnstableState, loaded_modes
 from modalshell.modes.tangent import TangentStiffness
 from modalshell.shell import EXACT, Shell
 
@@ -55,7 +55,15 @@ def settled_modes(shell: Shell, count: int, backend: str | None) -> SettledModes
             "come to rest first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal "
             "models; modes under a load are those of solve_modes(shell, about=state)"
         )
-    found, whole = loaded_modes(shell, x, count, backend)
+    try:
+        found, whole = loaded_modes(shell, x, count, backend)
+    except UnstableState as error:
+        raise OptionError(
+            "vibration modes about the mesh need a shell that is stable there (got one that is buckled by the stresses "
+            "of its prestrain, rest_curvature, temperature or rest): let it come to rest first, "
+            "shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal models; or take DS or "
+            "coarse DS"
+        ) from error
     root = np.sqrt(unknowns.masses(shell.mass))[:, None]
     vectors = root * np.asarray(unknowns.values(found.modes))
     operator = mass_scaled(shell, shell.energy_gradient_hessian(x, EXACT)[2])

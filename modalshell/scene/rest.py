@@ -86,20 +86,27 @@ def rest_options(file: Path, table: RestTable | None, up: Any) -> dict[str, Any]
         return options
 
 
-def build_creases(file: Path, entries: Sequence[CreaseTable], mesh: TriangleMesh) -> list[Crease]:
+def build_creases(
+    file: Path, entries: Sequence[CreaseTable], mesh: TriangleMesh, rest: TriangleMesh | None
+) -> list[Crease]:
     """The creases; SceneError where one is refused."""
     made = []
+    at_rest = rest if rest is not None and np.array_equal(rest.faces, mesh.faces) else mesh  # others a shell refuses
     for index, table in enumerate(entries):
         with located(file, f"creases[{index}]", table):
             made.append(table.build())
-            made[-1].hinges(mesh)
+            made[-1].hinges(mesh, at_rest)
     return made
 
 
-def rest_content(file: Path, table: RestTable) -> dict[str, Any]:
-    """The table as plain values, with digests of the files that it names."""
+def rest_content(file: Path, table: RestTable, up: Any) -> dict[str, Any]:
+    """The table as plain values, with digests of the mesh, which its file may take from others, and of numbers."""
     content: dict[str, Any] = msgspec.to_builtins(table)
-    for name in table.files:
+    if table.file is not None:
+        with located(file, "rest", table):
+            vertices = load_mesh(found_file(table.file, file.parent), up=up).vertices
+        content[f"digest of {table.file}"] = hashlib.sha256(vertices.tobytes()).hexdigest()
+    for name in set(table.files) - {table.file}:
         content[f"digest of {name}"] = hashlib.sha256(found_file(name, file.parent).read_bytes()).hexdigest()
     return content
 

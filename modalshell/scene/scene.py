@@ -105,7 +105,9 @@ class Scene(ABC):
                 values = material_values(self.material, self.file.parent)
             content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
         # Results of scenes without these tables keep their digests.
-        content |= {} if self.rest is None else {"rest": rest_content(self.file, self.rest)}
+        content |= (
+            {} if self.rest is None else {"rest": rest_content(self.file, self.rest, getattr(self.mesh, "up", None))}
+        )
         content |= {"creases": [table.plain() for table in self.creases]} if self.creases else {}
         return content | {"positions": self.output.positions}
 
@@ -159,7 +161,7 @@ class Scene(ABC):
                 energies.append(entry.build())
         options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None))
         if self.creases:
-            options["creases"] = build_creases(self.file, self.creases, mesh)
+            options["creases"] = build_creases(self.file, self.creases, mesh, options.get("rest"))
         place = ("rest", self.rest) if self.rest is not None else ("material", self.material)
         with located(self.file, *place):
             return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts, **options)

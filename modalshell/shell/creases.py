@@ -84,8 +84,11 @@ class Crease(ReadOnlyArrays):
             value = checked_number("angle", self.angle, at_least=0.0, at_most=180.0, unit="deg")
             object.__setattr__(self, "angle", value)
 
-    def hinges(self, mesh: TriangleMesh) -> Index:
-        """Hinges of the mesh that are its creases; OptionError if there is none, or at a junction."""
+    def hinges(self, mesh: TriangleMesh, at_rest: TriangleMesh | None = None) -> Index:
+        """Hinges of the mesh that are its creases; OptionError if there is none, or at a junction.
+
+        Folds are those of the mesh ``at_rest``, if that is another one.
+        """
         if not isinstance(self.sel, str) and np.ndim(self.sel) == 2:
             pairs = np.asarray(self.sel)
             chosen = numbers_of_edges(mesh.edges, pairs)
@@ -100,13 +103,14 @@ class Crease(ReadOnlyArrays):
             raise OptionError(f"sel has edge {ends}, a junction: a crease is an edge of two triangles")
         found = np.flatnonzero(np.isin(mesh.hinge_edges, chosen))
         if self.angle is not None:
-            sides = mesh.face_normals[mesh.hinge_faces[found]]
+            folded = mesh if at_rest is None else at_rest
+            sides = folded.face_normals[folded.hinge_faces[found]]
             cosine = np.sum(sides[:, 0] * sides[:, 1], axis=1).clip(-1.0, 1.0)
             found = found[np.degrees(np.arccos(cosine)) > self.angle]
         if not found.size:
-            folded = "" if self.angle is None else f", folded by more than {self.angle:g} degrees,"
+            least = "" if self.angle is None else f", folded by more than {self.angle:g} degrees at rest,"
             raise OptionError(
-                f"sel has no edge of two triangles{folded} between its vertices (got {shown(self.sel)}): select both "
+                f"sel has no edge of two triangles{least} between its vertices (got {shown(self.sel)}): select both "
                 "ends of every edge of the crease"
             )
         return found
@@ -173,13 +177,16 @@ class CreaseSet(ReadOnlyArrays):
     count: int
 
     @classmethod
-    def of(cls, creases: Sequence[Crease], mesh: TriangleMesh) -> Self | None:
-        """The creases on a mesh, None without any; OptionError for an edge that belongs to two of them."""
+    def of(cls, creases: Sequence[Crease], mesh: TriangleMesh, at_rest: TriangleMesh) -> Self | None:
+        """The creases on a mesh, None without any; OptionError for an edge that belongs to two of them.
+
+        Lengths and folds are those of the mesh ``at_rest``.
+        """
         if isinstance(creases, Crease) or not isinstance(creases, Sequence):
             raise OptionError(f"creases must be a list of ms.Crease (got {shown(creases)})")
         if not creases:
             return None
-        hinges = [checked_kind(f"creases[{i}]", crease, Crease).hinges(mesh) for i, crease in enumerate(creases)]
+        hinges = [checked_kind(f"creases[{i}]", each, Crease).hinges(mesh, at_rest) for i, each in enumerate(creases)]
         owner = np.full(len(mesh.hinges), -1)
         for index, own in enumerate(hinges):
             if (owner[own] >= 0).any():
@@ -188,7 +195,7 @@ class CreaseSet(ReadOnlyArrays):
                 raise OptionError(f"creases[{index}] has edge {ends}, which is one of creases[{owner[hinge]}], too")
             owner[own] = index
         chosen = np.flatnonzero(owner >= 0)
-        lengths = mesh.edge_lengths[mesh.hinge_edges[chosen]]
+        lengths = at_rest.edge_lengths[at_rest.hinge_edges[chosen]]
         limits = lengths * np.array([crease.yield_moment for crease in creases])[owner[chosen]]
         hardening = lengths * np.array([crease.hardening for crease in creases])[owner[chosen]]
         return cls(read_only(chosen), read_only(limits), read_only(hardening), len(mesh.hinges))

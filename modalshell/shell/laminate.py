@@ -186,7 +186,7 @@ class Laminate(Sheet, kind="laminate"):
         Parameters
         ----------
         mesh : TriangleMesh
-            Mesh of the shell.
+            Mesh of the shell without stress, :attr:`Shell.rest_mesh`.
         fields : ShellFields
             Its fields, from :meth:`Shell.fields`.
         """

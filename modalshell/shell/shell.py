@@ -154,7 +154,7 @@ class Shell(EnergyAccess):
         self.rest_shape = rest_shape(self.rest_mesh, material, prestrain, rest_curvature, temperature)
         if self.rest_shape is not None:
             self._energy = self._energy.resting(self.rest_shape)
-        self.creases = CreaseSet.of(creases, mesh)
+        self.creases = CreaseSet.of(creases, mesh, self.rest_mesh)
         self.crease_state = None if self.creases is None else CreaseState(np.zeros(self.creases.hinges.size))
         self._support(unknowns)
 

@@ -170,17 +170,16 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
         return areas
 
     smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
-    smooth[np.isin(mesh.hinge_edges, mesh.joints.edges)] = False
+    smooth[np.isin(mesh.hinge_edges, mesh.junctions)] = False
     hinges, edges = mesh.hinges[smooth], mesh.hinge_edges[smooth]
-    both = mesh.edge_faces[edges]
-    areas = taken(both, mesh.edge_corners[edges])
+    both, corners, others = _around(mesh, edges)
+    areas = taken(both, corners)
     shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
     strain = np.empty((len(hinges), 3, 5))
     fill_in_parts(strain, functools.partial(_strain_of_pairs, mesh), hinges, shares)
-    corners = mesh.edge_corners[edges]
-    others = [(0, 2), (0, 1), (1, 1), (1, 2)]  # side and edge after the common one, in the order of PAIR
-    after = [mesh.face_edges[both[:, side], (corners[:, side] + k) % 3] for side, k in others]
-    numbers = np.column_stack([edges, *after])
+    sides = np.array([0, 0, 1, 1])
+    after = mesh.face_edges[both[:, sides], (corners[:, sides] + others) % 3]
+    numbers = np.column_stack([edges, after])
     found = [Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, areas, both)]
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
@@ -199,6 +198,23 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
         numbers = edge_numbers(mesh, triangles, PAIR[:3])
         found.append(Strained(triangles, PAIR[:3], numbers, strain, rim_areas, rim[:, None]))
     return found
+
+
+def _around(mesh: TriangleMesh, edges: Index) -> tuple[Index, Index, Index]:
+    """Triangles (e, 2) of hinges at ``edges``, the corners (e, 2) from which they run, and their other edges (e, 4).
+
+    These come in the order of :data:`PAIR`, as places after the common edge; at seams the first triangle runs the
+    other way.
+    """
+    both, corners = mesh.edge_faces[edges], mesh.edge_corners[edges]
+    others = np.tile([2, 1, 1, 2], (len(edges), 1))
+    if mesh.seams.size:
+        seam = np.isin(edges, mesh.seams)
+        wings = np.column_stack(mesh.joints.hinge_wings)[np.searchsorted(mesh.joints.hinge_edges, edges[seam])]
+        both, corners = both.copy(), corners.copy()
+        both[seam], corners[seam] = wings // 3, wings % 3
+        others[seam, :2] = 1, 2
+    return both, corners, others
 
 
 def membrane_of(

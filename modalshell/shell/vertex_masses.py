@@ -57,7 +57,7 @@ def vertex_masses(
     points = mesh.vertices[mesh.faces]
     sides = np.roll(points, -1, axis=1) - points
     reach = gathered((density * areas / 24.0)[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
-    normals = gathered(np.repeat((areas[:, None] * mesh.face_normals)[:, None], 3, axis=1))
+    normals = gathered(areas[:, None, None] * _alike(mesh, corners))
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     vertex = np.empty(count, dtype=np.int64)
     vertex[corners] = mesh.faces
@@ -81,14 +81,26 @@ def vertex_masses(
     return np.asarray(thirds + moves.T @ least)
 
 
+def _alike(mesh: TriangleMesh, corners: Index) -> Array:
+    """Normals (T, 3, 3) of the triangles at their ``corners`` (T, 3), over seams those of the group's first one."""
+    normals = np.repeat(mesh.face_normals[:, None], 3, axis=1)
+    if mesh.seams.size:
+        _, first = np.unique(corners, return_index=True)
+        turned = np.sum(normals * mesh.face_normals[first[corners] // 3], axis=2) < 0.0
+        normals[turned] *= -1.0
+    return normals
+
+
 def _joined_corners(mesh: TriangleMesh) -> Index:
     """Group (T, 3) of each corner: those at a vertex whose triangles meet without a sharp fold or a junction."""
-    edges = mesh.hinge_edges[~np.isin(mesh.hinge_edges, mesh.joints.edges)]
+    edges = mesh.hinge_edges[~np.isin(mesh.hinge_edges, mesh.junctions)]
+    seam = np.isin(edges, mesh.seams)
     left, right = mesh.edge_faces[edges].T
     first, second = mesh.edge_corners[edges].T
-    smooth = np.sum(mesh.face_normals[left] * mesh.face_normals[right], axis=1) >= np.cos(SHARP)
-    # Both triangles run along their edge in opposite senses.
+    cosines = np.sum(mesh.face_normals[left] * mesh.face_normals[right], axis=1)
+    smooth = np.where(seam, -cosines, cosines) >= np.cos(SHARP)
+    # Both triangles run along their edge in opposite senses, but at seams.
     starts = np.concatenate([3 * left + first, 3 * left + (first + 1) % 3])
-    ends = np.concatenate([3 * right + (second + 1) % 3, 3 * right + second])
+    ends = np.concatenate([3 * right + (second + ~seam) % 3, 3 * right + (second + seam) % 3])
     joined = np.concatenate([smooth, smooth])
     return connected_parts(np.column_stack([starts[joined], ends[joined]]), 3 * len(mesh.faces)).reshape(-1, 3)

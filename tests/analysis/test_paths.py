@@ -199,3 +199,19 @@ def test_a_path_of_a_sheet_under_much_stress_begins_at_its_equilibrium():
     assert path.converged
     still = ms.DiscreteShell(shell).equilibrium()
     np.testing.assert_allclose(path.positions[0], still.positions, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("load", "side"), [(-30.0, -1.0), (30.0, 1.0), (-0.01, -1.0)])
+def test_a_path_begins_where_a_strip_has_buckled_by_its_own_stresses_to_the_side_of_the_load(load, side):
+    """From the straight strip, which is no stable state, it ran back to a factor of -1.02, all of it unstable."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2))
+    sheet, grown = ms.Isotropic(2e9, 0.3, 2e-3, 1000.0), np.diag([1e-3, 0.0, 0.0])
+    shell = ms.Shell(mesh, sheet, "x < 1e-6 or x > 0.999999", prestrain=grown)
+    path = ms.equilibrium_path(shell, gravity=(0.0, 0.0, load))
+    assert path.converged
+    assert path.stable.all()
+    assert (np.diff(path.factors) > 0.0).all()
+    middle = np.abs(mesh.vertices[:, 0] - 0.5) < 1e-6
+    assert side * path.positions[0, middle, 2].mean() > 0.01
+    straight = ms.equilibrium_path(shell, gravity=(0.0, 0.0, load), start=mesh.vertices, points=2)
+    assert not straight.stable.any()

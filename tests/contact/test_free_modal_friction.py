@@ -156,6 +156,8 @@ def test_what_is_not_taken_is_refused_before_any_work(shell, basis):
     for contact in (rough, floor(restitution=0.2)):
         with pytest.raises(ms.OptionError, match=r"friction or restitution, which motions of MWTS .* DS or coarse DS"):
             ms.simulate(anchored, duration=0.1, contacts=[contact])
+    with pytest.raises(ms.OptionError, match=r"all six rigid modes \(got 2 rigid modes\)"):
+        ms.simulate(ms.LinearModal(ms.solve_modes(shell, count=2)), duration=0.1, contacts=[rough])
     for one in (model, anchored):
         with pytest.raises(ms.OptionError, match="takes contacts or constraints, not both: take DS"):
             ms.simulate(one, duration=0.1, contacts=[FLOOR], constraints=[patch])

@@ -293,3 +293,17 @@ def test_a_polygon_with_a_corner_on_a_straight_side_has_no_flat_triangle(tmp_pat
     assert len(mesh.faces) == 4
     assert mesh.face_areas.sum() == pytest.approx(2.0)
     assert mesh.face_areas.min() > 0.2
+
+
+@pytest.mark.parametrize("order", [(0, 1, 3, 2), (0, 2, 1, 3)])
+def test_polygons_that_cross_themselves_are_refused(tmp_path, order):
+    """Split as if they did not, each was folded flat on itself without a word, and the sheet in pieces."""
+    sheet = [f"v {x} {y} 0" for y in range(2) for x in range(4)]
+    quads = [[i, i + 1, i + 5, i + 4] for i in range(3)]
+    named = [" ".join(str(quad[k] + 1) for k in order) for quad in quads]
+    bent = ["v 4 0 0.4", "v 4 1 0.5", f"f 4 {len(sheet) + 1} {len(sheet) + 2} 8"]  # not plane, and right
+    for lines in (named, named[1:2]):
+        text = "\n".join([*sheet, *bent, *(f"f {line}" for line in lines)])
+        refuse(_write(tmp_path / "pixels.obj", text.encode()), "polygon 1 crosses itself")
+    right = "\n".join([*sheet, *bent, *(f"f {a + 1} {b + 1} {c + 1} {d + 1}" for a, b, c, d in quads)])
+    assert len(load_mesh(_write(tmp_path / "quads.obj", right.encode())).faces) == 8

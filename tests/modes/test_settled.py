@@ -79,6 +79,13 @@ def test_what_is_not_settled_is_refused():
         ms.solve_modes(settled, 3, attachments=[ms.PointForce([5], (0, 0, 1))])
 
 
+def test_a_mesh_that_its_own_stresses_buckle_is_named_as_such():
+    mesh = ms.sheet(length=0.3, width=0.3, cells=(4, 4))
+    warm = ms.Shell(mesh, SHEET, "boundary", temperature=ms.Temperature(60.0, 1e-3))
+    with pytest.raises(ms.OptionError, match=r"buckled by the stresses of its .*let it come to rest first"):
+        ms.solve_modes(warm, 1)
+
+
 def test_what_a_settled_shell_does_not_give(tmp_path):
     _, settled = curled()
     basis = ms.solve_modes(settled, 3)

@@ -1,5 +1,6 @@
 """``[rest]`` and ``[[creases]]`` from scene files: the same shells as in Python, their results, and refusals."""
 
+import json
 import pickle
 
 import numpy as np
@@ -88,6 +89,32 @@ def test_the_digest_follows_the_file_at_rest(tmp_path):
     mesh = ms.load_mesh(tmp_path / "bent.obj")
     ms.save_mesh(ms.TriangleMesh(1.01 * mesh.vertices, mesh.faces), tmp_path / "bent.obj")
     assert declared.content() != before
+
+
+def test_the_digest_follows_what_the_file_at_rest_reads_from_others(tmp_path):
+    """A glTF file may keep its numbers in another one: results of what that held before were taken as its own."""
+    declared = scene(tmp_path, '[rest]\nfile = "bent.gltf"\n')
+    mesh = ms.load_mesh(tmp_path / "bent.obj")
+    faces = mesh.faces.astype("<u4").tobytes()
+    views = [{"buffer": 0, "byteOffset": 0, "byteLength": 12 * len(mesh.vertices)}]
+    views.append({"buffer": 0, "byteOffset": 12 * len(mesh.vertices), "byteLength": len(faces)})
+    points = {"bufferView": 0, "componentType": 5126, "count": len(mesh.vertices), "type": "VEC3"}
+    corners = {"bufferView": 1, "componentType": 5125, "count": mesh.faces.size, "type": "SCALAR"}
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"uri": "bent.bin", "byteLength": 12 * len(mesh.vertices) + len(faces)}],
+        "bufferViews": views,
+        "accessors": [points, corners],
+    }
+    (tmp_path / "bent.gltf").write_text(json.dumps(document))
+    found = []
+    for share in (1.0, 1.01, 1.0):
+        (tmp_path / "bent.bin").write_bytes((share * mesh.vertices).astype("<f4").tobytes() + faces)
+        found.append(declared.content())
+    assert found[0] == found[2] != found[1]
 
 
 def test_creases_of_a_scene_are_those_in_python_and_its_results_keep_them(tmp_path):

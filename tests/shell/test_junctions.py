@@ -214,6 +214,29 @@ def test_a_moebius_strip_has_a_seam_anywhere():
     np.testing.assert_allclose(frequencies[0], frequencies[1], rtol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
+@pytest.mark.parametrize("directed", [False, True])
+def test_masses_and_membrane_do_not_feel_where_a_moebius_strip_is_wound_over(directed):
+    """With seams as free edges masses next to them were 5 % off, and the energy 0.07 %; pairs that bend stay apart."""
+    mesh, rng = moebius(), np.random.default_rng(0)
+    along = np.stack([-mesh.vertices[:, 1], mesh.vertices[:, 0], 0.0 * mesh.vertices[:, 0]], axis=1)
+    sheets, found = [SHEET], []
+    flipped = np.where(rng.random(len(mesh.faces))[:, None] < 0.5, mesh.faces[:, ::-1], mesh.faces)
+    for rolled in (mesh, ms.TriangleMesh(mesh.vertices, flipped)):
+        if directed:
+            direction = along[rolled.faces].mean(axis=1)
+            sheets = [
+                ms.Orthotropic(
+                    young=(1e9, 2e8), shear=1e8, poisson=0.2, thickness=0.01, density=1000.0, direction=direction
+                )
+            ]
+        shell = ms.Shell(rolled, *sheets)
+        found.append((shell.mass, shell.energy(mesh.vertices + 1e-3 * np.sin(7.0 * mesh.vertices[:, [1, 2, 0]]))))
+    assert len(rolled.seams) > len(mesh.seams)
+    np.testing.assert_allclose(found[1][0], found[0][0], rtol=1e-12)
+    assert found[1][1] == pytest.approx(found[0][1], rel=5e-5)
+
+
 @pytest.mark.by_default("mwts")
 @pytest.mark.parametrize("key", ["ds", "mwts"])
 def test_a_shell_with_a_junction_is_carried_by_its_support(key):

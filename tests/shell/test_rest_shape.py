@@ -260,3 +260,19 @@ def test_rungs_name_another_rest_shape():
     assert ms.solve_modes(shell, 3, about=state).frequencies.min() > 0.0
     with pytest.raises(ms.SupportError, match="rest does not go with planes of symmetry"):
         ms.Shell(mesh, SHEET, supports=[ms.Symmetry("x < 1e-9", (1, 0, 0))], rest=bent(mesh, 1.0))
+
+
+def test_creases_have_the_folds_and_lengths_of_the_shape_without_stress():
+    """A pleated strip pressed flat has its creases at the pleats, and a flat one that is bent has none."""
+    flat = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    x, y, _ = flat.vertices.T
+    pleated = np.stack([0.9 * x, 1.5 * y, 0.05 * np.where(np.round(8 * x) % 4 < 3, 0.0, 1.0)], axis=1)
+    crease = ms.Crease("x > -1", 0.1, 0.2, angle=5.0)
+    sheet = ms.Isotropic(1e9, 0.3, 1e-3, 1000.0)
+    shell = ms.Shell(flat, sheet, "x < 1e-6", rest=pleated, creases=[crease])
+    same = ms.Shell(ms.TriangleMesh(pleated, flat.faces), sheet, "x < 1e-6", creases=[crease])
+    np.testing.assert_array_equal(shell.creases.hinges, same.creases.hinges)
+    np.testing.assert_allclose(shell.creases.limits, same.creases.limits, rtol=1e-12)
+    np.testing.assert_allclose(shell.creases.hardening, same.creases.hardening, rtol=1e-12)
+    with pytest.raises(ms.OptionError, match="folded by more than 5 degrees at rest"):
+        ms.Shell(same.mesh, sheet, "x < 1e-6", rest=flat, creases=[crease])

@@ -175,13 +175,14 @@ class ModalPressedMotion(PressedMotion):
 
     @staticmethod
     def _contacts_of(model: ModalMotion, contacts: Sequence[Contact]) -> ModalContacts:
+        found = modal_contacts(model, contacts)
         for index, contact in enumerate(contacts):
             if model.frames is None and (contact.friction or contact.restitution):
                 raise OptionError(
                     f"contact {index} has friction or restitution, which motions of {model.name} take of shells "
                     "without supports alone: take DS or coarse DS"
                 )
-        return modal_contacts(model, contacts)
+        return found
 
     @property
     def told(self) -> str:
