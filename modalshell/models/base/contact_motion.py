@@ -99,6 +99,7 @@ class ContactMotion:
         x, end = state.coordinates, begin + dt
         if PUSHES in state.memory:
             steps.pushes = state.memory[PUSHES].copy()
+        steps.go_on(begin)
         steps.let_in(x, begin, dt)
         if not (steps.touches(x, begin) or steps.enters(x, end) or steps.meet(x, x + dt * state.rates)):
             if free is None:

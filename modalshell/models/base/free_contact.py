@@ -20,6 +20,7 @@ from modalshell.contact.complementarity import complementary
 from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction
 from modalshell.contact.steps import BOUNCE
 from modalshell.contact.touching import EXACT_GAP
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
 from modalshell.integrators.state import PUSHES, MotionState
@@ -64,6 +65,16 @@ def _rule(tried: int) -> int:
 @final
 class FreeContactMotion(ModalPressedMotion):
     """What follows each step of a modal model with free parts and contacts."""
+
+    _struck: tuple[Array | None, Array | float] = None, 0.0  # coordinates of a rebound, and its forces (r,) [N]
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """See :meth:`PressedMotion.frame`; the impulses of a rebound are of the step that it ends."""
+        at, forces = self._struck
+        if at is state.coordinates:
+            pushes = state.memory[PUSHES] + forces
+            state = MotionState(state.coordinates, state.rates, state.memory | {PUSHES: pushes})
+        return super().frame(state, positions, time)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
@@ -116,7 +127,7 @@ class FreeContactMotion(ModalPressedMotion):
 
         ``step`` are its beginning and positions (n, 3) [m] there, its end, and where it would end without contacts;
         ``found`` forces (r,) [N] and the energy [J] beyond the modes. A step with impulses has no more energy than
-        before, whatever the restitution.
+        before, and what moving colliders give it, whatever the restitution.
         """
         pushes, energy = found
         (before, begin, end, alone), touching, (time, dt) = step, self._pressing.touching, when
@@ -142,7 +153,12 @@ class FreeContactMotion(ModalPressedMotion):
         columns += kernels.LOADED * float(np.trace(columns)) / rows.size * np.eye(rows.size)
         complementary(columns, last - wanted, impulses, 1e-12 * touching.size / dt, True)
         change = by_impulse @ (impulses @ along)
-        return flight.struck(end.state, change, flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy)
+        lost = flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy + dt * float(pushes[rows] @ carried)
+        state, share = flight.struck(end.state, change, lost, float(impulses @ carried))
+        forces = np.zeros_like(pushes)
+        forces[rows] = share / dt * impulses
+        self._struck = state.coordinates, forces
+        return state
 
     def _turned_back(self, state: MotionState) -> Array:
         """Displacements (n, 3) [m] of a state beyond the modes, in the axes of the frames."""
@@ -265,10 +281,11 @@ class _Flight:
             work += float(push[0] @ (reached - place) + push[1] @ vector_of(turn_of(turned) @ turn_of(vector).T))
         return float(begin - end) + work
 
-    def struck(self, state: MotionState, change: Array, lost: float) -> MotionState:
-        """A state whose rates, of frames in the world, and of coordinates, change by (6 P + m,).
+    def struck(self, state: MotionState, change: Array, lost: float, work: float) -> tuple[MotionState, float]:
+        """A state whose rates, of frames in the world, and of coordinates, change by (6 P + m,), and by what share.
 
-        By less where that would give it more than an energy [J].
+        By less than the whole where that would give it more than an energy [J] beyond the ``work`` [J] that moving
+        colliders do in the change.
         """
         frames, q, shape = self._frames, state.coordinates, self._model.warped_positions
 
@@ -278,11 +295,12 @@ class _Flight:
             return MotionState(q, frames.unspun(q, frames.with_poses(rates, speeds)), state.memory)
 
         less, now, more = (frames.kinetic_energy(changed(share), shape) for share in (-1.0, 0.0, 1.0))
-        if more - now <= lost:
-            return changed(1.0)
-        slope, bend = 0.5 * (more - less), 0.5 * (more + less) - now  # of the energy by the share
+        if more - now <= lost + work:
+            return changed(1.0), 1.0
+        slope, bend = 0.5 * (more - less) - work, 0.5 * (more + less) - now  # of what it gains, by the share
         root = np.sqrt(slope**2 + 4.0 * bend * max(lost, 0.0))
-        return changed(min(1.0, (root - slope) / (2.0 * bend)))
+        share = min(1.0, (root - slope) / (2.0 * bend))
+        return changed(share), share
 
     def rubbed(self, end: _End, friction: Friction, rule: int) -> tuple[Array, Array]:
         """Slope (6 P + m,) and stiffness (6 P + m, 6 P + m) of friction's work by moves of the frames and coordinates.
