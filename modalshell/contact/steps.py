@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.descent import descend
-from modalshell.contact.friction import Friction, creep_told
+from modalshell.contact.friction import Friction, better_forces, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
@@ -210,11 +210,10 @@ class TouchingSteps:
                 among = self.layers is not None
                 rest = descend(solver, self._lower(solver, begin, rest.point) if among else begin, rules, limp=among)
             pushes = np.where(rest.active, rest.pushes, 0.0)
-            new = (pushes > 0.0) & (lagged <= 0.0)
-            if settled or not (self.rubs and rest.converged and new.any()):
+            better = better_forces(pushes, lagged, settled=False) if self.rubs and rest.converged else None
+            if settled or better is None:
                 return rest
-            # What touches for the first time has no force of the step before: it takes that of this one.
-            lagged, chosen, settled = np.where(new, pushes, lagged), rest.active, True
+            lagged, chosen, settled = better, rest.active, True
 
     @staticmethod
     def _lower(solver: ActiveSet, begin: Array, reached: Array) -> Array:
@@ -289,7 +288,7 @@ class TouchingSteps:
         return x, rates
 
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
-        """Rates (n, 3) [m/s] after restitution, and without those of vertices that were pushed out.
+        """Rates (n, 3) [m/s] after restitution and its friction, and without those of vertices that were pushed out.
 
         Parameters
         ----------
@@ -306,6 +305,7 @@ class TouchingSteps:
         if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
             return rates
         restitution = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of]
+        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
         rates = rates.copy()
         normals = touching.gaps(x, rows)[1]
         earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
@@ -319,7 +319,9 @@ class TouchingSteps:
                 wanted = -restitution[row] * struck
             elif bounded is not None and bounded[row] < 0.0:
                 wanted = min(leaves, 0.0)
-            rates[vertex] += (wanted - leaves) * normal
+            along = rates[vertex] - carried - leaves * normal
+            slip, most = float(np.linalg.norm(along)), friction[row] * max(0.0, wanted - leaves)
+            rates[vertex] += (wanted - leaves) * normal - (min(1.0, most / slip) if slip > 0.0 else 0.0) * along
             given = self._impulses.setdefault(time, np.zeros_like(x))
             given[vertex] += touching.shell.mass[vertex] * (wanted - leaves) * normal
         return rates

@@ -115,7 +115,7 @@ def bodies(*parts):
     vertices, faces = [], []
     for number, (half, middle, inward) in enumerate(parts):
         box = box_mesh((half,) * 3)
-        vertices.append(np.array(box.vertices) + (middle, 0.0, 0.0))
+        vertices.append(np.array(box.vertices) + np.array([middle, 0.0, 0.0]))
         faces.append(np.array(box.faces)[:, :: -1 if inward else 1] + 8 * number)
     return ms.TriangleMesh(np.concatenate(vertices), np.concatenate(faces))
 

@@ -248,7 +248,7 @@ def test_contact_forces_are_means_of_a_step_that_change_the_momentum(integrator,
     mesh, material = strip(cells=4)
     shell = ms.Shell(mesh, material)
     given = {"dt": 1 / 120, "contacts": [ms.Contact(ms.Plane(), restitution=restitution)]}
-    given |= {"start": np.array(mesh.vertices) + (0.0, 0.0, 0.02)}
+    given |= {"start": np.array(mesh.vertices) + np.array([0.0, 0.0, 0.02])}
     model = ms.DiscreteShell(shell, integrator=integrator)
     if tolerance is not None:
         given["tolerance"] = Tolerance(tolerance, 0.25)

@@ -17,7 +17,7 @@ import scipy.linalg
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction
+from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
 from modalshell.contact.steps import BOUNCE
 from modalshell.contact.touching import EXACT_GAP
 from modalshell.core.touched import TouchedFrame
@@ -92,7 +92,7 @@ class FreeContactMotion(ModalPressedMotion):
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
-        friction, lagged, tried = pressing.friction(pushes, begin, when), pushes, 0
+        friction, lagged, tried, settled = pressing.friction(pushes, begin, when), pushes, 0, False
         for _ in range(most):
             rows = pressing.candidates(gaps, pushes, reach)
             rubbing = None if friction is None else (friction, _rule(tried))
@@ -104,11 +104,10 @@ class FreeContactMotion(ModalPressedMotion):
                 break
             if not (solved and move <= _AGAIN * size):
                 continue
-            new = (pushes > 0.0) & (lagged <= 0.0)
-            if not (pressing.rubs and new.any()):
+            better = better_forces(pushes, lagged, settled=settled) if pressing.rubs else None
+            if better is None:
                 break
-            # What touches for the first time has no force of the step before: it takes that of this one.
-            lagged = np.where(new, pushes, lagged)
+            lagged, settled = better, True
             friction, tried = pressing.friction(lagged, begin, when), 0
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
         memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
@@ -137,7 +136,8 @@ class FreeContactMotion(ModalPressedMotion):
             return end.state
         vertices, place = touching.vertices[rows], end.base + flight.in_world(end)
         normals, lead = touching.gaps(place, rows)[1], LEAD * dt
-        carried = np.sum(normals * touching.velocities(place, rows), axis=1)
+        drift = touching.velocities(place, rows)
+        carried = np.sum(normals * drift, axis=1)
         first, last, free = (
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
@@ -147,18 +147,34 @@ class FreeContactMotion(ModalPressedMotion):
         if not (strikes & (kept > 0.0)).any():
             return end.state
         wanted = carried + np.where(strikes, kept * (carried - first), 0.0)
-        along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), flight.moves(end, vertices))
+        moves = flight.moves(end, vertices)
+        along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), moves)
         by_impulse = flight.compliance(end) / dt**2
         columns, impulses = along @ by_impulse @ along.T, np.zeros(rows.size)
         columns += kernels.LOADED * float(np.trace(columns)) / rows.size * np.eye(rows.size)
         complementary(columns, last - wanted, impulses, 1e-12 * touching.size / dt, True)
-        change = by_impulse @ (impulses @ along)
+        change, work = by_impulse @ (impulses @ along), float(impulses @ carried)
+        slips = frames.velocities(end.state, lead, shape)[vertices] - drift
+        rubbed = self._rubbed(rows, impulses, slips - np.sum(normals * slips, axis=1)[:, None] * normals)
+        if rubbed.any():  # at most until what slips stops
+            slope = np.einsum("ki,kim->m", flight.in_frames(end, vertices, rubbed), moves)
+            slower = by_impulse @ slope
+            part = min(1.0, max(0.0, -float(np.sum(rubbed * slips) + slope @ change) / float(slope @ slower)))
+            change, work = change + part * slower, work + part * float(np.sum(rubbed * drift))
         lost = flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy + dt * float(pushes[rows] @ carried)
-        state, share = flight.struck(end.state, change, lost, float(impulses @ carried))
+        state, share = flight.struck(end.state, change, lost, work)
         forces = np.zeros_like(pushes)
         forces[rows] = share / dt * impulses
         self._struck = state.coordinates, forces
         return state
+
+    def _rubbed(self, rows: Index, impulses: Array, slips: Array) -> Array:
+        """Impulses (k, 3) [N s] of Coulomb's friction against slips (k, 3) [m/s], by those along the normals (k,)."""
+        touching = self._pressing.touching
+        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of[rows]]
+        speeds = np.linalg.norm(slips, axis=1)
+        size = np.where(speeds > 0.0, friction * impulses / np.maximum(speeds, 1e-300), 0.0)
+        return np.asarray(-size[:, None] * slips)
 
     def _turned_back(self, state: MotionState) -> Array:
         """Displacements (n, 3) [m] of a state beyond the modes, in the axes of the frames."""
