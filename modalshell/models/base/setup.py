@@ -12,8 +12,8 @@ from modalshell.supports import SupportPath
 from modalshell.supports.constraints import Constraint
 
 if TYPE_CHECKING:
-    from modalshell.integrators.full import FullIntegrator
     from modalshell.contact import Contact  # motions without contacts do not import it
+    from modalshell.integrators.full import FullIntegrator
 
 
 @final
