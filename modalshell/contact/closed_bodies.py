@@ -16,7 +16,7 @@ _WHOLE = 0.01
 
 
 def refuse_bodies(mesh: TriangleMesh, turned: Array, balls: tuple[Array, Array]) -> None:
-    """OptionError where no inside is told from an outside by the nearest triangle of a closed mesh.
+    """OptionError where the nearest triangle of a closed mesh does not tell inside from outside.
 
     Its surface crosses itself, a body's normals point inward though it is no hollow of another, or bodies overlap.
 

@@ -82,7 +82,7 @@ def _pierces(p, q, a, b, c):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=False)
 def first_crossing(vertices, faces, centres, radii):  # type: ignore[no-untyped-def]
-    """Two triangles of a mesh, an edge of one through the other; -1 and -1 where there are none."""
+    """Two triangles of a mesh, an edge of one through the other; -1 and -1 if there are none."""
     for s in range(faces.shape[0]):
         for t in range(s + 1, faces.shape[0]):
             away, reach = centres[s] - centres[t], radii[s] + radii[t]
