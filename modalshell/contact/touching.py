@@ -320,7 +320,7 @@ def touched_frame(touching: Touching, x: Array, pushes: Array, given: Array | No
     """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N]."""
     bare = touching.with_bounds(None)
     forces = bare.forces(x, pushes) if given is None else given
-    touches = forces.any(axis=1)
+    touches: NDArray[np.bool_] = np.asarray(forces.any(axis=1))
     touches[bare.vertices[pushes > 0.0]] = True
     return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 
