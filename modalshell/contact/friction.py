@@ -1,4 +1,4 @@
-r"""Coulomb's friction in steps of implicit Euler, smoothed, with the contact forces of the step before.
+r"""Coulomb's friction in steps of implicit Euler, smoothed, with the contact forces of the step before, or of the step.
 
 The work of friction in a step is taken as the potential :math:`D = \sum_v \mu \lambda_v f(|s_v|)` of the slips s, with
 :math:`f' = 2 y - y^2` at :math:`y = |s| / s_0 < 1` and one beyond [li2020]. It is convex and never negative, so that a
@@ -19,6 +19,9 @@ from modalshell.core.typing import Array
 SLIP = 2e-4
 """Slip in a step, as a share of the shell's size, up to which friction has not reached its full size."""
 
+_STEADY = 0.25
+"""Change of a contact force in a step, over the largest, up to which friction takes that of the step before."""
+
 TANGENT, SECANT, STUCK = range(3)
 """Ways to take friction as linear; see :meth:`Friction.linear`."""
 
@@ -31,6 +34,28 @@ def creep_told(size: float, dt: float) -> str:
     )
 
 
+def better_forces(pushes: Array, lagged: Array, *, settled: bool) -> Array | None:
+    """Contact forces (r,) [N] by which friction is to act in a step, in place of ``lagged`` ones; None if these serve.
+
+    What touches for the first time has no force of the step before. Where forces change much, as in a strike, those of
+    the step itself are taken, once: what strikes would be rubbed twice, by the force of its step and after it.
+
+    Parameters
+    ----------
+    pushes : ndarray, shape (r,)
+        Contact forces of the step by the ``lagged`` ones [N].
+    lagged : ndarray, shape (r,)
+        Those by which friction has acted [N].
+    settled : bool
+        Whether they have been replaced in this step.
+    """
+    largest = max(pushes.max(initial=0.0), lagged.max(initial=0.0))
+    if not settled and (np.abs(pushes - lagged) > _STEADY * largest).any():
+        return pushes
+    new = (pushes > 0.0) & (lagged <= 0.0)
+    return np.where(new, pushes, lagged) if new.any() else None
+
+
 @final
 class Friction:
     """Friction of one step.
@@ -40,7 +65,7 @@ class Friction:
     touching : Touching
         The contacts as they are at the step's beginning.
     pushes : ndarray, shape (r,)
-        Contact forces [N] of the step before.
+        Contact forces [N] by which it acts.
     x : ndarray, shape (n, 3)
         Positions [m] at its beginning.
     dt : float

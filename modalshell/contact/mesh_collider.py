@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.base import Collider, Gap
+from modalshell.contact.closed_bodies import refuse_bodies
 from modalshell.contact.nearest import nearest_points
 from modalshell.contact.surfaces import Surface
 from modalshell.core.checks import checked_kind
@@ -14,6 +15,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 
+_FLAT = 1e-12
+"""Part of the squares of normals about an edge or a corner, along a direction, that is none: of angles below 2e-6."""
 _ON = 1e-9
 """Distance, as a share of the mesh's size, at which a point lies on the edge or corner nearest to it."""
 
@@ -34,7 +37,8 @@ class MeshCollider(Collider):
     Raises
     ------
     OptionError
-        For a mesh with a boundary or a junction, or whose normals point inward.
+        For a mesh with a boundary or a junction, whose normals point inward, which crosses itself, or whose bodies
+        overlap.
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -47,8 +51,9 @@ class MeshCollider(Collider):
             raise OptionError(f"mesh must be closed: the edge of vertices {end[0]} and {end[1]} has not two triangles")
         a, b, c = (corners[faces[:, k]] for k in range(3))
         turned = np.cross(b - a, c - a)
-        if float(np.sum(turned * a)) < 0.0:
-            raise OptionError("the normals of mesh must point outward: reverse its triangles, faces[:, ::-1]")
+        self._centres = (a + b + c) / 3.0
+        self._radii = np.max([np.linalg.norm(one - self._centres, axis=1) for one in (a, b, c)], axis=0)
+        refuse_bodies(mesh, turned, (self._centres, self._radii))
         normals = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         by_edge = np.zeros((len(counts), 3))
         np.add.at(by_edge, group.ravel(), np.tile(normals, (3, 1)))
@@ -62,10 +67,7 @@ class MeshCollider(Collider):
         edges = by_edge[group.ravel()].reshape(3, count, 3)
         self._normals = np.stack([normals, *edges, *(by_corner[faces[:, k]] for k in range(3))])
         self._normals /= np.linalg.norm(self._normals, axis=2, keepdims=True)
-        self._directions = np.stack([c - b, a - c, b - a])
-        self._directions /= np.linalg.norm(self._directions, axis=2, keepdims=True)
-        self._centres = (a + b + c) / 3.0
-        self._radii = np.max([np.linalg.norm(one - self._centres, axis=1) for one in (a, b, c)], axis=0)
+        self._spans = _spans(normals, faces, group.reshape(3, count), len(corners))
 
     def _nearest(self, x: Array) -> tuple[Array, Index, Index]:
         found, triangles = np.empty(x.shape), np.empty(len(x), np.int64)
@@ -83,8 +85,7 @@ class MeshCollider(Collider):
         on = (distance <= _ON * self.mesh.size) | (features == 0)  # a short offset's direction is rounding
         size = np.where(on, 1.0, distance)
         normal = np.where(on[:, None], outward, (sign / size)[:, None] * offset)
-        along = self._directions[np.clip(features - 1, 0, 2), triangles]
-        free = np.eye(3) - ((features > 0) & (features < 4))[:, None, None] * along[:, :, None] * along[:, None, :]
+        free = self._spans[np.maximum(features - 1, 0), triangles]
         curvature = (sign / size)[:, None, None] * (free - normal[:, :, None] * normal[:, None, :])
         curvature[on] = 0.0
         return sign * distance, normal, curvature
@@ -97,3 +98,21 @@ class MeshCollider(Collider):
     def smallest_radius(self) -> float:
         """Half the smallest extent of its box [m]; of bodies with thin parts it must move slower than this allows."""
         return 0.5 * float(np.ptp(self.mesh.vertices, axis=0).min())
+
+
+def _spans(normals: Array, faces: Index, edges: Index, count: int) -> Array:
+    """Projections (6, T, 3, 3) on the normals about the edges (3, T) and the ``count`` corners of triangles.
+
+    Along these the nearest point of an edge or corner does not follow; on a flat face it follows along the face.
+    """
+    squares = normals[:, :, None] * normals[:, None, :]
+    sums = [np.zeros((int(edges.max()) + 1, 3, 3)), np.zeros((count, 3, 3))]
+    for k in range(3):
+        np.add.at(sums[0], edges[k], squares)
+        np.add.at(sums[1], faces[:, k], squares)
+    found = []
+    for one in sums:
+        sizes, axes = np.linalg.eigh(one)
+        kept = axes * (sizes > _FLAT * sizes[:, -1:])[:, None, :]
+        found.append(kept @ np.swapaxes(kept, 1, 2))
+    return np.stack([*found[0][edges], *(found[1][faces[:, k]] for k in range(3))])

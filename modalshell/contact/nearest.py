@@ -1,8 +1,11 @@
-"""Compiled: the nearest point of a triangle mesh."""
+"""Compiled: the nearest point of a triangle mesh, where it crosses itself, and what lies inside it."""
 
 import numpy as np
 
 from modalshell.kernels.compiler import njit
+
+_CLEAR = 1e-9
+"""Share of a triangle by which what passes through it is away from its plane and its edges."""
 
 
 @njit(fastmath=False)
@@ -61,3 +64,51 @@ def nearest_points(points, vertices, faces, centres, radii, found, triangles, fe
             if distance < best:
                 best = distance
                 found[k], triangles[k], features[k] = nearest, t, feature
+
+
+@njit(fastmath=False)
+def _pierces(p, q, a, b, c):  # type: ignore[no-untyped-def]
+    """Whether the line from p to q passes through the inner part of a triangle."""
+    normal = np.cross(b - a, c - a)
+    limit = _CLEAR * np.sqrt(normal @ normal) * np.sqrt((b - a) @ (b - a))
+    before, after = normal @ (p - a), normal @ (q - a)
+    if not min(before, after) < -limit or not max(before, after) > limit:
+        return False
+    at = p + before / (before - after) * (q - p)
+    least = _CLEAR * (normal @ normal)
+    first, second = normal @ np.cross(b - a, at - a), normal @ np.cross(c - b, at - b)
+    return first > least and second > least and normal @ np.cross(a - c, at - c) > least
+
+
+@njit(fastmath=False)
+def first_crossing(vertices, faces, centres, radii):  # type: ignore[no-untyped-def]
+    """Two triangles of a mesh, an edge of one through the other; -1 and -1 if there are none."""
+    for s in range(faces.shape[0]):
+        for t in range(s + 1, faces.shape[0]):
+            away, reach = centres[s] - centres[t], radii[s] + radii[t]
+            if away @ away >= reach * reach:
+                continue
+            shared = False
+            for i in range(3):
+                for j in range(3):
+                    shared |= faces[s, i] == faces[t, j]
+            if shared:
+                continue
+            for one, other in ((s, t), (t, s)):
+                a, b, c = vertices[faces[other, 0]], vertices[faces[other, 1]], vertices[faces[other, 2]]
+                for i in range(3):
+                    if _pierces(vertices[faces[one, i]], vertices[faces[one, (i + 1) % 3]], a, b, c):
+                        return s, t
+    return -1, -1
+
+
+@njit(fastmath=False)
+def windings(points, vertices, faces, numbers):  # type: ignore[no-untyped-def]
+    """How often the triangles of a mesh go round each point: ``numbers`` (k,), 1 inside a body, 0 outside."""
+    for k in range(points.shape[0]):
+        p, total = points[k], 0.0
+        for t in range(faces.shape[0]):
+            a, b, c = vertices[faces[t, 0]] - p, vertices[faces[t, 1]] - p, vertices[faces[t, 2]] - p
+            u, v, w = np.sqrt(a @ a), np.sqrt(b @ b), np.sqrt(c @ c)
+            total += 2.0 * np.arctan2(a @ np.cross(b, c), u * v * w + (a @ b) * w + (b @ c) * u + (c @ a) * v)
+        numbers[k] = total / (4.0 * np.pi)

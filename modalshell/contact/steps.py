@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.descent import descend
-from modalshell.contact.friction import Friction, creep_told
+from modalshell.contact.friction import Friction, better_forces, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
@@ -31,6 +31,8 @@ _PRESSED = 0.5
 """Residual of where a step among layers begins, over that of a guess, below which it is the better guess."""
 _TURNS, _TURNED = 6, 1e-6
 """Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""
+_SAME = 1e-6
+"""Part of a frame's step by which times differ that are the same."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
 BOUNCE = 3.0
@@ -76,7 +78,7 @@ class TouchingSteps:
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
-        self._turned: Array | None = None  # and of implicit ones, those that are not along the normals at the end
+        self._dt, self._impulses = dt, dict[float, Array]()  # (n, 3) [N s] of implicit steps, by when these begin
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
         self._deep = EXACT_GAP * self.now.size
@@ -114,6 +116,12 @@ class TouchingSteps:
             return False
         return any(self.enters(x + share * (y - x), time) for share in np.linspace(0.0, 1.0, min(int(parts) + 2, 32)))
 
+    def go_on(self, begin: float) -> None:
+        """Forget what was given since ``begin`` [s], where a step begins, and before its frame."""
+        within, near = begin / self._dt % 1.0, _SAME * self._dt
+        kept = self._impulses if _SAME < within < 1.0 - _SAME else {}
+        self._impulses = {time: impulse for time, impulse in kept.items() if time < begin - near}
+
     def let_in(self, x: Array, time: float, dt: float) -> None:
         """Let vertices that are inside at x (n, 3) at ``time`` [s] come out at no more than their speeds."""
         touching = self.now.at(time).with_bounds(None)
@@ -146,7 +154,7 @@ class TouchingSteps:
             rules = rules._replace(most=_AMONG_LAYERS)
         start = before, lagged, time - before.time
         rest, turned = self._minimum(problem, start, first, scale, rules, stresses), np.zeros_like(first)
-        self._turned = None
+        also = np.zeros_like(first)
         for _ in range(_TURNS):
             last, turned = turned, self._turning(before, problem.origin, rest, time - before.time)
             if not rest.converged or np.abs(turned - last).max() <= _TURNED * np.abs(rest.pushes).max(initial=0.0):
@@ -156,8 +164,12 @@ class TouchingSteps:
             again = self._minimum(led, start, rest.point, scale, rules, near, rest.active)
             if not again.converged:
                 break
-            rest, self._turned = again, turned
+            rest, also = again, turned
         self.pushes = np.where(rest.active, rest.pushes, 0.0)
+        given = self.now.with_bounds(None).forces(rest.point, self.pushes) + also
+        if self.layers is not None:
+            given -= self.layers.gradient(rest.point)
+        self._impulses[before.time] = (time - before.time) * given
         return rest.point, rest.converged
 
     def _turning(self, before: Touching, x: Array, rest: Rest, dt: float) -> Array:
@@ -198,11 +210,10 @@ class TouchingSteps:
                 among = self.layers is not None
                 rest = descend(solver, self._lower(solver, begin, rest.point) if among else begin, rules, limp=among)
             pushes = np.where(rest.active, rest.pushes, 0.0)
-            new = (pushes > 0.0) & (lagged <= 0.0)
-            if settled or not (self.rubs and rest.converged and new.any()):
+            better = better_forces(pushes, lagged, settled=False) if self.rubs and rest.converged else None
+            if settled or better is None:
                 return rest
-            # What touches for the first time has no force of the step before: it takes that of this one.
-            lagged, chosen, settled = np.where(new, pushes, lagged), rest.active, True
+            lagged, chosen, settled = better, rest.active, True
 
     @staticmethod
     def _lower(solver: ActiveSet, begin: Array, reached: Array) -> Array:
@@ -241,14 +252,12 @@ class TouchingSteps:
         return 0.0 if self.layers is None else self.layers.value(x)
 
     def frame(self, x: Array, time: float) -> TouchedFrame:
-        """What touches at x (n, 3) and ``time`` [s], the end of the last step."""
-        if self.layers is None:
-            further = self._turned if self.pushes.any() else None
-            return touched_frame(
-                self.now.at(time), x, self.pushes, further if self._stopping is None else self._stopping
-            )
-        found = touched_frame(self.now.at(time), x, self.pushes, -self.layers.gradient(x))
-        return found._replace(self_contact=self.layers.least(x))
+        """What touches at x (n, 3) and ``time`` [s], the end of the last step; forces are the means of that step."""
+        given = self._stopping
+        if self._impulses:
+            given = np.asarray(sum(self._impulses.values()) / self._dt)
+        found = touched_frame(self.now.at(time), x, self.pushes, given)
+        return found if self.layers is None else found._replace(self_contact=self.layers.least(x))
 
     def projected(self, x: Array, rates: Array, time: float, dt: float) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
@@ -279,7 +288,7 @@ class TouchingSteps:
         return x, rates
 
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
-        """Rates (n, 3) [m/s] after restitution, and without those of vertices that were pushed out.
+        """Rates (n, 3) [m/s] after restitution and its friction, and without those of vertices that were pushed out.
 
         Parameters
         ----------
@@ -296,6 +305,7 @@ class TouchingSteps:
         if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
             return rates
         restitution = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of]
+        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
         rates = rates.copy()
         normals = touching.gaps(x, rows)[1]
         earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
@@ -309,7 +319,11 @@ class TouchingSteps:
                 wanted = -restitution[row] * struck
             elif bounded is not None and bounded[row] < 0.0:
                 wanted = min(leaves, 0.0)
-            rates[vertex] += (wanted - leaves) * normal
+            along = rates[vertex] - carried - leaves * normal
+            slip, most = float(np.linalg.norm(along)), friction[row] * max(0.0, wanted - leaves)
+            rates[vertex] += (wanted - leaves) * normal - (min(1.0, most / slip) if slip > 0.0 else 0.0) * along
+            given = self._impulses.setdefault(time, np.zeros_like(x))
+            given[vertex] += touching.shell.mass[vertex] * (wanted - leaves) * normal
         return rates
 
 

@@ -316,13 +316,11 @@ def parted(
     return checked_contacts(others, frame), own[0] if own else None
 
 
-def touched_frame(touching: Touching, x: Array, pushes: Array, further: Array | None = None) -> TouchedFrame:
-    """What touches at positions x (n, 3), of forces (r,) [N] along the normals and ``further`` ones (n, 3) [N]."""
+def touched_frame(touching: Touching, x: Array, pushes: Array, given: Array | None = None) -> TouchedFrame:
+    """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N]."""
     bare = touching.with_bounds(None)
-    forces, touches = bare.forces(x, pushes), np.zeros(len(x), dtype=bool)
-    if further is not None:
-        forces += further
-        touches |= further.any(axis=1)
+    forces = bare.forces(x, pushes) if given is None else given
+    touches: NDArray[np.bool_] = np.asarray(forces.any(axis=1))
     touches[bare.vertices[pushes > 0.0]] = True
     return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 

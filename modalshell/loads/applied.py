@@ -149,11 +149,11 @@ class AppliedLoad:
         both = factor if first is None else lambda time: first(time) * factor(time)
         return replace(self, factor=both, times=(*self.times, *times), bends=(*self.bends, *bends))
 
-    def averaged(self, dt: float) -> AppliedLoad:
-        """The same load as steps of ``dt`` [s] take it that join the forces at their ends by straight lines."""
+    def averaged(self, dt: float, *, within: bool = False) -> AppliedLoad:
+        """The same load as steps of ``dt`` [s] take it at their ends; see :func:`.averaged.averaged`."""
         if self.factor is None or not self.bends:
             return self
-        return replace(self, factor=averaged(self.factor, self.bends, dt), bends=())
+        return replace(self, factor=averaged(self.factor, self.bends, dt, within=within), bends=())
 
     def factor_at(self, time: float) -> float:
         """Factor on the forces at a time [s]."""

@@ -1,9 +1,9 @@
-"""Factors of loads as steps take them that join the forces at their ends by straight lines.
+"""Factors of loads as steps take them at their ends.
 
 Where a table of factors bends, or jumps, within steps, its value at their ends says nothing of that. Its mean there,
 weighted by one over a step to each side and falling in a straight line from the end itself, keeps the impulse of the
 load and when it comes, to second order in the step. Where tables bend at ends of steps alone, and do not jump, their
-values serve, to the last bit.
+values serve, to the last bit. Rules of order one take plain means over their steps instead.
 """
 
 from __future__ import annotations
@@ -21,17 +21,31 @@ _GAUSS = 0.5 / sqrt(3.0)
 """Points of Gauss from the middle of an interval, in its lengths: exact for two tables' product under the weight."""
 
 
-def averaged(factor: Callable[[float], float], bends: Sequence[float], dt: float) -> Callable[[float], float]:
-    """The factor as steps of ``dt`` [s] take it at their ends, from time 0 [s] on; it bends at times ``bends`` [s]."""
+def averaged(
+    factor: Callable[[float], float], bends: Sequence[float], dt: float, *, within: bool = False
+) -> Callable[[float], float]:
+    """The factor as steps take it at their ends, or at those of their parts.
+
+    Parameters
+    ----------
+    factor : callable
+        Of the time [s].
+    bends : sequence of float
+        Times [s] at which it bends or jumps.
+    dt : float
+        The step [s], from time 0 on.
+    within : bool
+        Take plain means over the steps that end there, for rules of order one.
+    """
     places, near = sorted(set(bends)), _NEAR * dt
 
     def at_end(time: float) -> float:
-        first, high = time < 0.5 * dt, time + dt
-        low = time if first else time - dt
+        first = time <= near
+        low, high = time if first else time - dt, time if within else time + dt
         inside = places[bisect_right(places, low - near if first else low + near) : bisect_left(places, high - near)]
-        if all(abs(bend - time) <= near for bend in inside):
-            if not inside:
-                return factor(time)
+        if not inside:
+            return 0.5 * (factor(low) + factor(time)) if within else factor(time)
+        if not within and all(abs(bend - time) <= near for bend in inside):
             before, after = factor(time - near), factor(time + near)
             if abs(after - before) <= _JUMP * max(abs(one) for one in (before, after, factor(low), factor(high))):
                 return factor(time)
@@ -39,7 +53,7 @@ def averaged(factor: Callable[[float], float], bends: Sequence[float], dt: float
         for begin, end in pairwise(marks):
             for point in (0.5 - _GAUSS, 0.5 + _GAUSS):
                 at = begin + point * (end - begin)
-                total += 0.5 * (end - begin) * (1.0 - abs(at - time) / dt) * factor(at)
-        return total / (0.5 * (high - low))
+                total += 0.5 * (end - begin) * (1.0 if within else 1.0 - abs(at - time) / dt) * factor(at)
+        return total / (high - low if within else 0.5 * (high - low))
 
     return at_end

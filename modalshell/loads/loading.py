@@ -86,12 +86,12 @@ class Loading:
         made.loads = loads
         return made
 
-    def averaged(self, dt: float) -> Loading:
-        """The same loads as steps of ``dt`` [s] take them that join the forces at their ends by straight lines."""
+    def averaged(self, dt: float, *, within: bool = False) -> Loading:
+        """The same loads as steps of ``dt`` [s] take them at their ends; see :func:`.averaged.averaged`."""
         if not any(one.bends for one in self.live):
             return self
         other = copy(self)
-        other.live = tuple(one.averaged(dt) for one in self.live)
+        other.live = tuple(one.averaged(dt, within=within) for one in self.live)
         return other
 
     @property

@@ -27,8 +27,8 @@ class Scaled(Load):
         The load.
     factor : callable, or (times, factors)
         ``factor(time)`` of the time [s]; or a table of increasing times [s] and the factors there, joined by straight
-        lines and constant before and after. Modal and rigid models join the forces at the ends of steps by straight
-        lines: where a table bends or jumps within steps they take its weighted means there, which keep its impulse.
+        lines and constant before and after. Where a table bends or jumps within steps, implicit rules, and modal and
+        rigid models, take its weighted means about the steps' ends, which keep its impulse; explicit rules do not.
 
     Raises
     ------

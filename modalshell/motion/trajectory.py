@@ -76,8 +76,9 @@ class Trajectory(Drawn):
     crease_heat : ndarray, shape (F,)
         Heat [J] that creases have made by then; empty without creases.
     contact_forces : ndarray, shape (F, n, 3)
-        Force of the colliders on every vertex [N] along their normals; empty without contacts, as the next two. Of
-        explicit rules it is what the vertices' change of speed there needs, friction with it.
+        Force of the colliders on every vertex [N] along their normals, its mean over the step that ends there, rebounds
+        with it; empty without contacts, as the next two. Of explicit rules it is what the vertices' change of speed
+        there needs, friction with it.
     in_contact : ndarray of bool, shape (F, n)
         Vertices that are pushed.
     deepest : ndarray, shape (F,)

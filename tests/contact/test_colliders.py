@@ -110,6 +110,47 @@ def test_a_mesh_of_a_box_is_the_box():
         ms.MeshCollider(ms.TriangleMesh(mesh.vertices, mesh.faces[:-1]))
 
 
+def bodies(*parts):
+    """One mesh of boxes: half their size, their middle, and whether their normals point inward."""
+    vertices, faces = [], []
+    for number, (half, middle, inward) in enumerate(parts):
+        box = box_mesh((half,) * 3)
+        vertices.append(np.array(box.vertices) + np.array([middle, 0.0, 0.0]))
+        faces.append(np.array(box.faces)[:, :: -1 if inward else 1] + 8 * number)
+    return ms.TriangleMesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ([(0.5, 0.0, False), (0.2, 2.0, True)], "those of the body of triangle 12 point inward, and it is no hollow"),
+        ([(0.5, 0.0, False), (0.3, 0.6, False)], "mesh must not cross itself .got triangles"),
+        ([(0.5, 0.0, False), (0.2, 0.1, False)], "of triangle 12, that lies in another"),
+    ],
+)
+def test_bodies_whose_inside_is_not_told_are_refused(parts, said):
+    """The gap of a point beside the second body was that of one inside it, and inside both that of one outside."""
+    with pytest.raises(ms.OptionError, match=said):
+        ms.MeshCollider(bodies(*parts))
+
+
+def test_bodies_apart_and_hollow_ones_are_taken():
+    apart = ms.MeshCollider(bodies((0.5, 0.0, False), (0.2, 2.0, False)))
+    np.testing.assert_allclose(apart.gap(np.array([[2.0, 0.0, 0.3], [0.0, 0.0, 0.45]]))[0], [0.1, -0.05])
+    hollow = ms.MeshCollider(bodies((0.5, 0.0, False), (0.3, 0.1, True), (0.1, 0.1, False)))
+    np.testing.assert_allclose(hollow.gap(np.array([[0.1, 0.0, 0.25], [0.1, 0.0, 0.45]]))[0], [0.05, -0.05])
+
+
+def test_a_flat_face_is_flat_where_its_triangles_meet_too():
+    """Above the diagonal of a face the curvature was that about an edge, one over the gap."""
+    collider, box = ms.MeshCollider(box_mesh((0.5, 0.5, 0.5))), ms.Box((0, 0, 0), (0.5, 0.5, 0.5))
+    along = np.linspace(-0.4, 0.4, 9)
+    above = np.full(9, 0.51)
+    x = np.concatenate([np.column_stack([along, along, above]), np.column_stack([along, -along, above])])
+    for found, exact in zip(collider.gap(x), box.gap(x), strict=True):
+        np.testing.assert_allclose(found, exact, atol=1e-9)
+
+
 def test_a_strip_lies_on_a_mesh_as_on_its_ball():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
     material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)

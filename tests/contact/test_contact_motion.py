@@ -6,6 +6,7 @@ import pytest
 import modalshell as ms
 from modalshell.contact.descent import _Way
 from modalshell.core.outcome import Outcome
+from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -237,6 +238,30 @@ def test_momentum_changes_by_the_contact_forces_on_curved_bodies(body):
             off = np.abs(change / dt - pushed - weight).max()
             assert off <= 2e-6 * np.linalg.norm(pushed)  # steps are solved to 2e-7 of their forces
     assert touched > 5
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.02])
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+@pytest.mark.parametrize("integrator", ["bdf2", "implicit"])
+def test_contact_forces_are_means_of_a_step_that_change_the_momentum(integrator, restitution, tolerance):
+    """Those of the last part of a step of BDF2 were told alone: 1.9 times the impulse of a strike, and no rebound."""
+    mesh, material = strip(cells=4)
+    shell = ms.Shell(mesh, material)
+    given = {"dt": 1 / 120, "contacts": [ms.Contact(ms.Plane(), restitution=restitution)]}
+    given |= {"start": np.array(mesh.vertices) + np.array([0.0, 0.0, 0.02])}
+    model = ms.DiscreteShell(shell, integrator=integrator)
+    if tolerance is not None:
+        given["tolerance"] = Tolerance(tolerance, 0.25)
+    motion, dt, mass = Motion(model, shell.loading(GRAVITY, None, None), **given), given["dt"], shell.mass
+    touched, weight = 0.0, shell.mass.sum() * GRAVITY[2]
+    for _ in range(30):
+        before = mass @ motion.state.rates[:, 2]
+        motion.advance()
+        pushed, free = motion.touched().forces[:, 2].sum(), motion.touched().touches.any()
+        change = mass @ motion.state.rates[:, 2] - before
+        assert change / dt - weight == pytest.approx(pushed, abs=2e-6 * (pushed + abs(weight)))
+        touched += free
+    assert touched > (1 if restitution else 5)
 
 
 @pytest.mark.slow

@@ -90,8 +90,28 @@ def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):
         speeds.append(frames.poses(motion.state.rates)[0, 0, 2])
         if motion.touched().touches.any():
             break
+    weight = G * motion.shell.mass.sum()
+    change = (speeds[-1] - speeds[-2]) / motion.setup.dt * motion.shell.mass.sum()
+    assert motion.touched().forces[:, 2].sum() == pytest.approx(change + weight, rel=1e-8)  # the rebound's with them
     assert speeds[-1] == pytest.approx(-restitution * speeds[-2], rel=1e-8)
     assert speeds[-2] == pytest.approx(-np.sqrt(2.0 * G * 0.2), rel=0.02)
+
+
+@pytest.mark.by_default("MWTS")
+@pytest.mark.parametrize("name", RUNGS)
+def test_a_flat_panel_rebounds_from_a_floor_that_rises(basis, name):
+    """Its rebound was kept from energy that the floor gives: there was none."""
+    times = 0.05 * np.arange(-40, 41)
+    rising = ms.SupportPath(times, 0.3 * times[:, None] * (0.0, 0.0, 1.0))
+    contact = ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.2), restitution=0.6, motion=rising)
+    motion = falling(RUNGS[name](basis), contact)
+    frames, speeds = motion.model.frames, []
+    for _ in range(54):
+        motion.advance()
+        speeds.append(frames.poses(motion.state.rates)[0, 0, 2])
+        if motion.touched().touches.any():
+            break
+    assert speeds[-1] - 0.3 == pytest.approx(-0.6 * (speeds[-2] - 0.3), rel=1e-6)
 
 
 @pytest.mark.by_default("0.9")

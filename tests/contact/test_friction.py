@@ -142,3 +142,25 @@ def test_what_sticks_to_a_turning_table_or_drum_turns_with_it(rung, monkeypatch)
         gone = np.linalg.norm(run.positions[-1].mean(axis=0) - path.at(0.6).to_world(start).mean(axis=0))
         assert gone <= 0.25 * creeps * 0.6  # at less than 0.44 of the limit: 1 - sqrt(1 - 0.44)
     assert len(slow) <= 10  # of 72 steps
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("height", [0.05, 0.0503, 0.0511])
+@pytest.mark.parametrize("kind", ["ds", "mwts"])
+def test_what_strikes_a_slope_is_rubbed_by_its_impulse(kind, height, restitution):
+    """A panel that falls flat loses mu times its change of normal speed; it lost up to 1.9 times that."""
+    angle, mu, dt = 0.4, 0.2, 1 / 480
+    gravity = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    mesh = ms.flat_beam(length=0.1, width=0.1, cells=(3, 3))
+    lifted = ms.TriangleMesh(np.array(mesh.vertices) + np.array([0.0, 0.0, height]), mesh.faces)
+    shell = ms.Shell(lifted, ms.Isotropic(young=1e9, poisson=0.3, thickness=2e-3, density=300.0))
+    model = ms.DiscreteShell(shell) if kind == "ds" else ms.ModalWarping(ms.solve_modes(shell, 8))
+    strike = np.sqrt(-2.0 * height / gravity[2])
+    frames = int(np.ceil(strike / dt)) + 6
+    contact = ms.Contact(ms.Plane(), friction=mu, restitution=restitution)
+    run = ms.simulate(model, duration=frames * dt, dt=dt, gravity=gravity, contacts=[contact])
+    since, normal = (frames - 0.5) * dt - strike, -gravity[2] * strike
+    pressed = -gravity[2] * since if restitution == 0.0 else 0.0
+    along = gravity[0] * (strike + since) - mu * ((1.0 + restitution) * normal + pressed)
+    speed = np.diff(run.positions[..., 0].mean(axis=1))[-1] / dt
+    assert speed == pytest.approx(along, abs=0.03 * mu * normal)

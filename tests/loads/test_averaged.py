@@ -90,3 +90,43 @@ def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_th
         assert errors[-1] <= found.step_error
     assert errors[0] < 0.01 * np.abs(true.positions - mesh.vertices).max()
     assert errors[1] < 0.45 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("integrator", "times"),
+    [
+        ("bdf2", [0.103, 0.1035, 0.108, 0.1081]),
+        pytest.param("sdirk2", [0.103, 0.1035, 0.108, 0.1081], marks=pytest.mark.slow),
+        pytest.param("bdf2", [0.043, 0.0431, 0.0977, 0.0978], marks=pytest.mark.slow),
+        pytest.param("sdirk2", [0.043, 0.0431, 0.0977, 0.0978], marks=pytest.mark.slow),
+    ],
+)
+def test_implicit_steps_feel_a_push_within_them_and_know_their_error(mesh, integrator, times):
+    """One of 5 ms within a step was not felt at all, with an error stated of nothing."""
+    loads = pushed(times, [0, 4, 4, 0], force=0.01)
+
+    def run(rule, parts):
+        model = ms.DiscreteShell(shell(mesh, clamped=True), integrator=rule)
+        return ms.simulate(model, duration=0.3, dt=STEP / parts, loads=loads, damping=(0.1, 1e-3), store_every=parts)
+
+    found, true = run(integrator, 1), run("sdirk2", 8)
+    error = np.abs(found.positions - true.positions).max()
+    assert error <= 1.3 * found.step_error  # an estimate
+    assert error < 0.12 * np.abs(true.positions - mesh.vertices).max()
+
+
+@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2", "implicit", "linear_implicit"])
+def test_implicit_steps_of_a_free_shell_give_it_the_impulse_of_a_push(mesh, integrator):
+    body, times, factors = shell(mesh, clamped=False), [0.043, 0.0431, 0.0977, 0.0978], [0, 1, 1, 0]
+    model = ms.DiscreteShell(body, integrator=integrator)
+    force = 0.09 / len(mesh.vertices)
+    run = ms.simulate(model, duration=0.3, dt=STEP, loads=pushed(times, factors, "x > -1", force))
+    momentum = body.mass @ (run.positions[-1] - run.positions[-2]) / STEP
+    assert momentum == pytest.approx([0.0, 0.0, 0.09 * np.trapezoid(factors, times)], rel=1e-4, abs=1e-12)
+
+
+def test_plain_means_over_steps_have_the_impulse_of_the_table():
+    times, factors = [0.0, 0.3, 1.7, 2.2], [0.0, 2.0, -1.0, 0.0]
+    at_end = averaged(table(times, factors), times, 0.5, within=True)
+    total = sum(at_end(time) for time in np.arange(1, 8) * 0.5) * 0.5
+    assert total == pytest.approx(np.trapezoid(factors, times), rel=1e-12)

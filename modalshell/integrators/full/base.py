@@ -65,11 +65,14 @@ class FullIntegrator(Integrator):
         Whether it has a longest stable step, which :meth:`stable_step` returns.
     takes_live : bool
         Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning.
+    joins : bool
+        Whether it answers forces that are joined by straight lines between its steps' ends with an error of order two.
     """
 
     known: ClassVar[Registry[type[FullIntegrator]]] = Registry("integrator")
     explicit: ClassVar[bool] = False
     takes_live: ClassVar[bool] = False
+    joins: ClassVar[bool] = False
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
         """State at rest at ``positions`` (n, 3) [m]."""

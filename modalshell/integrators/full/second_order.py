@@ -25,6 +25,7 @@ class SecondOrderRule(ImplicitRule):
     was made with: 0 before the first step, 1 where implicit Euler stood in.
     """
 
+    joins = True
     error_constant: ClassVar[float]
     """Error of a step over ``h^3 v''``."""
 

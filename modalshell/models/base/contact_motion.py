@@ -84,9 +84,10 @@ class ContactMotion:
 
     @property
     def told(self) -> str:
-        """What is said of friction: what sticks creeps by a part of each step of implicit Euler."""
-        parts = self._rule.stand_ins if isinstance(self._rule, ImplicitRule) else 1
-        return self.steps.told(self._setup.dt / parts)
+        """What is said of friction: what sticks creeps by a part of each step of implicit Euler; of others nothing."""
+        if not isinstance(self._rule, ImplicitRule):
+            return ""
+        return self.steps.told(self._setup.dt / self._rule.stand_ins)
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None
@@ -99,6 +100,7 @@ class ContactMotion:
         x, end = state.coordinates, begin + dt
         if PUSHES in state.memory:
             steps.pushes = state.memory[PUSHES].copy()
+        steps.go_on(begin)
         steps.let_in(x, begin, dt)
         if not (steps.touches(x, begin) or steps.enters(x, end) or steps.meet(x, x + dt * state.rates)):
             if free is None:

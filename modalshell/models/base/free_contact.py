@@ -17,9 +17,10 @@ import scipy.linalg
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction
+from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
 from modalshell.contact.steps import BOUNCE
 from modalshell.contact.touching import EXACT_GAP
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
 from modalshell.integrators.state import PUSHES, MotionState
@@ -65,6 +66,16 @@ def _rule(tried: int) -> int:
 class FreeContactMotion(ModalPressedMotion):
     """What follows each step of a modal model with free parts and contacts."""
 
+    _struck: tuple[Array | None, Array | float] = None, 0.0  # coordinates of a rebound, and its forces (r,) [N]
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """See :meth:`PressedMotion.frame`; the impulses of a rebound are of the step that it ends."""
+        at, forces = self._struck
+        if at is state.coordinates:
+            pushes = state.memory[PUSHES] + forces
+            state = MotionState(state.coordinates, state.rates, state.memory | {PUSHES: pushes})
+        return super().frame(state, positions, time)
+
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
@@ -81,7 +92,7 @@ class FreeContactMotion(ModalPressedMotion):
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
-        friction, lagged, tried = pressing.friction(pushes, begin, when), pushes, 0
+        friction, lagged, tried, settled = pressing.friction(pushes, begin, when), pushes, 0, False
         for _ in range(most):
             rows = pressing.candidates(gaps, pushes, reach)
             rubbing = None if friction is None else (friction, _rule(tried))
@@ -93,11 +104,10 @@ class FreeContactMotion(ModalPressedMotion):
                 break
             if not (solved and move <= _AGAIN * size):
                 continue
-            new = (pushes > 0.0) & (lagged <= 0.0)
-            if not (pressing.rubs and new.any()):
+            better = better_forces(pushes, lagged, settled=settled) if pressing.rubs else None
+            if better is None:
                 break
-            # What touches for the first time has no force of the step before: it takes that of this one.
-            lagged = np.where(new, pushes, lagged)
+            lagged, settled = better, True
             friction, tried = pressing.friction(lagged, begin, when), 0
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
         memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
@@ -116,7 +126,7 @@ class FreeContactMotion(ModalPressedMotion):
 
         ``step`` are its beginning and positions (n, 3) [m] there, its end, and where it would end without contacts;
         ``found`` forces (r,) [N] and the energy [J] beyond the modes. A step with impulses has no more energy than
-        before, whatever the restitution.
+        before, and what moving colliders give it, whatever the restitution.
         """
         pushes, energy = found
         (before, begin, end, alone), touching, (time, dt) = step, self._pressing.touching, when
@@ -126,7 +136,8 @@ class FreeContactMotion(ModalPressedMotion):
             return end.state
         vertices, place = touching.vertices[rows], end.base + flight.in_world(end)
         normals, lead = touching.gaps(place, rows)[1], LEAD * dt
-        carried = np.sum(normals * touching.velocities(place, rows), axis=1)
+        drift = touching.velocities(place, rows)
+        carried = np.sum(normals * drift, axis=1)
         first, last, free = (
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
@@ -136,13 +147,34 @@ class FreeContactMotion(ModalPressedMotion):
         if not (strikes & (kept > 0.0)).any():
             return end.state
         wanted = carried + np.where(strikes, kept * (carried - first), 0.0)
-        along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), flight.moves(end, vertices))
+        moves = flight.moves(end, vertices)
+        along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), moves)
         by_impulse = flight.compliance(end) / dt**2
         columns, impulses = along @ by_impulse @ along.T, np.zeros(rows.size)
         columns += kernels.LOADED * float(np.trace(columns)) / rows.size * np.eye(rows.size)
         complementary(columns, last - wanted, impulses, 1e-12 * touching.size / dt, True)
-        change = by_impulse @ (impulses @ along)
-        return flight.struck(end.state, change, flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy)
+        change, work = by_impulse @ (impulses @ along), float(impulses @ carried)
+        slips = frames.velocities(end.state, lead, shape)[vertices] - drift
+        rubbed = self._rubbed(rows, impulses, slips - np.sum(normals * slips, axis=1)[:, None] * normals)
+        if rubbed.any():  # at most until what slips stops
+            slope = np.einsum("ki,kim->m", flight.in_frames(end, vertices, rubbed), moves)
+            slower = by_impulse @ slope
+            part = min(1.0, max(0.0, -float(np.sum(rubbed * slips) + slope @ change) / float(slope @ slower)))
+            change, work = change + part * slower, work + part * float(np.sum(rubbed * drift))
+        lost = flight.lost(end.state) + float(before.memory[BEYOND][0]) - energy + dt * float(pushes[rows] @ carried)
+        state, share = flight.struck(end.state, change, lost, work)
+        forces = np.zeros_like(pushes)
+        forces[rows] = share / dt * impulses
+        self._struck = state.coordinates, forces
+        return state
+
+    def _rubbed(self, rows: Index, impulses: Array, slips: Array) -> Array:
+        """Impulses (k, 3) [N s] of Coulomb's friction against slips (k, 3) [m/s], by those along the normals (k,)."""
+        touching = self._pressing.touching
+        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of[rows]]
+        speeds = np.linalg.norm(slips, axis=1)
+        size = np.where(speeds > 0.0, friction * impulses / np.maximum(speeds, 1e-300), 0.0)
+        return np.asarray(-size[:, None] * slips)
 
     def _turned_back(self, state: MotionState) -> Array:
         """Displacements (n, 3) [m] of a state beyond the modes, in the axes of the frames."""
@@ -265,10 +297,11 @@ class _Flight:
             work += float(push[0] @ (reached - place) + push[1] @ vector_of(turn_of(turned) @ turn_of(vector).T))
         return float(begin - end) + work
 
-    def struck(self, state: MotionState, change: Array, lost: float) -> MotionState:
-        """A state whose rates, of frames in the world, and of coordinates, change by (6 P + m,).
+    def struck(self, state: MotionState, change: Array, lost: float, work: float) -> tuple[MotionState, float]:
+        """A state whose rates, of frames in the world, and of coordinates, change by (6 P + m,), and by what share.
 
-        By less where that would give it more than an energy [J].
+        By less than the whole where that would give it more than an energy [J] beyond the ``work`` [J] that moving
+        colliders do in the change.
         """
         frames, q, shape = self._frames, state.coordinates, self._model.warped_positions
 
@@ -278,11 +311,12 @@ class _Flight:
             return MotionState(q, frames.unspun(q, frames.with_poses(rates, speeds)), state.memory)
 
         less, now, more = (frames.kinetic_energy(changed(share), shape) for share in (-1.0, 0.0, 1.0))
-        if more - now <= lost:
-            return changed(1.0)
-        slope, bend = 0.5 * (more - less), 0.5 * (more + less) - now  # of the energy by the share
+        if more - now <= lost + work:
+            return changed(1.0), 1.0
+        slope, bend = 0.5 * (more - less) - work, 0.5 * (more + less) - now  # of what it gains, by the share
         root = np.sqrt(slope**2 + 4.0 * bend * max(lost, 0.0))
-        return changed(min(1.0, (root - slope) / (2.0 * bend)))
+        share = min(1.0, (root - slope) / (2.0 * bend))
+        return changed(share), share
 
     def rubbed(self, end: _End, friction: Friction, rule: int) -> tuple[Array, Array]:
         """Slope (6 P + m,) and stiffness (6 P + m, 6 P + m) of friction's work by moves of the frames and coordinates.

@@ -349,7 +349,7 @@ class FullModel(Model):
         patches = self._patches(setup.constraints)
         model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
         in_frame = self.shell.unknowns.matrix is not None  # supports of single components turn with their frame
-        return FullStepper(model, setup, patches, in_frame=in_frame)
+        return FullStepper(model, setup.felt_by(self.integrator), patches, in_frame=in_frame)
 
     @property
     def free_parts(self) -> FreeParts | None:

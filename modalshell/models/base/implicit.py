@@ -95,7 +95,7 @@ class ImplicitModel(FrameModel):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        return ImplicitStepper(self, setup)
+        return ImplicitStepper(self, setup.felt_by(self.integrator))
 
 
 @final

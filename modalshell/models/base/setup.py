@@ -13,6 +13,7 @@ from modalshell.supports.constraints import Constraint
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
+    from modalshell.integrators.full import FullIntegrator
 
 
 @final
@@ -49,5 +50,11 @@ class MotionSetup:
     @property
     def averaged(self) -> MotionSetup:
         """The same motion for steps that join the forces at their ends by straight lines; divided ones find bends."""
-        loading = self.loading if self.divided else self.loading.averaged(self.dt)
-        return self if loading is self.loading else replace(self, loading=loading)
+        return self._under(self.loading.averaged(self.dt))
+
+    def felt_by(self, rule: FullIntegrator) -> MotionSetup:
+        """The same motion for a rule that takes the forces at the ends of its steps, or of their parts."""
+        return self._under(self.loading.averaged(self.dt, within=not rule.joins)) if rule.takes_live else self
+
+    def _under(self, loading: Loading) -> MotionSetup:
+        return self if self.divided or loading is self.loading else replace(self, loading=loading)
