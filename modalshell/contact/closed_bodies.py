@@ -36,7 +36,8 @@ def refuse_bodies(mesh: TriangleMesh, turned: Array, balls: tuple[Array, Array])
     signs = np.sign(np.bincount(body, volumes))
     if (signs < 0.0).all():
         raise OptionError("the normals of mesh must point outward: reverse its triangles, faces[:, ::-1]")
-    first, second = first_crossing(vertices, faces, *balls)
+    order = np.argsort(balls[0][:, 0] - balls[1])
+    first, second = first_crossing(vertices, faces, *balls, order)
     if first >= 0:
         raise OptionError(
             f"mesh must not cross itself (got triangles {first} and {second}, which do): unite its bodies into one "

@@ -67,26 +67,55 @@ def nearest_points(points, vertices, faces, centres, radii, found, triangles, fe
 
 
 @njit(fastmath=False)
-def _pierces(p, q, a, b, c):  # type: ignore[no-untyped-def]
-    """Whether the line from p to q passes through the inner part of a triangle."""
-    normal = np.cross(b - a, c - a)
-    limit = _CLEAR * np.sqrt(normal @ normal) * np.sqrt((b - a) @ (b - a))
-    before, after = normal @ (p - a), normal @ (q - a)
-    if not min(before, after) < -limit or not max(before, after) > limit:
-        return False
-    at = p + before / (before - after) * (q - p)
-    least = _CLEAR * (normal @ normal)
-    first, second = normal @ np.cross(b - a, at - a), normal @ np.cross(c - b, at - b)
-    return first > least and second > least and normal @ np.cross(a - c, at - c) > least
+def _from(vertices, origin, k):  # type: ignore[no-untyped-def]
+    """Vertex k from an origin, by three numbers, which compile sooner than arrays."""
+    return vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
 
 
 @njit(fastmath=False)
-def first_crossing(vertices, faces, centres, radii):  # type: ignore[no-untyped-def]
-    """Two triangles of a mesh, an edge of one through the other; -1 and -1 if there are none."""
-    for s in range(faces.shape[0]):
-        for t in range(s + 1, faces.shape[0]):
-            away, reach = centres[s] - centres[t], radii[s] + radii[t]
-            if away @ away >= reach * reach:
+def _product(u, v, w):  # type: ignore[no-untyped-def]
+    """Triple product ``u . (v x w)``."""
+    x, y, z = v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
+    return u[0] * x + u[1] * y + u[2] * z
+
+
+@njit(fastmath=False)
+def _length(u):  # type: ignore[no-untyped-def]
+    return np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+
+
+@njit(fastmath=False)
+def _pierces(vertices, ends, face):  # type: ignore[no-untyped-def]
+    """Whether the line between two vertices passes through the inner part of a triangle."""
+    p = vertices[ends[0]]
+    along, a = _from(vertices, p, ends[1]), _from(vertices, p, face[0])
+    b, c = _from(vertices, p, face[1]), _from(vertices, p, face[2])
+    before = -_product(a, b, c)  # six times the volume of the triangle and each end
+    slope = _product(along, a, b) + _product(along, b, c) + _product(along, c, a)
+    side = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    other = (c[0] - a[0], c[1] - a[1], c[2] - a[2])
+    limit = _CLEAR * _length(side) * _length(side) * _length(other)
+    if not min(before, before + slope) < -limit or not max(before, before + slope) > limit:
+        return False
+    first, second, third = _product(along, a, b), _product(along, b, c), _product(along, c, a)
+    return min(first / slope, second / slope, third / slope) > _CLEAR
+
+
+@njit(fastmath=False)
+def first_crossing(vertices, faces, centres, radii, order):  # type: ignore[no-untyped-def]
+    """Two triangles of a mesh, an edge of one through the other; -1 and -1 if there are none.
+
+    ``order`` sorts the triangles by where their balls begin along the first axis.
+    """
+    for k in range(order.size):
+        s = order[k]
+        for m in range(k + 1, order.size):
+            t = order[m]
+            reach, away = radii[s] + radii[t], centres[t, 0] - centres[s, 0]
+            if away > reach:
+                break  # so do all that begin further along the first axis
+            square = away * away + (centres[t, 1] - centres[s, 1]) ** 2 + (centres[t, 2] - centres[s, 2]) ** 2
+            if square >= reach * reach:
                 continue
             shared = False
             for i in range(3):
@@ -94,11 +123,12 @@ def first_crossing(vertices, faces, centres, radii):  # type: ignore[no-untyped-
                     shared |= faces[s, i] == faces[t, j]
             if shared:
                 continue
-            for one, other in ((s, t), (t, s)):
-                a, b, c = vertices[faces[other, 0]], vertices[faces[other, 1]], vertices[faces[other, 2]]
-                for i in range(3):
-                    if _pierces(vertices[faces[one, i]], vertices[faces[one, (i + 1) % 3]], a, b, c):
-                        return s, t
+            for i in range(3):
+                j = (i + 1) % 3
+                if _pierces(vertices, (faces[s, i], faces[s, j]), (faces[t, 0], faces[t, 1], faces[t, 2])):
+                    return s, t
+                if _pierces(vertices, (faces[t, i], faces[t, j]), (faces[s, 0], faces[s, 1], faces[s, 2])):
+                    return s, t
     return -1, -1
 
 
@@ -106,9 +136,14 @@ def first_crossing(vertices, faces, centres, radii):  # type: ignore[no-untyped-
 def windings(points, vertices, faces, numbers):  # type: ignore[no-untyped-def]
     """How often the triangles of a mesh go round each point: ``numbers`` (k,), 1 inside a body, 0 outside."""
     for k in range(points.shape[0]):
-        p, total = points[k], 0.0
+        total = 0.0
         for t in range(faces.shape[0]):
-            a, b, c = vertices[faces[t, 0]] - p, vertices[faces[t, 1]] - p, vertices[faces[t, 2]] - p
-            u, v, w = np.sqrt(a @ a), np.sqrt(b @ b), np.sqrt(c @ c)
-            total += 2.0 * np.arctan2(a @ np.cross(b, c), u * v * w + (a @ b) * w + (b @ c) * u + (c @ a) * v)
+            a = _from(vertices, points[k], faces[t, 0])
+            b = _from(vertices, points[k], faces[t, 1])
+            c = _from(vertices, points[k], faces[t, 2])
+            u, v, w = _length(a), _length(b), _length(c)
+            ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+            bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
+            ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2]
+            total += 2.0 * np.arctan2(_product(a, b, c), u * v * w + ab * w + bc * u + ca * v)
         numbers[k] = total / (4.0 * np.pi)
