@@ -20,7 +20,7 @@ CORE = "core"
 KNOWN = {
     "numpy": "BSD-3-Clause", "scipy": "BSD-3-Clause", "numba": "BSD-2-Clause", "trimesh": "MIT",
     "matplotlib": "PSF-2.0", "pillow": "MIT-CMU", "imageio-ffmpeg": "BSD-2-Clause", "cyclopts": "Apache-2.0",
-    "rich": "MIT", "msgspec": "BSD-3-Clause", "threadpoolctl": "BSD-3-Clause", "pyvista": "MIT",
+    "rich": "MIT", "msgspec": "BSD-3-Clause", "threadpoolctl": "BSD-3-Clause", "pyvista": "MIT", "vtk": "BSD-3-Clause",
     "sympy": "BSD-3-Clause", "trame": "Apache-2.0", "trame-vtk": "BSD-3-Clause", "trame-vuetify": "MIT",
     "usd-core": "LicenseRef-TOST-1.0", "pygltflib": "MIT", "pymeshlab": "GPL-3.0-only", "warp-lang": "Apache-2.0",
     "mujoco": "Apache-2.0", "newton": "Apache-2.0", "petsc4py": "BSD-2-Clause", "distributed": "BSD-3-Clause",

@@ -58,3 +58,12 @@ def test_faults_found_while_reading_are_those_of_the_file(tmp_path):
     write_npz(tmp_path / "walk.npz", **KIND.arrays(VALUES))
     with pytest.raises(FileFormatError, match="too short"), KIND.read(tmp_path / "walk.npz"):
         raise ValueError("too short")
+
+
+def test_files_hold_the_arrays_that_were_given_and_no_pickles(tmp_path):
+    write_npz(tmp_path / "a.npz", x=np.arange(3))
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as data:
+        assert set(data) - {"sha256"} == {"x"}
+    with pytest.raises(ValueError, match="y holds Python objects"):
+        write_npz(tmp_path / "b.npz", x=np.arange(3), y=np.array([None]))
+    assert not (tmp_path / "b.npz").exists()
