@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import sqrt
 
 _NEAR = 1e-6
@@ -45,9 +45,10 @@ def averaged(
         inside = places[bisect_right(places, low - near if first else low + near) : bisect_left(places, high - near)]
         if not inside:
             return 0.5 * (factor(low) + factor(time)) if within else factor(time)
-        if not within and all(abs(bend - time) <= near for bend in inside):
-            before, after = factor(time - near), factor(time + near)
-            if abs(after - before) <= _JUMP * max(abs(one) for one in (before, after, factor(low), factor(high))):
+        if not within and all(abs(bend - dt * round(bend / dt)) <= near for bend in inside):
+            sides = [(factor(bend - near), factor(bend + near)) for bend in inside]
+            size = max(abs(one) for one in (*chain(*sides), factor(low), factor(high)))
+            if all(abs(after - before) <= _JUMP * size for before, after in sides):
                 return factor(time)
         marks, total = sorted({low, time, high, *(bend for bend in inside if bend > low)}), 0.0
         for begin, end in pairwise(marks):
