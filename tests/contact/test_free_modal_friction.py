@@ -79,17 +79,23 @@ def test_momenta_of_a_rubbing_panel_change_by_its_contact_forces_and_friction(sh
     assert motion.unconverged == 0
 
 
+def speeds_to_strike(motion):
+    """Vertical speeds of the frame after every step, up to the one in which it strikes."""
+    speeds = []
+    for _ in range(54):
+        motion.advance()
+        speeds.append(motion.model.frames.poses(motion.state.rates)[0, 0, 2])
+        if motion.touched().touches.any():
+            break
+    return speeds
+
+
 @pytest.mark.parametrize("name", RUNGS)
 @pytest.mark.parametrize("restitution", [0.3, 1.0])
 def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):
     """From rest 0.2 m above the floor it strikes at ``sqrt(2 g 0.2)`` and leaves with that share of its speed."""
     motion = falling(RUNGS[name](basis), floor(restitution=restitution))
-    frames, speeds = motion.model.frames, []
-    for _ in range(54):
-        motion.advance()
-        speeds.append(frames.poses(motion.state.rates)[0, 0, 2])
-        if motion.touched().touches.any():
-            break
+    speeds = speeds_to_strike(motion)
     weight = G * motion.shell.mass.sum()
     change = (speeds[-1] - speeds[-2]) / motion.setup.dt * motion.shell.mass.sum()
     assert motion.touched().forces[:, 2].sum() == pytest.approx(change + weight, rel=1e-8)  # the rebound's with them
@@ -105,12 +111,7 @@ def test_a_flat_panel_rebounds_from_a_floor_that_rises(basis, name):
     rising = ms.SupportPath(times, 0.3 * times[:, None] * (0.0, 0.0, 1.0))
     contact = ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.2), restitution=0.6, motion=rising)
     motion = falling(RUNGS[name](basis), contact)
-    frames, speeds = motion.model.frames, []
-    for _ in range(54):
-        motion.advance()
-        speeds.append(frames.poses(motion.state.rates)[0, 0, 2])
-        if motion.touched().touches.any():
-            break
+    speeds = speeds_to_strike(motion)
     assert speeds[-1] - 0.3 == pytest.approx(-0.6 * (speeds[-2] - 0.3), rel=1e-6)
 
 
