@@ -63,7 +63,7 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
 
 def write_npz(path: str | os.PathLike[str], **arrays: ArrayLike) -> Path:
     """Write arrays and a digest of them to a compressed ``.npz`` file, without pickle."""
-    given = {name: np.asarray(array) for name, array in arrays.items()}
+    given: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
     if objects := [name for name, array in given.items() if array.dtype.hasobject]:
         raise ValueError(f"{objects[0]} holds Python objects, which are not written")
     given[_DIGEST] = np.array(digest(given))
