@@ -78,9 +78,9 @@ class Friction:
     """
 
     def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float) -> None:
-        coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
-        self._rows = np.flatnonzero(coefficients * pushes > 0.0)
-        self._strength = (coefficients * pushes)[self._rows]
+        strength = touching.friction * pushes
+        self._rows = np.flatnonzero(strength > 0.0)
+        self._strength = strength[self._rows]
         self._touching, self.vertices = touching, touching.vertices[self._rows]
         self._limit = SLIP * touching.size
         normals = touching.gaps(x, self._rows)[1]

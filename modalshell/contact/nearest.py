@@ -91,13 +91,13 @@ def _pierces(vertices, ends, face):  # type: ignore[no-untyped-def]
     along, a = _from(vertices, p, ends[1]), _from(vertices, p, face[0])
     b, c = _from(vertices, p, face[1]), _from(vertices, p, face[2])
     before = -_product(a, b, c)  # six times the volume of the triangle and each end
-    slope = _product(along, a, b) + _product(along, b, c) + _product(along, c, a)
+    first, second, third = _product(along, a, b), _product(along, b, c), _product(along, c, a)
+    slope = first + second + third
     side = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
     other = (c[0] - a[0], c[1] - a[1], c[2] - a[2])
     limit = _CLEAR * _length(side) * _length(side) * _length(other)
     if not min(before, before + slope) < -limit or not max(before, before + slope) > limit:
         return False
-    first, second, third = _product(along, a, b), _product(along, b, c), _product(along, c, a)
     return min(first / slope, second / slope, third / slope) > _CLEAR
 
 

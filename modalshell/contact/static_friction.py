@@ -159,10 +159,7 @@ class FrictionStep:
     def __init__(self, problem: Potential, touching: Touching, begin: Array) -> None:
         self._problem, self._touching, self._begin = problem, touching, begin
         self._solver = ActiveSet(problem, touching, problem.measure(problem.push))
-        coefficients = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
-        gaps = touching.distances(begin)
-        self._coefficients = coefficients
-        self._friction = np.where(gaps <= INSIDE * touching.size, coefficients, 0.0)
+        self._friction = np.where(touching.distances(begin) <= INSIDE * touching.size, touching.friction, 0.0)
         self._axes = touching.at(touching.time)  # rows of the normals, and two of each along the surface
         self._axes.vertices = np.tile(touching.vertices, 3)
 
@@ -173,7 +170,7 @@ class FrictionStep:
 
     def would_rub(self, active: Mask) -> bool:
         """Whether any of the rows (r,) that touch at its end has friction."""
-        return bool(self._coefficients[active].any())
+        return bool(self._touching.friction[active].any())
 
     def slipping(self, before: Rubbed, x: Array) -> Rubbed:
         """The step ``before`` with what slips on a way to x (n, 3) [m], by its forces and in the direction of that."""

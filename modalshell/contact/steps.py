@@ -304,8 +304,6 @@ class TouchingSteps:
         bounded = touching.bounds
         if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
             return rates
-        restitution = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of]
-        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of]
         rates = rates.copy()
         normals = touching.gaps(x, rows)[1]
         earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
@@ -315,12 +313,12 @@ class TouchingSteps:
             struck = float(normal @ (old_rates[vertex] - carried))
             leaves = float(normal @ (rates[vertex] - carried))
             wanted = leaves
-            if was_open and restitution[row] and -struck > BOUNCE * reach[vertex]:
-                wanted = -restitution[row] * struck
+            if was_open and touching.restitution[row] and -struck > BOUNCE * reach[vertex]:
+                wanted = -touching.restitution[row] * struck
             elif bounded is not None and bounded[row] < 0.0:
                 wanted = min(leaves, 0.0)
             along = rates[vertex] - carried - leaves * normal
-            slip, most = float(np.linalg.norm(along)), friction[row] * max(0.0, wanted - leaves)
+            slip, most = float(np.linalg.norm(along)), touching.friction[row] * max(0.0, wanted - leaves)
             rates[vertex] += (wanted - leaves) * normal - (min(1.0, most / slip) if slip > 0.0 else 0.0) * along
             given = self._impulses.setdefault(time, np.zeros_like(x))
             given[vertex] += touching.shell.mass[vertex] * (wanted - leaves) * normal

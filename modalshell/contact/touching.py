@@ -85,6 +85,8 @@ class Touching:
         Vertex of each row.
     contact_of : ndarray, shape (r,)
         Contact of each row.
+    friction, restitution : ndarray, shape (r,)
+        Coefficients of each row.
     size : float
         The shell's size [m].
     bounds : ndarray or None, shape (r,)
@@ -103,6 +105,8 @@ class Touching:
         self.vertices: Index = np.concatenate([np.empty(0, np.int64), *chosen]).astype(np.int64)
         self._ends = np.cumsum([0, *(part.size for part in chosen)])
         self.contact_of: Index = np.repeat(np.arange(len(chosen)), np.diff(self._ends))
+        self.friction = np.array([contact.friction for contact in self.contacts])[self.contact_of]
+        self.restitution = np.array([contact.restitution for contact in self.contacts])[self.contact_of]
         tied = np.flatnonzero(self._count[self.vertices] < 0)
         if tied.size:
             raise OptionError(

@@ -78,6 +78,8 @@ class Polygons:
 
     def refuse_crossed(self, triangles: IntArray) -> None:
         """MeshError for a polygon that crosses itself: some of its :meth:`triangles` lie back on the others."""
+        if not (self.sizes > 3).any():
+            return
         owner = np.repeat(np.arange(len(self.sizes)), self.sizes - 2)
         points = self.vertices[triangles]
         areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])

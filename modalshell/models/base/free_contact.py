@@ -131,7 +131,7 @@ class FreeContactMotion(ModalPressedMotion):
         pushes, energy = found
         (before, begin, end, alone), touching, (time, dt) = step, self._pressing.touching, when
         rows, frames, shape = np.flatnonzero(pushes > 0.0), self._model.frames, self._model.warped_positions
-        kept = np.array([contact.restitution for contact in touching.contacts])[touching.contact_of[rows]]
+        kept = touching.restitution[rows]
         if not kept.any():
             return end.state
         vertices, place = touching.vertices[rows], end.base + flight.in_world(end)
@@ -170,8 +170,7 @@ class FreeContactMotion(ModalPressedMotion):
 
     def _rubbed(self, rows: Index, impulses: Array, slips: Array) -> Array:
         """Impulses (k, 3) [N s] of Coulomb's friction against slips (k, 3) [m/s], by those along the normals (k,)."""
-        touching = self._pressing.touching
-        friction = np.array([contact.friction for contact in touching.contacts])[touching.contact_of[rows]]
+        friction = self._pressing.touching.friction[rows]
         speeds = np.linalg.norm(slips, axis=1)
         size = np.where(speeds > 0.0, friction * impulses / np.maximum(speeds, 1e-300), 0.0)
         return np.asarray(-size[:, None] * slips)
