@@ -106,7 +106,7 @@ class ActiveSet:
         rows = np.flatnonzero(chosen)
         if rows.size:
             chosen = chosen.copy()
-            chosen[rows] = self.touching.movable(rows, self.touching.gaps(x, rows)[1])
+            chosen[rows] = self.touching.movable(rows, self.touching.normals(x, rows))
         return chosen
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:

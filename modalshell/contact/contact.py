@@ -130,6 +130,13 @@ class Contact(ReadOnlyArrays):
         turn = pose.rotation
         return gap, normal @ turn.T, turn @ curvature @ turn.T
 
+    def normal(self, x: Array, t: float = 0.0) -> Array:
+        """Normals (n, 3) of the collider at points (n, 3) [m]."""
+        if self.motion is None:
+            return self.collider.gap(x, t)[1]
+        pose = self.motion.at(t)
+        return np.asarray(self.collider.gap(pose.to_shell(x), t)[1] @ pose.rotation.T)
+
     def distance(self, x: Array, t: float = 0.0) -> Array:
         """Gap (n,) [m] of points (n, 3) [m] alone."""
         return self.collider.distance(x if self.motion is None else self.motion.at(t).to_shell(x), t)

@@ -58,7 +58,7 @@ class ContactEstimator(Estimator):
         gap = touching.distances(x)
         depth = -float(gap.min(initial=0.0))
         rows = np.flatnonzero(gap <= INSIDE * touching.size)
-        rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+        rows = rows[touching.movable(rows, touching.normals(x, rows))]
         x = x.copy()
         touching.put_on(x, rows, np.zeros(rows.size))
         solver = ActiveSet(problem, touching, problem.measure(problem.push_at(x)))

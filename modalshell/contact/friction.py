@@ -83,7 +83,7 @@ class Friction:
         self._strength = strength[self._rows]
         self._touching, self.vertices = touching, touching.vertices[self._rows]
         self._limit = SLIP * touching.size
-        normals = touching.gaps(x, self._rows)[1]
+        normals = touching.normals(x, self._rows)
         self._across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
         self._begin = x[self.vertices] + touching.ways(x, self._rows, dt)
         self._starts, self._sizes = touching.starts(self._rows)

@@ -25,8 +25,8 @@ Packed = tuple[NDArray[np.int64], Array]
 """Kinds (c,), less than 0 for those that move, and numbers (c, 32), of contacts."""
 
 
-def packed(contacts: Sequence[Contact], time: float, origin: Array | None) -> Packed | None:
-    """Kinds and numbers of contacts at ``time`` [s], about an ``origin`` (3,); None where one has no compiled form."""
+def forms_of(contacts: Sequence[Contact]) -> Packed | None:
+    """Kinds and numbers of the contacts' colliders, whose motions are not there yet; None as of :func:`packed`."""
     kinds, numbers = np.empty(len(contacts), np.int64), np.zeros((len(contacts), _POSE + _OWN))
     for index, contact in enumerate(contacts):
         form = contact.collider.packed()
@@ -34,26 +34,38 @@ def packed(contacts: Sequence[Contact], time: float, origin: Array | None) -> Pa
             return None
         kinds[index], own = form
         numbers[index, _POSE : _POSE + len(own)] = own
+    return kinds, numbers
+
+
+def packed(contacts: Sequence[Contact], forms: Packed | None, time: float, origin: Array | None) -> Packed | None:
+    """Kinds and numbers of contacts at ``time`` [s], about an ``origin`` (3,); None where one has no compiled form."""
+    if forms is None:
+        return None
+    kinds, numbers = forms[0].copy(), forms[1].copy()
+    for index, contact in enumerate(contacts):
+        if contact.motion is None and origin is None:
+            continue
         turn, place = np.eye(3), np.zeros(3)
         if contact.motion is not None:
             pose = contact.motion.at(time)
             turn, place = pose.rotation, pose.to_world(np.zeros((1, 3)))[0]
-        if origin is not None:
-            place = place - origin
-        if contact.motion is not None or origin is not None:
-            kinds[index] = -1 - kinds[index]
-            numbers[index, :9], numbers[index, 9:_POSE] = turn.ravel(), place
+        kinds[index] = -1 - kinds[index]
+        numbers[index, :9], numbers[index, 9:_POSE] = turn.ravel(), place if origin is None else place - origin
     return kinds, numbers
 
 
 def common_normal(bodies: Packed) -> Array | None:
     """Normal (3,) of packed contacts that are planes with the same one; None of others."""
-    kinds, numbers = bodies
-    if not np.isin(kinds, (PLANE, -1 - PLANE)).all():
-        return None
-    own = numbers[:, _POSE : _POSE + 3]
-    turned = np.where(kinds[:, None] < 0, np.einsum("cij,cj->ci", numbers[:, :9].reshape(-1, 3, 3), own), own)
-    return np.asarray(turned[0]) if kinds.size and (turned == turned[0]).all() else None
+    normal: Array | None = None
+    for kind, row in zip(*bodies, strict=True):
+        if kind not in (PLANE, -1 - PLANE):
+            return None
+        own = row[_POSE : _POSE + 3]
+        turned = own if kind == PLANE else row[:9].reshape(3, 3) @ own
+        if normal is not None and (turned != normal).any():
+            return None
+        normal = turned
+    return normal
 
 
 _kernel = njit(error_model="numpy", fastmath=False)

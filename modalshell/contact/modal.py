@@ -21,8 +21,9 @@ from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import common_normal, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
-from modalshell.contact.touching import EXACT_GAP, Touching
+from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.contact.turning import Turning
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
 from modalshell.modes import Basis
@@ -123,6 +124,8 @@ class ModalContacts:
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
+        if time == self.touching.time:
+            return
         if self.moving or self._bodies is None:
             self.touching = self.touching.at(time)
         if self.moving:
@@ -168,7 +171,7 @@ class ModalContacts:
     def along(self, q: Array, rows: Index) -> Array:
         """Derivatives (k, m) of the gaps of some rows."""
         moves = self._rows(q, self.touching.vertices[rows])
-        normals = self.touching.gaps(self._positions(q), rows)[1]
+        normals = self.touching.normals(self._positions(q), rows)
         return np.asarray((normals[:, None, :] @ moves)[:, 0])
 
     def turning(self, q: Array, x: Array, pushes: Array) -> Array:
@@ -190,6 +193,16 @@ class ModalContacts:
         gaps = np.empty(touching.vertices.size)
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
+
+    def frame(self, x: Array, pushes: Array) -> TouchedFrame:
+        """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
+        touching, forces = self.touching, None
+        if self._bodies is None:
+            return touched_frame(touching, x, pushes)
+        if len(self._directions) == 1:  # one normal of all
+            rows, forces = np.flatnonzero(pushes), np.zeros_like(x)
+            np.add.at(forces, touching.vertices[rows], pushes[rows, None] * self._directions)
+        return touched_frame(touching, x, pushes, forces, float(self.gaps(x).min(initial=0.0)))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
@@ -323,7 +336,7 @@ class ModalContacts:
         """Displacements (n, 3) [m] beyond the modes, under forces along the normals at positions (n, 3)."""
         rows = np.flatnonzero(pushes)
         vertices, turns = self.touching.vertices[rows], self.spins.vectors(q)
-        normals = self.touching.gaps(base, rows)[1]
+        normals = self.touching.normals(base, rows)
         own = np.array(normals)
         if turns.size:
             rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)

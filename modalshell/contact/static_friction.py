@@ -175,7 +175,7 @@ class FrictionStep:
     def slipping(self, before: Rubbed, x: Array) -> Rubbed:
         """The step ``before`` with what slips on a way to x (n, 3) [m], by its forces and in the direction of that."""
         rows = np.flatnonzero(before.sets.active & (self._friction > 0.0))
-        vertices, normals = self._touching.vertices[rows], self._touching.gaps(self._begin, rows)[1]
+        vertices, normals = self._touching.vertices[rows], self._touching.normals(self._begin, rows)
         slip = x[vertices] - self._begin[vertices]
         slip -= np.sum(slip * normals, axis=1, keepdims=True) * normals
         length = np.linalg.norm(slip, axis=1)
@@ -245,7 +245,7 @@ class FrictionStep:
         slides = np.flatnonzero(sets.stiff)
         if slides.size:
             t = sets.drag[slides] / np.linalg.norm(sets.drag[slides], axis=1, keepdims=True)
-            n = self._touching.gaps(x, slides)[1]
+            n = self._touching.normals(x, slides)
             blocks = np.eye(3) - n[:, :, None] * n[:, None, :] - t[:, :, None] * t[:, None, :]
             own = self._touching.across(slides, sets.stiff[slides, None, None] * blocks)
             starts, sizes = self._touching.starts(slides)

@@ -268,12 +268,12 @@ class TouchingSteps:
         touching = self.now = self.now.at(time)
         self._stopping, given = None, rates
         rows = np.flatnonzero(touching.distances(x) < 0.0)
-        rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+        rows = rows[touching.movable(rows, touching.normals(x, rows))]
         if not rows.size:
             return x, rates
         x, rates = x.copy(), rates.copy()
         touching.put_on(x, rows, np.zeros(rows.size))
-        drift, normals = touching.velocities(x, rows), touching.gaps(x, rows)[1]
+        drift, normals = touching.velocities(x, rows), touching.normals(x, rows)
         for row, normal, carried in zip(rows, normals, drift, strict=True):
             vertex, contact = touching.vertices[row], touching.contacts[touching.contact_of[row]]
             relative = rates[vertex] - carried
@@ -305,7 +305,7 @@ class TouchingSteps:
         if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
             return rates
         rates = rates.copy()
-        normals = touching.gaps(x, rows)[1]
+        normals = touching.normals(x, rows)
         earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
         drift = touching.velocities(x, rows)
         for row, normal, was_open, carried in zip(rows, normals, earlier, drift, strict=True):

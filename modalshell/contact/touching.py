@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
-from modalshell.contact.gap_kernels import Packed, packed
+from modalshell.contact.gap_kernels import Packed, forms_of, packed
 from modalshell.contact.self_contact import SelfContact
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
@@ -100,6 +100,7 @@ class Touching:
         self._origin = origin if origin is not None and origin.any() else None
         self.size = shell.size
         self.bounds: Array | None = None
+        self._forms = forms_of(self.contacts)
         self._first, self._count, self._basis = _unknowns_of(shell)
         chosen = [np.flatnonzero(contact.vertices(shell.mesh) & (self._count > 0)) for contact in self.contacts]
         self.vertices: Index = np.concatenate([np.empty(0, np.int64), *chosen]).astype(np.int64)
@@ -142,6 +143,13 @@ class Touching:
             gap -= self.bounds[chosen]
         return gap, normal, curvature
 
+    def normals(self, x: Array, rows: Index) -> Array:
+        """Normals (k, 3) of the colliders at the rows' vertices."""
+        normal = np.empty((rows.size, 3))
+        for contact, here in self._parts(rows):
+            normal[here] = contact.normal(self._in_world(x[self.vertices[rows[here]]]), self.time)
+        return normal
+
     def velocities(self, x: Array, rows: Index) -> Array:
         """Velocities (k, 3) [m/s] of the colliders at the rows' vertices."""
         velocity = np.empty((rows.size, 3))
@@ -168,7 +176,7 @@ class Touching:
 
     def packed(self) -> Packed | None:
         """The colliders as they are now, for compiled gaps; None where one has no compiled form."""
-        return packed(self.contacts, self.time, self._origin)
+        return packed(self.contacts, self._forms, self.time, self._origin)
 
     def deepest_by_contact(self, x: Array) -> Array:
         """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
@@ -266,7 +274,7 @@ class Touching:
         """Forces (n, 3) [N] on the vertices, of ``pushes`` (r,) [N] along the normals."""
         rows = np.flatnonzero(pushes)
         forces = np.zeros_like(x)
-        np.add.at(forces, self.vertices[rows], pushes[rows, None] * self.gaps(x, rows)[1])
+        np.add.at(forces, self.vertices[rows], pushes[rows, None] * self.normals(x, rows))
         return forces
 
     def dip(self, x: Array, active: NDArray[np.bool_]) -> float:
@@ -302,7 +310,7 @@ def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
     """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of ``chosen`` contacts (c,)."""
     x = x.copy()
     rows = np.flatnonzero((touching.distances(x) < 0.0) & chosen[touching.contact_of])
-    rows = rows[touching.movable(rows, touching.gaps(x, rows)[1])]
+    rows = rows[touching.movable(rows, touching.normals(x, rows))]
     touching.put_on(x, rows, np.zeros(rows.size))
     return x
 
@@ -320,13 +328,20 @@ def parted(
     return checked_contacts(others, frame), own[0] if own else None
 
 
-def touched_frame(touching: Touching, x: Array, pushes: Array, given: Array | None = None) -> TouchedFrame:
-    """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N]."""
+def touched_frame(
+    touching: Touching, x: Array, pushes: Array, given: Array | None = None, least: float | None = None
+) -> TouchedFrame:
+    """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N].
+
+    ``least`` is the least gap [m], if it is known.
+    """
     bare = touching.with_bounds(None)
     forces = bare.forces(x, pushes) if given is None else given
     touches: NDArray[np.bool_] = np.asarray(forces.any(axis=1))
     touches[bare.vertices[pushes > 0.0]] = True
-    return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
+    if least is None:
+        least = float(bare.distances(x).min(initial=0.0))
+    return TouchedFrame(forces, touches, max(0.0, -least))
 
 
 def _unknowns_of(shell: Shell) -> tuple[Index, Index, Array]:

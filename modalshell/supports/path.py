@@ -93,6 +93,23 @@ def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array
     return rate[0], along[0] - slope[0] @ first
 
 
+def _with_derivatives(spline: CubicSpline, time: float) -> tuple[Array, Array, Array]:
+    """Value (3,) of a spline at a time within it, and its first and second derivatives: SciPy's own bits, in a fifth.
+
+    Of one point at a time SciPy's time is that of its calls.
+    """
+    place = min(max(int(spline.x.searchsorted(time, side="right")) - 1, 0), spline.x.size - 2)
+    s = time - float(spline.x[place])
+    s2 = s * s
+    s3 = s2 * s
+    axes = spline.c[:, place].T.tolist()
+    return (
+        np.array([d + c * s + b * s2 + a * s3 for a, b, c, d in axes]),
+        np.array([c + b * s * 2.0 + a * s2 * 3.0 for a, b, c, _ in axes]),
+        np.array([b * 2.0 + a * s * 6.0 for a, b, _, _ in axes]),
+    )
+
+
 def _jumps(vectors: Array) -> bool:
     """Whether rotation vectors (k, 3) [rad] change to another one of their rotation: their quaternions change sign."""
     angles = np.linalg.norm(vectors, axis=1)
@@ -102,6 +119,8 @@ def _jumps(vectors: Array) -> bool:
     return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
 
 
+_KEPT = 8
+"""Poses that a path keeps: steps ask for those of their ends and middles several times."""
 _ROUNDING = 1e-12
 """Share of a path's times by which a time may lie outside and still count as its end, where supports yet brake."""
 
@@ -142,6 +161,7 @@ class SupportPath:
         self.times = checked_times(times).copy()
         shape = (self.times.size, 3)
         self.pivot = checked_vectors("pivot", pivot, (3,), OptionError).copy()
+        self._poses: dict[tuple[float, Side | None], Pose] = {}
         # Clamped ends: the supports start and stop at rest.
         moved = checked_vectors("translations", translations, shape, OptionError)
         self._translation = CubicSpline(self.times, moved, bc_type="clamped")
@@ -189,7 +209,7 @@ class SupportPath:
     def about(self, origin: Array) -> SupportPath:
         """The same path in coordinates about ``origin`` (3,) [m]."""
         path = copy.copy(self)
-        path.pivot = self.pivot - origin
+        path.pivot, path._poses = self.pivot - origin, {}
         return path
 
     def at(self, time: float, side: Side | None = None) -> Pose:
@@ -202,26 +222,35 @@ class SupportPath:
         time = checked_number("time", time, unit="s")
         if side is not None:
             checked_choice("side", side, get_args(Side))
+        if (known := self._poses.get((time, side))) is not None:
+            return known
+        pose = self._pose(time, side)
+        for part in vars(pose).values():
+            part.setflags(write=False)  # it is given to all who ask for this time
+        if len(self._poses) >= _KEPT:
+            self._poses = {}
+        self._poses[time, side] = pose
+        return pose
+
+    def _pose(self, time: float, side: Side | None) -> Pose:
         inside = float(np.clip(time, self.times[0], self.times[-1]))
         rounding = _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by so much
         moving = abs(time - inside) <= rounding
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
+        place, velocity, acceleration = _with_derivatives(self._translation, inside)
         if isinstance(self._rotation, RotationSpline):
             rotation = self._rotation(inside).as_matrix()
             if moving:
                 rate, turning = self._rotation(inside, 1), self._rotation(inside, 2)
         elif self._rotation is not None:
-            vector = self._rotation(inside)
+            vector, first, second = _with_derivatives(self._rotation, inside)
             rotation = Rotation.from_rotvec(vector).as_matrix()
             if moving:
-                rate, turning = turn_rates(vector, self._rotation(inside, 1), self._rotation(inside, 2))
-        acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
+                rate, turning = turn_rates(vector, first, second)
         share = self._share_of_jump(inside, rounding, side)
-        acceleration, turning = share * acceleration, share * turning
-        velocity = np.asarray(self._translation(inside, 1)) if moving else none
-        place = np.asarray(self._translation(inside))
-        return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity)
+        acceleration, turning = share * (acceleration @ rotation if moving else none), share * turning
+        return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity if moving else none)
 
     def _share_of_jump(self, time: float, rounding: float, side: Side | None) -> float:
         """How much of its acceleration a path has on a side of a time [s] within it."""

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.contact import COLLIDERS
-from modalshell.contact.gap_kernels import gap_at, packed
+from modalshell.contact.gap_kernels import forms_of, gap_at, packed
 
 GRID = np.linspace(0.0, 1.0, 6)
 HILL = 0.1 * np.sin(3.0 * GRID)[:, None] * np.cos(2.0 * GRID)
@@ -301,7 +301,7 @@ def test_compiled_gaps_and_normals_are_those_of_the_collider(collider, moving):
     path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0.3, 0.1, 0.2)], [(0, 0, 0), (0.2, -0.4, 0.5)])
     contact, origin = ms.Contact(collider, motion=path if moving else None), np.array([0.3, -0.2, 0.1])
     x = np.random.default_rng(3).uniform(-1.2, 1.2, (400, 3))
-    kinds, numbers = packed([contact], 0.4, origin)
+    kinds, numbers = packed([contact], forms_of([contact]), 0.4, origin)
     gap, normal, _ = contact.gap(x + origin, 0.4)
     found = np.empty(3)
     for point, distance, direction in zip(x, gap, normal, strict=True):

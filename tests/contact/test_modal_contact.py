@@ -6,7 +6,7 @@ import pytest
 import modalshell as ms
 from modalshell.contact.base import Collider
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import common_normal, packed
+from modalshell.contact.gap_kernels import common_normal, forms_of, packed
 from modalshell.motion.stepping import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -268,6 +268,10 @@ def test_many_more_vertices_than_modes_rest_on_a_table(name):
     assert ms.measure.displacement_error(run.positions[-1], state.positions, limp) < 1e-3
 
 
+def normal_of(contacts, time):
+    return common_normal(packed(contacts, forms_of(contacts), time, None))
+
+
 def test_derivatives_along_a_common_normal_are_those_along_three_axes(basis):
     model = ms.RotationStrain(basis)
     q, vertices = 0.05 * np.arange(1.0, 9.0), np.arange(12, 20)
@@ -277,7 +281,7 @@ def test_derivatives_along_a_common_normal_are_those_along_three_axes(basis):
     assert np.allclose(along[:, 0], slant @ rows, rtol=0.0, atol=1e-13)
     assert np.allclose(points, model.warped_positions(q)[vertices], rtol=0.0, atol=1e-13)
     planes = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -height), motion=turn) for height in (0.2, 0.3)]
-    normal = common_normal(packed(planes, 0.5, None))
+    normal = normal_of(planes, 0.5)
     assert np.allclose(normal, planes[0].gap(np.zeros((1, 3)), 0.5)[1][0], rtol=0.0, atol=1e-15)
-    assert common_normal(packed([planes[0], ms.Contact(ms.Plane())], 0.5, None)) is None
-    assert common_normal(packed([ms.Contact(ms.Sphere((0.0, 0.0, 0.0), 1.0))], 0.0, None)) is None
+    assert normal_of([planes[0], ms.Contact(ms.Plane())], 0.5) is None
+    assert normal_of([ms.Contact(ms.Sphere((0.0, 0.0, 0.0), 1.0))], 0.0) is None

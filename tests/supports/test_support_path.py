@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
@@ -27,6 +28,22 @@ def test_spline_meets_its_keyframes_and_rests_outside():
     np.testing.assert_allclose(after.translation, moved[-1], atol=1e-14)
     for rate in (after.acceleration, after.turn_rate, after.turn_acceleration):
         np.testing.assert_array_equal(rate, 0.0)
+
+
+def test_poses_are_those_of_scipy_to_the_bit_and_kept_for_those_who_ask_again():
+    random = np.random.default_rng(5)
+    times, moved = np.sort(random.uniform(0.0, 2.0, 9)), random.standard_normal((9, 3))
+    path, spline = ms.SupportPath(times, moved), CubicSpline(times, moved, bc_type="clamped")
+    inside = np.linspace(times[0], times[-1], 77)[1:-1]
+    for time in [*inside.tolist(), *times[1:-1].tolist()]:
+        pose = path.at(time)
+        assert path.at(time) is pose
+        np.testing.assert_array_equal(pose.translation, spline(time))
+        np.testing.assert_array_equal(pose.velocity, spline(time, 1))
+        np.testing.assert_array_equal(pose.acceleration, spline(time, 2))
+    with pytest.raises(ValueError, match="read-only"):
+        pose.translation[0] = 1.0
+    assert path.about(np.ones(3)).at(time).pivot[0] == -1.0
 
 
 def test_rates_are_the_derivatives_of_the_pose():

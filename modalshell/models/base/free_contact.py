@@ -135,7 +135,7 @@ class FreeContactMotion(ModalPressedMotion):
         if not kept.any():
             return end.state
         vertices, place = touching.vertices[rows], end.base + flight.in_world(end)
-        normals, lead = touching.gaps(place, rows)[1], LEAD * dt
+        normals, lead = touching.normals(place, rows), LEAD * dt
         drift = touching.velocities(place, rows)
         carried = np.sum(normals * drift, axis=1)
         first, last, free = (

@@ -12,7 +12,7 @@ from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.steps import refuse_fast
-from modalshell.contact.touching import checked_contacts, touched_frame
+from modalshell.contact.touching import checked_contacts
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import PUSHES, MotionState
@@ -77,4 +77,4 @@ class PressedMotion(ABC):
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state at ``positions`` (n, 3) [m] and ``time`` [s]."""
         self._pressing.at(time)
-        return touched_frame(self._pressing.touching, positions, state.memory[PUSHES])
+        return self._pressing.frame(positions, state.memory[PUSHES])
