@@ -124,11 +124,8 @@ class ModalContacts:
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
-        if time == self.touching.time:
-            return
-        if self.moving or self._bodies is None:
+        if (self.moving or self._bodies is None) and time != self.touching.time:
             self.touching = self.touching.at(time)
-        if self.moving:
             self._see()
 
     def _see(self) -> None:
@@ -187,22 +184,19 @@ class ModalContacts:
 
     def gaps(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows at positions x (n, 3)."""
-        touching = self.touching
         if self._bodies is None:
-            return touching.distances(x)
-        gaps = np.empty(touching.vertices.size)
+            return self.touching.distances(x)
+        touching, gaps = self.touching, np.empty(self.touching.vertices.size)
         gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
     def frame(self, x: Array, pushes: Array) -> TouchedFrame:
         """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
-        touching, forces = self.touching, None
-        if self._bodies is None:
-            return touched_frame(touching, x, pushes)
+        forces = None
         if len(self._directions) == 1:  # one normal of all
             rows, forces = np.flatnonzero(pushes), np.zeros_like(x)
-            np.add.at(forces, touching.vertices[rows], pushes[rows, None] * self._directions)
-        return touched_frame(touching, x, pushes, forces, float(self.gaps(x).min(initial=0.0)))
+            np.add.at(forces, self.touching.vertices[rows], pushes[rows, None] * self._directions)
+        return touched_frame(self.touching, x, pushes, forces, float(self.gaps(x).min(initial=0.0)))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""
@@ -337,9 +331,9 @@ class ModalContacts:
         rows = np.flatnonzero(pushes)
         vertices, turns = self.touching.vertices[rows], self.spins.vectors(q)
         normals = self.touching.normals(base, rows)
-        own = np.array(normals)
+        own = normals.copy()
         if turns.size:
-            rotate(turns[vertices], np.ascontiguousarray(normals), -1.0, own)
+            rotate(turns[vertices], normals, -1.0, own)
         return self._shape_under(vertices, pushes[rows, None] * own, turns)
 
     def _shape_under(self, vertices: Index, forces: Array, turns: Array) -> Array:
