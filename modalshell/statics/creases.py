@@ -227,7 +227,8 @@ def _stays_elastic(way: _Way, low: _Place, high: _Place, depth: int = _DEPTH) ->
 def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[NewtonResult, CreaseState]:
     """Equilibrium of a shell whose creases yield as the load grows, and what they have kept then.
 
-    Without a start the load grows from none; with one it goes straight from the load that holds the start. Where
+    Without a start the load grows from none; with one it goes straight from the load that holds the start, or, where
+    creases beyond their limits leave none that could, to where nothing yields under the whole load. Where
     nothing yields on the way, which need not be its end, the answer is the one without creases, to the last bit.
     Otherwise the load goes in steps, each of which ends at a minimum by positions and plastic folds. Steps shrink where
     that is not found, and where two halves of a step end elsewhere: a crease that yields and is relieved again.
@@ -251,6 +252,9 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
         iterations += further
         if stays:
             return replace(result, iterations=iterations), state
+    if result.converged and high.within and not low.within and not (at_start := way.yielded(0.0, low)[1]).settled:
+        # No load holds the start, as of positions on another mesh: it says where to begin, not how the load came.
+        return replace(result, iterations=iterations + at_start.iterations), state
     return _stepped(way, low, iterations)
 
 

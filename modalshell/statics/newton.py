@@ -214,9 +214,17 @@ class Problem(Equations[Matrix]):
         return factor if factor.is_definite() else None
 
     def scale_at(self, start: Array | None) -> float:
-        """Scale of residuals: the load's size, or without a load that of the forces at the start."""
+        """Scale of residuals: the load's size, or without a load that of the forces at the start.
+
+        Those of an answer without a load are rounding: residuals need not be smaller than that.
+        """
         size = self.measure(self.push)
-        return size or (0.0 if start is None else self.measure(self.residual(start))) or 1.0
+        if size or start is None:
+            return size or 1.0
+        size = self.measure(self.residual(start))
+        if np.isfinite(size) and not self.is_step:
+            size = max(size, self.rounding(start, self.linearise(start, GAUSS_NEWTON)[1], 0.0) / ACCEPTED)
+        return size or 1.0
 
     def loaded(self, fraction: float) -> Self:
         """The same problem under a fraction of the load."""

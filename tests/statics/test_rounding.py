@@ -190,3 +190,18 @@ def test_extended_gradient_of_a_tiny_displacement_is_linear():
     exact = shell.extended_gradient(moved).astype(float)
     linear = (shell.stiffness() @ moved.astype(float).ravel()).reshape(-1, 3)
     np.testing.assert_allclose(exact, linear, rtol=0, atol=1e-12 * np.abs(linear).max())
+
+
+def test_an_answer_without_load_is_one_for_those_who_begin_there():
+    """Its forces are rounding, which residuals were to be a ten millionth of."""
+    mesh = ms.flat_beam(length=0.4, width=0.1, cells=(16, 4))
+    curled = ms.Shell(mesh, ms.Isotropic(3e9, 0.3, 2e-4, 800.0), "x < 1e-9", rest_curvature=np.diag([4.0, 0.0, 0.0]))
+    model = ms.DiscreteShell(curled)
+    loaded = model.equilibrium(gravity=(0.0, 0.0, -1.0))
+    first = model.equilibrium(start=loaded.positions)
+    shaken = 1e-13 * np.sin(np.arange(3.0 * len(mesh.vertices))).reshape(-1, 3) * (mesh.vertices[:, :1] > 1e-9)
+    for start in (first.positions, first.positions + shaken):
+        again = model.equilibrium(start=start)
+        assert again.outcome == ms.Outcome.CONVERGED
+        assert again.iterations <= 2
+        assert np.abs(again.positions - first.positions).max() < 1e-9
