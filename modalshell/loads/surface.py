@@ -85,7 +85,7 @@ class Pressure(LiveLoad, key="pressure"):
 
 
 def _boundary(faces: Index) -> Index:
-    """Vertices on edges about which the triangles do not cancel: at boundaries, junctions, twists of one-sided strips."""
+    """Vertices on edges at which triangles do not cancel: of boundaries, junctions, twists of one-sided strips."""
     ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     unique, which = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
     senses = np.bincount(which.ravel(), np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0), len(unique))
