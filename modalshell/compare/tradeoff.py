@@ -203,13 +203,18 @@ def tradeoff(
     Raises
     ------
     OptionError
-        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, or a parameter is
-        out of range.
+        If the supports leave rigid motions free, nothing loads the shell, it has creases, the scene has constraints, or
+        a parameter is out of range.
     SolverError
         If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
     checked_callback("on_step", on_step)
     case = make_case(scene, gravity, force, coarse)
+    if case.shell.crease_state is not None:
+        raise OptionError(
+            f"{case.name!r}: rungs are not compared on shells with creases, which DS and coarse DS alone know: leave "
+            "creases out, or compare answers of these two"
+        )
     factors = checked_factors(loads)
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)

@@ -39,7 +39,8 @@ class Pressure(LiveLoad, key="pressure"):
     """A pressure on the surface, along the triangles' normals: a third of each triangle's force at each corner.
 
     Follower pressure acts on the deformed triangles. On a closed surface, or one whose boundary is held, it is the
-    gradient of ``-p V``, V the enclosed volume; with a free boundary it has no potential (theory 16, eq. 2).
+    gradient of ``-p V``, V the enclosed volume; with a free boundary, or a free junction
+    whose triangles' edges do not cancel, it has no potential (theory 16, eq. 2).
 
     Parameters
     ----------
@@ -84,10 +85,11 @@ class Pressure(LiveLoad, key="pressure"):
 
 
 def _boundary(faces: Index) -> Index:
-    """Vertices on edges of one triangle only."""
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
-    return np.unique(unique[counts == 1])
+    """Vertices on edges at which triangles do not cancel: of boundaries, junctions, twists of one-sided strips."""
+    ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    unique, which = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+    senses = np.bincount(which.ravel(), np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0), len(unique))
+    return np.unique(unique[senses != 0.0])
 
 
 @final

@@ -39,6 +39,8 @@ _LARGE = 15_000
 """Unknowns from which a factor is beyond the cache, and a solve with several right sides takes little longer."""
 _TRUE = 1e-6
 """Residual of the inverse over the eigenvalue from which pairs that blocks have found are not taken."""
+_CROWD = 24
+"""Modes that are sought where fewer do not converge: their Krylov space is larger."""
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
@@ -192,11 +194,14 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
             break
         else:
             lowest, start = _lowest(solver, root, known, 1, random, _GLANCE)
-            if lowest.size and lowest[0] > (1.0 + _GLANCE) * values[-1]:
+            if lowest.size and lowest[0] > (1.0 + _GLANCE) * values[wanted - 1]:
                 break
             more = _lowest(solver, root, known, 1, random, _CLOSELY, start)
-            if more[0].size and more[0][0] >= (1.0 - _REPEATED) * values[-1]:
+            if more[0].size and more[0][0] >= (1.0 - _REPEATED) * values[wanted - 1]:
                 break
+        if not more[0].size:  # in a crowd of eigenvalues a larger Krylov space tells them apart
+            crowd = min(_CROWD, (root.size - known.shape[1]) // 4)
+            more = _lowest(solver, root, known, crowd, random, _CLOSELY)
         if not more[0].size:
             found = _lowest_by_blocks(solver, root, rigid, wanted, wanted)
             if found is not None:
@@ -206,9 +211,9 @@ def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: in
                 f"{REPAIR} takes away"
             )
         values, vectors = np.concatenate([values, more[0]]), np.hstack([vectors, more[1]])
-        order = np.argsort(values, kind="stable")[:wanted]
+        order = np.argsort(values, kind="stable")[: max(wanted, more[0].size)]
         values, vectors = values[order], vectors[:, order]
-    return values, vectors
+    return values[:wanted], vectors[:, :wanted]
 
 
 def _lowest_by_blocks(

@@ -83,16 +83,17 @@ def plane_elasticity(first: Any, second: Any, poisson: Any, shear: Any) -> Any:
     return matrix
 
 
-def strain_turn(degrees: float) -> Array:
-    """Matrix (3, 3) of strains (11, 22, 2 12) in axes that are turned by an angle, of those in the others."""
+def strain_turn(degrees: float | Array) -> Array:
+    """Matrices (..., 3, 3) of strains (11, 22, 2 12) in axes turned by angles (...), of those in the others."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2.0 * c * s, 2.0 * c * s, c * c - s * s]])
+    turn = np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2.0 * c * s, 2.0 * c * s, c * c - s * s]])
+    return np.moveaxis(turn, (0, 1), (-2, -1))
 
 
-def turned(matrix: Array, degrees: float) -> Array:
-    """Stiffness (3, 3) of a sheet whose own axes, in which it is ``matrix``, are turned by an angle."""
+def turned(matrix: Array, degrees: float | Array) -> Array:
+    """Stiffness (..., 3, 3) of a sheet whose own axes, in which it is ``matrix`` (3, 3), are turned by angles (...)."""
     turn = strain_turn(degrees)
-    return np.asarray(turn.T @ matrix @ turn)
+    return np.asarray(np.swapaxes(turn, -2, -1) @ matrix @ turn)
 
 
 def directions_on(mesh: TriangleMesh, direction: Array) -> Array:

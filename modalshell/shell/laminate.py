@@ -8,53 +8,59 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from modalshell.core.checks import checked_number, shown
+from modalshell.core.checks import shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
+from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity, directions_on, plane_elasticity, strain_turn, turned
 from modalshell.shell.fields import ShellFields, triangle_axes
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.orthotropic import Orthotropic
-from modalshell.shell.sheet import SHEETS, Direction, Sheet, axes_on, evaluated
+from modalshell.shell.sheet import SHEETS, Direction, Field, Sheet, axes_on, checked_constant, evaluated
 
 _COUPLED = 1e-9
 """Least size of the coupling B, over membrane stiffness times thickness, that counts."""
 
 
 @final
+@short_repr
 @dataclass(frozen=True)
-class Ply:
+class Ply(ReadOnlyArrays):
     """One ply of a :class:`Laminate`.
+
+    Angle and thickness may each be one number, one value per triangle, or a function of the triangles' centroids
+    (T, 3) [m]: fibres that are steered, plies that end or grow thinner.
 
     Parameters
     ----------
     material : Orthotropic or Isotropic
         Its moduli and density, single numbers; the thickness and direction are those of the ply.
-    angle : float
+    angle : float, array_like of shape (T,), or callable
         Axis 1 of the ply [deg], counter-clockwise from that of the laminate, as seen from where the normal points.
-    thickness : float
+    thickness : float, array_like of shape (T,), or callable
         Its thickness [m].
 
     Raises
     ------
     MaterialError
-        For another material, one with fields or a direction of its own, or numbers out of range.
+        For another material, one with fields or a direction of its own, or numbers out of range; functions are checked
+        where a shell is built.
     """
 
     material: Orthotropic | Isotropic
-    angle: float
-    thickness: float
+    angle: Field
+    thickness: Field
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Orthotropic | Isotropic):
             raise MaterialError(
                 f"material must be an Orthotropic or an Isotropic of its own (got {shown(self.material)})"
             )
-        object.__setattr__(self, "angle", checked_number("angle", self.angle, MaterialError, unit="deg"))
-        thickness = checked_number("thickness", self.thickness, MaterialError, above=0.0, unit="m")
-        object.__setattr__(self, "thickness", thickness)
+        for name, unit in (("angle", "deg"), ("thickness", "m")):
+            if not callable(raw := getattr(self, name)):
+                object.__setattr__(self, name, checked_constant(name, raw, unit, ratio=name == "angle"))
         constants = self.material.constants
         wanted = {"young", "poisson", "density"} if isinstance(self.material, Isotropic) else set(_NUMBERS)
         if missing := sorted(wanted - set(constants)):
@@ -63,6 +69,17 @@ class Ply:
             raise MaterialError(
                 f"material of a ply must have direction 0.0: its angle takes that place (got {shown(self.material)})"
             )
+
+    @property
+    def sizes(self) -> set[int]:
+        """Numbers of triangles of its fields; MaterialError for functions, which have none without a mesh."""
+        if callable(self.angle) or callable(self.thickness):
+            raise MaterialError("a ply is given by functions, which have values on a mesh: take laminate.on(mesh)")
+        return {len(value) for value in (self.angle, self.thickness) if isinstance(value, np.ndarray)}
+
+    def on(self, mesh: TriangleMesh) -> Ply:
+        """The same ply, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
+        return Ply(self.material, *(evaluated(name, getattr(self, name), mesh) for name in ("angle", "thickness")))
 
     @property
     def own_plane(self) -> Array:
@@ -78,8 +95,8 @@ class Ply:
 
     @property
     def plane(self) -> Array:
-        """Q (3, 3) [Pa] in axes of the laminate."""
-        return turned(self.own_plane, self.angle)
+        """Q (3, 3) [Pa] in axes of the laminate, or (T, 3, 3) of a field of angles."""
+        return turned(self.own_plane, self.angle)  # type: ignore[arg-type]  # no function: see sizes
 
 
 _NUMBERS = ("young_1", "young_2", "shear", "poisson", "density")
@@ -109,7 +126,7 @@ class Laminate(Sheet, kind="laminate"):
     Raises
     ------
     MaterialError
-        For no plies, a stack whose B is not zero, or a direction that is none.
+        For no plies, a stack whose B is not zero on some triangle, fields that misfit, or a direction that is none.
     """
 
     plies: Sequence[Ply]
@@ -123,8 +140,12 @@ class Laminate(Sheet, kind="laminate"):
                 raise MaterialError(f"plies[{k}] must be an ms.Ply (got {shown(ply)})")
         object.__setattr__(self, "plies", tuple(self.plies))
         self._check({"direction": "deg"})
-        membrane, coupling, _ = self.matrices
-        share = float(np.abs(coupling).max() / (np.abs(membrane).max() * self.thickness))
+        if any(callable(ply.angle) or callable(ply.thickness) for ply in self.plies):
+            return  # checked where they have values
+        if len(sizes := set[int]().union(*(ply.sizes for ply in self.plies))) > 1:
+            raise MaterialError(f"fields of plies must have one value per triangle each (got {sorted(sizes)} values)")
+        membrane, coupling, _ = (np.abs(matrix).max(axis=(-2, -1)) for matrix in self.matrices)
+        share = float(np.max(coupling / (membrane * self.thickness)))
         if share > _COUPLED:
             raise MaterialError(
                 f"plies must have no coupling of stretch and bending (got B of {share:.2g} of the membrane's stiffness "
@@ -132,39 +153,59 @@ class Laminate(Sheet, kind="laminate"):
             )
 
     @property
-    def thickness(self) -> float:
-        """Thickness of all plies together [m]."""
-        return sum(ply.thickness for ply in self.plies)
+    def _plied(self) -> list[Any]:
+        """Thicknesses of the plies [m], a number or (T,) each."""
+        sizes = max((size for ply in self.plies for size in ply.sizes), default=0)
+        depths: list[Any] = [ply.thickness for ply in self.plies]
+        return [np.broadcast_to(depth, (sizes,)) for depth in depths] if sizes else depths
+
+    @property
+    def thickness(self) -> Any:
+        """Thickness of all plies together [m], or (T,) of plies with fields."""
+        return sum(self._plied)
 
     @property
     def heights(self) -> Array:
-        """Heights (plies + 1,) of their faces above the middle [m]."""
-        return np.concatenate([[0.0], np.cumsum([ply.thickness for ply in self.plies])]) - 0.5 * self.thickness
+        """Heights (plies + 1,) of their faces above the middle [m], or (plies + 1, T) of plies with fields."""
+        above = np.cumsum(self._plied, axis=0)
+        return np.concatenate([np.zeros_like(above[:1]), above]) - 0.5 * self.thickness
 
     @property
     def matrices(self) -> tuple[Array, Array, Array]:
-        """Membrane [N/m], coupling [N] and bending stiffness [N m] (3, 3), on (11, 22, 2 12) in its own axes."""
+        """Membrane [N/m], coupling [N] and bending stiffness [N m] (3, 3), on (11, 22, 2 12) in its own axes.
+
+        They are (T, 3, 3) of plies with fields.
+        """
         low, high = self.heights[:-1], self.heights[1:]
-        planes = np.stack([ply.plane for ply in self.plies])
-        first, second, third = (np.tensordot((high**power - low**power) / power, planes, axes=1) for power in (1, 2, 3))
+        layers = [(high**power - low**power) / power for power in (1, 2, 3)]
+        if low.ndim == 1:
+            planes = np.stack([ply.plane for ply in self.plies])
+            first, second, third = (np.tensordot(layer, planes, axes=1) for layer in layers)
+        else:
+            first, second, third = (
+                np.asarray(sum(layer[k, :, None, None] * ply.plane for k, ply in enumerate(self.plies)))
+                for layer in layers
+            )
         return first, second, third
 
     def on(self, mesh: TriangleMesh) -> Laminate:
-        """The same sheet, its direction evaluated on the triangles of ``mesh``."""
-        return Laminate(self.plies, evaluated("direction", self.direction, mesh))
+        """The same sheet, its direction and plies evaluated on the triangles of ``mesh``."""
+        return Laminate([ply.on(mesh) for ply in self.plies], evaluated("direction", self.direction, mesh))
 
     def area_density(self, mesh: TriangleMesh) -> Array:
         """Mass per area of every triangle (T,) [kg/m^2]."""
-        return np.full(len(mesh.faces), sum(ply.thickness * ply.material.constants["density"] for ply in self.plies))
+        plies: list[Any] = [ply.on(mesh) for ply in self.plies]
+        return np.full(len(mesh.faces), sum(ply.thickness * ply.material.constants["density"] for ply in plies))
 
     def thicknesses(self, mesh: TriangleMesh) -> Array:
         """Thickness of every triangle (T,) [m]."""
-        return np.full(len(mesh.faces), self.thickness)
+        return np.full(len(mesh.faces), self.on(mesh).thickness)
 
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by the direction."""
-        along = axes_on(mesh, self.on(mesh).direction, slope)
-        membrane, _, bending = (np.broadcast_to(c, (len(mesh.faces), 3, 3)) for c in self.matrices)
+        sheet = self.on(mesh)
+        along = axes_on(mesh, sheet.direction, slope)
+        membrane, _, bending = (np.broadcast_to(c, (len(mesh.faces), 3, 3)) for c in sheet.matrices)
         return Elasticity(membrane, along), Elasticity(bending, along)
 
     def face_stresses(self, mesh: TriangleMesh, force: Array, moment: Array) -> tuple[Array, Array]:
@@ -173,11 +214,12 @@ class Laminate(Sheet, kind="laminate"):
             np.linalg.solve(c.in_triangles(mesh), loads[:, :, None])
             for c, loads in zip(self.directed(mesh), (force, moment), strict=True)
         )
-        along = directions_on(mesh, np.asarray(self.on(mesh).direction))
+        sheet = self.on(mesh)
+        along = directions_on(mesh, np.asarray(sheet.direction))
         found = []
-        for ply, height in ((self.plies[-1], self.heights[-1]), (self.plies[0], self.heights[0])):
+        for ply, height in ((sheet.plies[-1], sheet.heights[-1]), (sheet.plies[0], sheet.heights[0])):
             plane = Elasticity(np.broadcast_to(ply.plane, (len(mesh.faces), 3, 3)), along).in_triangles(mesh)
-            found.append(np.asarray((plane @ (strain + height * curvature))[:, :, 0]))
+            found.append(np.asarray((plane @ (strain + np.reshape(height, (-1, 1, 1)) * curvature))[:, :, 0]))
         return found[0], found[1]
 
     def ply_stresses(self, mesh: TriangleMesh, fields: ShellFields) -> Array:
@@ -190,23 +232,31 @@ class Laminate(Sheet, kind="laminate"):
         fields : ShellFields
             Its fields, from :meth:`Shell.fields`.
         """
-        along = directions_on(mesh, np.asarray(self.on(mesh).direction))
+        sheet = self.on(mesh)
+        along = directions_on(mesh, np.asarray(sheet.direction))
         first, second = triangle_axes(mesh, mesh.vertices).swapaxes(0, 1)
         angles = np.degrees(np.arctan2(np.sum(second * along, axis=1), np.sum(first * along, axis=1)))
         found = np.empty((len(mesh.faces), len(self.plies), 2, 3))
-        for k, ply in enumerate(self.plies):
-            turns = np.stack([strain_turn(angle) for angle in angles + ply.angle])
+        for k, ply in enumerate(sheet.plies):
+            turns = strain_turn(angles + ply.angle)
             for side in (0, 1):
-                strain = fields.membrane_strain + self.heights[k + side] * fields.curvature
+                strain = fields.membrane_strain + np.reshape(sheet.heights[k + side], (-1, 1)) * fields.curvature
                 turned_strain = np.einsum("tij,tj->ti", turns, strain * np.array([1.0, 1.0, 2.0]))
                 found[:, k, side] = turned_strain @ ply.own_plane
         return found
 
     def plain(self, mesh: TriangleMesh) -> dict[str, Any]:
         """The plies and the direction on a mesh as numbers and lists."""
-        plies = [[ply.material.kind, ply.material.plain(mesh), ply.angle, ply.thickness] for ply in self.plies]
-        direction = self.on(mesh).direction
-        return {"plies": plies, "direction": np.asarray(direction).tolist()}
+        sheet = self.on(mesh)
+        plies = [
+            [
+                ply.material.kind,
+                ply.material.plain(mesh),
+                *(np.asarray(part).tolist() for part in (ply.angle, ply.thickness)),
+            ]
+            for ply in sheet.plies
+        ]
+        return {"plies": plies, "direction": np.asarray(sheet.direction).tolist()}
 
     @classmethod
     def of_plain(cls, values: Mapping[str, Any]) -> Self:

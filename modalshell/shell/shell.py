@@ -186,8 +186,8 @@ class Shell(EnergyAccess):
         """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
         if not isinstance(self._energy, ElementSum):
             raise OptionError(
-                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): take "
-                "ms.Material.from_physical(...) in its place, in a scene calibrated = true"
+                f"this needs a shell of the discrete-shell energies (got one of ms.{type(self.material).__name__}): "
+                "take ms.Material.from_physical(...) in its place, in a scene calibrated = true"
             )
         return self._energy.elements
 
@@ -356,7 +356,7 @@ class Shell(EnergyAccess):
         """Forces (n, 3) [N] of the supports on their vertices at ``positions`` (n, 3) [m]; zero elsewhere.
 
         In equilibrium their sum is minus the load's. Where an edge is clamped on one row of vertices, its share of the
-        force acts at both ends of the edge.
+        force acts at both ends of the edge; the moment by which it holds the slope is not among the forces.
 
         Parameters
         ----------

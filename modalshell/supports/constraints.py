@@ -20,6 +20,9 @@ from modalshell.supports.unknowns import Unknowns
 Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""
 
+_LINE = 1e-3
+"""Width over length of a patch up to which its vertices lie on a line."""
+
 
 class Constraint(ReadOnlyArrays):
     """A constraint on the mean of a patch; make a :class:`PositionConstraint` or an :class:`OrientationConstraint`.
@@ -77,6 +80,8 @@ class PositionConstraint(Constraint):
 
 class OrientationConstraint(Constraint):
     """Prescribes the mean rotation of a vertex or a patch from its rest orientation.
+
+    Full models turn a single vertex, or a row of them on one line, with the triangles around it as one rigid piece.
 
     Parameters
     ----------
@@ -141,7 +146,8 @@ class HeldPatch:
     """A patch that a full model moves as one rigid piece, exactly.
 
     A vertex or patch with a position constraint alone moves without turning; with an orientation constraint on the
-    same patch it turns about its mean position. A single vertex that is to be turned takes its neighbours with it.
+    same patch it turns about its mean position. A single vertex that is to be turned, or vertices on one line, which
+    show no turn about it, take their neighbours with them.
     """
 
     def __init__(
@@ -155,8 +161,8 @@ class HeldPatch:
         self.position, self.orientation = position, orientation
         self.vertices = position.vertices
         center = rest[self.vertices].mean(axis=0)
-        if orientation is not None and self.vertices.size == 1:
-            touching = (faces == self.vertices[0]).any(axis=1)
+        if orientation is not None and _on_a_line(rest[self.vertices] - center):
+            touching = np.isin(faces, self.vertices).any(axis=1)
             self.vertices = np.setdiff1d(faces[touching], np.flatnonzero(unknowns.supported))
         self._center = center
         self._arms = rest[self.vertices] - center
@@ -168,6 +174,12 @@ class HeldPatch:
             return center + self._arms
         turn = Rotation.from_rotvec(share * self.orientation.at(time))
         return center + turn.apply(self._arms)
+
+
+def _on_a_line(arms: Array) -> bool:
+    """Whether points (k, 3) about their mean are one point, or lie on one line."""
+    extents = np.linalg.svd(arms, compute_uv=False)
+    return bool(extents.size < 2 or extents[1] <= _LINE * extents[0])
 
 
 def held_patches(constraints: Sequence[Constraint], rest: Array, faces: Index, unknowns: Unknowns) -> list[HeldPatch]:

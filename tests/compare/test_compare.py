@@ -249,6 +249,13 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.tradeoff(file)
     with pytest.raises(ms.OptionError, match="brings its own load"):
         ms.tradeoff(file, gravity=(0, 0, -1))
+    mesh = ms.flat_beam(cells=(6, 2))
+    sheet = ms.Orthotropic(young=(9e9, 1e9), shear=5e8, poisson=0.25, thickness=1e-3, density=700.0)
+    creased = ms.Shell(mesh, sheet, "x < 1e-9", creases=[ms.Crease("abs(x - 0.5) < 1e-6", 0.1)])
+    with pytest.raises(ms.OptionError, match="not compared on shells with creases"):
+        ms.advise(creased, gravity=(0, 0, -1))
+    with pytest.raises(ms.OptionError, match=r"got one of ms\.Orthotropic"):
+        ms.SpringSheet(ms.Shell(mesh, sheet, "x < 1e-9"))
 
 
 @pytest.mark.parametrize("compare", [ms.tradeoff, pytest.param(ms.advise, marks=pytest.mark.slow)])

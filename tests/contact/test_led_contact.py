@@ -99,7 +99,8 @@ def test_a_turned_end_is_led_over_a_cylinder_far_from_the_origin(kind):
     assert found.in_contact.any()
     assert found.deepest <= 1e-9
     assert found.constraint_reactions.shape == (2, 3)
-    np.testing.assert_array_equal(found.constraint_residuals, np.zeros(2))
+    assert found.constraint_residuals[0] == 0.0
+    assert found.constraint_residuals[1] <= 1e-12  # rad, of coordinates rounded 74 m from the origin
 
 
 @pytest.mark.parametrize("move", [(0.1, 0.0, 0.0), (0.05, 0.2, 0.05)])

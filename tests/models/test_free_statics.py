@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from spheres import icosphere
 
 import modalshell as ms
 from modalshell.modes.rigid import free_translations
@@ -160,3 +161,25 @@ def test_derivatives_of_what_drifts_are_refused(free):
     answer = model.equilibrium(force=bending())
     with pytest.raises(ms.OptionError, match="sensitivity needs a shell that its supports hold"):
         model.sensitivity(answer, wrt="thickness")
+
+
+@pytest.mark.parametrize("pressure", [1e5, -1e4])
+def test_a_free_balloon_is_stable_and_keeps_its_place(pressure):
+    """Turns that change nothing were taken for unstable ones: they must not turn the balloon, nor its verdict."""
+    mesh = icosphere(2)
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e9, poisson=0.3, thickness=0.01, density=1000.0))
+    answer = ms.DiscreteShell(shell).equilibrium(loads=[ms.Pressure(pressure)])
+    assert (answer.converged, answer.stable, answer.message) == (True, True, "")
+    grown = np.sum((answer.positions - mesh.vertices) * mesh.vertices, axis=1)
+    np.testing.assert_allclose(grown.mean(), pressure * 0.7 / (2.0 * 1e9 * 0.01), rtol=0.03)
+    aside = answer.positions - mesh.vertices - grown[:, None] * mesh.vertices
+    assert np.abs(aside).max() < 0.05 * abs(grown.mean())
+
+
+@pytest.mark.slow
+def test_a_free_balloon_that_buckles_is_not_called_stable_at_its_saddle():
+    """At five times the classical pressure, on a coarse mesh, the round shape is no answer."""
+    shell = ms.Shell(icosphere(1), ms.Isotropic(young=1e9, poisson=0.3, thickness=0.01, density=1000.0))
+    answer = ms.DiscreteShell(shell).equilibrium(loads=[ms.Pressure(-6e5)])
+    radii = np.linalg.norm(answer.positions, axis=1)
+    assert not answer.stable or np.ptp(radii) > 0.05

@@ -107,6 +107,61 @@ def test_it_moves_and_its_basis_is_kept(tmp_path):
     assert np.isfinite(slope).all()
 
 
+def angle(points):
+    return 150.0 * points[:, 0]
+
+
+def depth(points):
+    return THICK * (1.0 + 2.0 * points[:, 0])
+
+
+def varying():
+    """Shells of one sheet whose direction and thickness vary, of plies that do, and of these with values."""
+    mesh = ms.v_beam(length=0.4, width=0.1, fold=140.0, cells=(12, 4))
+    one = ms.Orthotropic(
+        young=PLY.young, shear=PLY.shear, poisson=PLY.poisson, density=1600.0,
+        thickness=lambda points: 4.0 * depth(points), direction=lambda points: 10.0 + angle(points),
+    )  # fmt: skip
+    plies = ms.Laminate([ms.Ply(PLY, angle, depth)] * 4, direction=10.0)
+    return [ms.Shell(mesh, sheet, clamped="x < 1e-6") for sheet in (one, plies, plies.on(mesh))]
+
+
+def test_plies_that_turn_and_grow_are_a_sheet_that_does():
+    shells = varying()
+    mesh = shells[0].mesh
+    x = mesh.vertices + 1e-3 * np.random.default_rng(1).normal(size=mesh.vertices.shape)
+    for shell in shells[1:]:
+        assert shell.energy(x) == pytest.approx(shells[0].energy(x), rel=1e-12)
+        np.testing.assert_allclose(shell.mass, shells[0].mass, rtol=1e-12)
+        np.testing.assert_allclose(shell.fields(x).von_mises, shells[0].fields(x).von_mises, rtol=1e-9)
+        assert shell.material.ply_stresses(mesh, shell.fields(x)).shape == (len(mesh.faces), 4, 2, 3)
+
+
+@pytest.mark.slow
+def test_coarse_shells_take_over_the_fields_of_plies():
+    coarse = ms.v_beam(length=0.4, width=0.1, fold=140.0, cells=(6, 2))
+    moves = []
+    for shell in varying():
+        model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, coarse))
+        moves.append(model.equilibrium(gravity=(0, 0, -9.81)).positions - shell.rest_positions)
+    np.testing.assert_allclose(moves[1], moves[0], atol=1e-9 * np.abs(moves[0]).max())
+    np.testing.assert_allclose(moves[2], moves[0], atol=0.02 * np.abs(moves[0]).max())  # means of the values
+
+
+def test_a_stack_of_steered_plies_is_laid_up_triangle_by_triangle(tmp_path):
+    mesh = jittered()
+    angles = 60.0 * mesh.vertices[mesh.faces].mean(axis=1)[:, 0]
+    sheet = stack(angles, -angles, -angles, angles)
+    for k in (0, 11, len(angles) - 1):
+        alone = stack(*angles[k] * np.array([1.0, -1.0, -1.0, 1.0])).matrices
+        for found, exact in zip(sheet.matrices, alone, strict=True):
+            np.testing.assert_allclose(found[k], exact, atol=1e-12 * np.abs(alone[0]).max())
+    shell = ms.Shell(mesh, sheet, clamped="x < 1e-6")
+    ms.solve_modes(shell, 2).save(tmp_path / "steered.npz")
+    x = mesh.vertices + 1e-3 * np.random.default_rng(1).normal(size=mesh.vertices.shape)
+    assert ms.Basis.load(tmp_path / "steered.npz").shell.energy(x) == shell.energy(x)
+
+
 @pytest.mark.parametrize(
     ("make", "match"),
     [
@@ -115,6 +170,13 @@ def test_it_moves_and_its_basis_is_kept(tmp_path):
         (lambda: ms.Laminate([PLY]), r"plies\[0\] must be an ms.Ply"),
         (lambda: ms.Ply(ms.card("royal-target"), 0.0, 1e-3), "must be an Orthotropic or an Isotropic"),
         (lambda: ms.Ply(PLY, 0.0, -1.0), "thickness must be"),
+        (lambda: ms.Ply(PLY, 0.0, np.array([1.0, -1.0])), "thickness must be"),
+        (lambda: ms.Ply(PLY, np.array([1.0, np.nan]), 1.0), "angle must be finite"),
+        (lambda: stack(np.zeros(4), np.zeros(5)), "one value per triangle each"),
+        (lambda: stack(np.arange(3.0), 0.0), "no coupling of stretch and bending"),
+        (lambda: ms.Shell(jittered(), stack(np.zeros(4))), "angle has 4 values"),
+        (lambda: ms.Shell(jittered(), stack(lambda at: at[:, 0], 0.0)), "no coupling of stretch and bending"),
+        (lambda: stack(lambda at: at[:, 0]).matrices, r"laminate\.on\(mesh\)"),
         (lambda: ms.Ply(ms.Isotropic(np.ones(3), 0.3, 1.0, 1.0), 0.0, 1.0), "single numbers"),
         (lambda: ms.Ply(PLY.with_constants({"direction": 3.0}), 0.0, 1.0), "its angle takes that place"),
     ],

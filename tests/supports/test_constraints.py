@@ -318,3 +318,17 @@ def test_a_turned_patch_answers_with_its_moment():
     expected = young * width * thickness**3 / 12.0 * angle / length
     assert moment[1] == pytest.approx(-expected, rel=0.02)
     assert abs(force[2]) < 0.05 * expected
+
+
+def test_a_row_turned_about_its_own_line_turns_the_surface():
+    """Points on a line show no turn about it: the triangles at them take part, or the row would turn nothing."""
+    young, thickness, turn = 1e7, 1e-3, np.pi
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(40, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young, 0.0, thickness, 100.0), mesh.vertices[:, 0] < 1e-6)
+    row = np.flatnonzero(mesh.vertices[:, 0] > 1.0 - 1e-9)
+    place = mesh.vertices[row].mean(axis=0) * [0, 1, 1] + [0, 0, 2.0 / turn]  # of the end of half a circle
+    constraints = [ms.PositionConstraint(row, place), ms.OrientationConstraint(row, (0, -turn, 0))]
+    answer = ms.DiscreteShell(shell).equilibrium(constraints=constraints)
+    assert answer.converged
+    circle = 0.5 * young * thickness**3 / 12.0 * turn**2 * 0.1
+    assert shell.energy(answer.positions) == pytest.approx(circle, rel=0.03)  # the last cell is rigid

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
+from modalshell.loads.loading import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.modes.rigid import free_translations, left_free
 from modalshell.shell import Shell
@@ -20,7 +21,8 @@ _PARALLEL = 1e-9
 """Share of a part's forces across their direction up to which they are parallel, and a turn about it does nothing."""
 _NEUTRAL = 1e-9
 """Sum of forces times places at rest, over their sizes, up to which no turn of a part does work to second order."""
-
+_SHAPE = 0.1
+"""Size of random moves over the shell's at which a load is tried."""
 _ASIDE = 0.25
 """Way aside of the vertex that leads a free shell, in its distance from the farthest one, up to which that is held."""
 
@@ -109,19 +111,42 @@ def drifting_parts(shell: Shell, load: Array) -> list[DriftingPart]:
     return found
 
 
+def goes_along(shell: Shell, loading: Loading) -> bool:
+    """Whether no rigid motion of the parts of a shell, all free, changes the work of a load: a balloon's pressure.
+
+    Then its forces are in balance at every shape: they are tried at one that is no other's.
+    """
+    parts = free_translations(shell)
+    if loading.dead.any() or not loading.conservative or any(motions < 6 for _, _, motions in parts):
+        return False
+    rest = shell.rest_positions
+    x = rest + _SHAPE * shell.mesh.size * np.random.default_rng(0).standard_normal(rest.shape)
+    forces = loading.force(x)
+    for vertices, _, _ in parts:
+        arms, own = x[vertices] - x[vertices].mean(axis=0), forces[vertices]
+        turns = np.cross(arms, own)
+        for parted in (own, turns):
+            if np.linalg.norm(parted.sum(axis=0)) > _PARALLEL * np.linalg.norm(parted, axis=1).sum():
+                return False
+    return True
+
+
 def balanced(
-    shell: Shell, load: Array, start: Array | None, solve: Callable[[Shell, Array | None], Equilibrium]
+    shell: Shell, loading: Loading, start: Array | None, solve: Callable[[Shell, Array | None], Equilibrium]
 ) -> Equilibrium:
-    """Equilibrium of a shell whose free parts a load (n, 3) [N] does not push away.
+    """Equilibrium of a shell whose free parts a load does not push away: a dead one, or one that :func:`goes_along`.
 
     ``solve`` finds it for the shell with further supports, from a start. Turns that change nothing are held, too,
     unless the way to the answer is too hard so. A load that at rest neither turns parts nor resists turns, as one
     across a flat sheet, leaves the first Hessian singular: parts are held in all ways first, and turn from there.
     """
+    load = loading.dead
     parts, iterations, begin = drifting_parts(shell, load), 0, start
+    if loading.live:
+        return _put_back(solve(_fixed(shell, parts), start), parts, shell, start)
     neutral = load.any() and parts and all(part.neutral for part in parts)
     if start is None and neutral and shell.crease_state is None:  # creases yield once
-        held = solve(shell.also_supported([support for part in parts for support in part.fixed(shell)]), None)
+        held = solve(_fixed(shell, parts), None)
         iterations = held.iterations
         begin = held.positions if held.converged and held.stable and not held.message else None
     for turning in (False, True):
@@ -130,10 +155,20 @@ def balanced(
         iterations += found.iterations
         if found.converged or all(part.axis is None for part in parts):
             break
+    return replace(_put_back(found, parts, shell, start), iterations=iterations)
+
+
+def _fixed(shell: Shell, parts: Sequence[DriftingPart]) -> Shell:
+    """The shell with its parts held in all ways."""
+    return shell.also_supported([support for part in parts for support in part.fixed(shell)])
+
+
+def _put_back(found: Equilibrium, parts: Sequence[DriftingPart], shell: Shell, start: Array | None) -> Equilibrium:
+    """The equilibrium with the parts where they were at the start."""
     positions = found.positions.copy()
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
-    return replace(found, positions=positions, iterations=iterations)
+    return replace(found, positions=positions)
 
 
 def neutral_turn(shell: Shell, load: Array, patch: HeldPatch, target: Array, x: Array) -> tuple[Index, Array] | None:

@@ -22,7 +22,7 @@ from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.free_statics import balanced, pushed_share, refuse_drifting
+from modalshell.models.base.free_statics import balanced, goes_along, pushed_share, refuse_drifting
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import RIGID_LOAD, Model
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
@@ -113,7 +113,7 @@ class FullModel(Model):
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
-        if loading.live or not left_free(self.shell):
+        if not left_free(self.shell) or (loading.live and not goes_along(self.shell, loading)):
             return self._solve_constrained(loading, start, ())
         if (share := self.rigid_load(loading.dead)) > RIGID_LOAD:
             x = np.array(self.shell.rest_positions if start is None else start)
@@ -122,11 +122,11 @@ class FullModel(Model):
         def solve(shell: Shell, begin: Array | None) -> Equilibrium:
             model = copy.copy(self)
             model.shell, model.factoriser = shell, Factoriser(self.factoriser.backend)
-            found = model._solve_constrained(loading, begin, ())
-            neutral = found.outcome is Outcome.UNSTABLE and model._curves_down(found.positions) is False
-            return replace(found, outcome=Outcome.CONVERGED, message="", stable=True) if neutral else found
+            end = model._solve_constrained(loading, begin, ())
+            level = end.outcome is Outcome.UNSTABLE and not loading.live and model._curves_down(end.positions) is False
+            return replace(end, outcome=Outcome.CONVERGED, message="", stable=True) if level else end
 
-        return balanced(self.shell, loading.dead, start, solve)
+        return balanced(self.shell, loading, start, solve)
 
     def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) along free translations; free turns can find a balance."""

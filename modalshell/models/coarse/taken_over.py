@@ -11,7 +11,7 @@ from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.closest import closest_points, edges_along, nearest_on_segments
-from modalshell.shell import Crease, CreaseState, Sheet, Shell, Temperature
+from modalshell.shell import Crease, CreaseState, Ply, Sheet, Shell, Temperature
 
 _REGIONS = 0.25
 """Share of the length of all inner edges, up to which those where a field jumps are bounds of regions."""
@@ -51,16 +51,13 @@ def _fields(shell: Shell) -> list[Array]:
         given.append(raw(centroids) if callable(raw) else raw)
     if (warm := rest["temperature"]) is not None:
         given += [warm.change, warm.through]
-    arrays = [np.asarray(value, dtype=np.float64) for value in given if value is not None and not _is_ply(value)]
+    arrays = [np.asarray(value, dtype=np.float64) for value in given if value is not None]
     return [value for value in arrays if value.ndim and len(value) == len(mesh.faces)]
 
 
 def _parts(value: Any) -> tuple[Any, ...]:
-    return value if isinstance(value, tuple) else (value,)
-
-
-def _is_ply(value: Any) -> bool:
-    return not isinstance(value, float | int | list | np.ndarray)
+    whole = value if isinstance(value, tuple) else (value,)
+    return tuple(part for one in whole for part in ((one.angle, one.thickness) if isinstance(one, Ply) else (one,)))
 
 
 @final
@@ -101,9 +98,17 @@ def restricted_sheet(sheet: Any, below: FacesBelow) -> Any:
         value = getattr(sheet, name)
         if name == "direction":
             changed[name] = below.nearest(value) if isinstance(value, np.ndarray) else value
-        elif name != "plies":
+        elif name == "plies":
+            changed[name] = tuple(_restricted_ply(ply, below) for ply in value)
+        else:
             changed[name] = tuple(map(below.of, value)) if isinstance(value, tuple) else below.of(value)
     return replace(sheet, **changed)
+
+
+def _restricted_ply(ply: Ply, below: FacesBelow) -> Ply:
+    angle: Any = ply.angle
+    angle = below.nearest(angle) if isinstance(angle, np.ndarray) else angle
+    return replace(ply, angle=angle, thickness=below.of(ply.thickness))
 
 
 def restricted_options(shell: Shell, mesh: TriangleMesh, below: FacesBelow) -> dict[str, Any]:
