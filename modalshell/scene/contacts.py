@@ -27,12 +27,12 @@ class ContactTable(Built, frozen=True):
     path: tables.Moved | None = None
 
     def collider(self, folder: Path, metres: float) -> Collider:  # noqa: ARG002 (of colliders from files)
-        """The collider, of files in a ``folder``, in units of length of so many ``metres``."""
+        """The collider, of files in a ``folder``; ``metres`` is the unit of length [m]."""
         made: Collider = self.build()
         return made
 
     def contact(self, folder: Path, metres: float) -> Contact:
-        """The contact, of files in a ``folder``, in units of length of so many ``metres``."""
+        """The contact, of files in a ``folder``; ``metres`` is the unit of length [m]."""
         path, body = None if self.path is None else moved_path(self.path, "path needs"), self.collider(folder, metres)
         return Contact(body, self.sel, self.friction, self.restitution, path, push_out=self.push_out)
 

@@ -19,7 +19,7 @@ PAIRS = {
 
 def sheet(material, *, held):
     mesh = ms.sheet(length=0.3, width=0.3, cells=(6, 6))
-    mesh = ms.TriangleMesh(mesh.vertices + [0, 0, 5e-3], mesh.faces)
+    mesh = ms.TriangleMesh(mesh.vertices + np.array([0.0, 0.0, 5e-3]), mesh.faces)
     return ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6 if held else None)
 
 
