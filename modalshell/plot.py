@@ -7,6 +7,7 @@ Nothing that is drawn imports this module: it enters its functions where the met
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from functools import singledispatch
 from typing import Any
 
@@ -21,6 +22,7 @@ from modalshell.modes import Basis
 from modalshell.motion import Trajectory
 from modalshell.page import modal_page
 from modalshell.render import Picture, ShadedSurface, View, html_of
+from modalshell.render.bodies import bodies_at
 from modalshell.render.picture import SMALL
 
 _EDGES_SHOWN = 3000
@@ -41,7 +43,8 @@ def plot(thing: Any, **options: Any) -> Picture:
     ----------
     thing : TriangleMesh, Basis, Equilibrium, Trajectory, Tradeoff or Advice
         A mesh is drawn at rest. A basis: its mode shapes coloured by displacement, with frequencies. An equilibrium:
-        the shell coloured by its displacement, over its outline at rest. A trajectory: frames in the same way.
+        the shell coloured by its displacement, over its outline at rest, with the colliders of its contacts. A
+        trajectory: frames in the same way; one that is read from a file knows no colliders.
     **options
         ``edges``: whether the sides of a mesh's triangles are drawn (True). ``count``: mode shapes (all). ``frames``:
         frames of a motion from the first to the last (4).
@@ -100,7 +103,8 @@ def _equilibrium(answer: Equilibrium, *, size: tuple[int, int] = (960, 600)) -> 
     if answer.mesh is None:
         raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
     rest, faces = answer.mesh.vertices, answer.mesh.faces
-    return Picture.of_views([_displaced(answer.positions, rest, faces, "m")], size=size)
+    bodies = bodies_at(answer.positions, answer.contacts, 0.0)
+    return Picture.of_views([_displaced(answer.positions, rest, faces, "m", bodies=bodies)], size=size)
 
 
 @_drawn.register
@@ -110,18 +114,21 @@ def _trajectory(run: Trajectory, *, frames: int = _FRAMES, size: tuple[int, int]
     count = min(checked_count("frames", frames), len(run.times))
     chosen = np.linspace(0, len(run.times) - 1, count).round().astype(int)
     unit = run.units.of("m")
-    views = [
-        _displaced(run.positions[frame], run.rest_positions, run.faces, unit, f"{run.times[frame]:.4g} s")
-        for frame in chosen
-    ]
+    views = []
+    for frame, time in zip(chosen, run.times[chosen].tolist(), strict=True):
+        bodies = bodies_at(run.positions, run.contacts, time)
+        shape = run.positions[frame], run.rest_positions, run.faces
+        views.append(_displaced(*shape, unit, f"{time:.4g} s", bodies=bodies))
     return Picture.of_views(views, size=size)
 
 
-def _displaced(positions: Any, rest: Any, faces: Any, unit: str, title: str = "") -> View:
-    """A shape coloured by its displacement over the outline at rest."""
+def _displaced(
+    positions: Any, rest: Any, faces: Any, unit: str, title: str = "", *, bodies: Sequence[ShadedSurface] = ()
+) -> View:
+    """A shape coloured by its displacement over the outline at rest, with bodies that it touches."""
     moved = np.linalg.norm(positions - rest, axis=1)
     shape = ShadedSurface(positions, faces, scalars=moved, label=f"displacement [{unit}]", smooth=True)
-    return View([shape, ShadedSurface(rest, faces, color="#999999", style="outline")], title=title)
+    return View([shape, ShadedSurface(rest, faces, color="#999999", style="outline"), *bodies], title=title)
 
 
 @singledispatch

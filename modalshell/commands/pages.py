@@ -19,7 +19,8 @@ from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_lo
 from modalshell.page import Page, Tones, live_model, recorded, shell_page
 from modalshell.page.clip_page import farthest
 from modalshell.page.modal_page import live_tip
-from modalshell.run.results import Colouring, corners_about
+from modalshell.render.bodies import corners_about
+from modalshell.run.results import Colouring
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
@@ -111,7 +112,7 @@ class _ShellPage:
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
         notes += [f"Error bar: {run.bars}."] if run.bars is not None else []
         contacts = scene.build_contacts()
-        corners, inset = corners_about(run)
+        corners, inset = corners_about(run.positions)
         live, said = self._offered(run)
         return shell_page(
             mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),

@@ -223,7 +223,10 @@ class ActiveSet:
 
     def entered(self, x: Array, was: Mask) -> Mask:
         """Rows (r,), those that were in the set left out, that lie inside at positions x (n, 3)."""
-        return self._movable(x, ~was & (self.touching.distances(x) < -self._deep))
+        inside = self._movable(x, ~was & (self.touching.distances(x) < -self._deep))
+        entered = np.zeros_like(inside)
+        entered[self.touching.binding(x, np.flatnonzero(inside))] = True
+        return entered
 
     def equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""

@@ -73,8 +73,8 @@ class ContactEstimator(Estimator):
         touching, rest = self._touching, self._rest
         assert rest is not None
         rows = np.flatnonzero(rest.active)
-        _, normals, curvatures = touching.gaps(x, rows)
-        self._frames = Frames(touching, rows, normals)
+        gaps, normals, curvatures = touching.gaps(x, rows)
+        self._frames = Frames(touching, rows, normals, gaps)
         kept = np.isin(rows, self._frames.rows)
         self._held = rest.pushes[self._frames.rows, None, None] * touching.across(self._frames.rows, curvatures[kept])
         return super().margin(problem, x, stresses)

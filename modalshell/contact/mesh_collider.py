@@ -22,7 +22,7 @@ _ON = 1e-9
 
 
 @final
-class MeshCollider(Collider):
+class MeshCollider(Collider, key="mesh"):
     """A rigid body whose surface is a closed triangle mesh, its normals outward.
 
     The distance is exact; its sign is that of the nearest feature's normal [baerentzen2005]. Facets meet in edges, at

@@ -33,6 +33,8 @@ class Frames:
         Rows that touch; further ones of a vertex whose normals it has already are left out.
     normals : ndarray, shape (a, 3)
         Their normals in the world.
+    gaps : ndarray, shape (a,)
+        Their gaps [m]: of rows whose normals depend on one another the deepest are kept.
 
     Attributes
     ----------
@@ -44,7 +46,7 @@ class Frames:
         Q.
     """
 
-    def __init__(self, touching: Touching, rows: Index, normals: Array) -> None:
+    def __init__(self, touching: Touching, rows: Index, normals: Array, gaps: Array) -> None:
         along = touching.along(rows, normals)
         vertices, group, counts = np.unique(touching.vertices[rows], return_inverse=True, return_counts=True)
         order = np.argsort(group, kind="stable")
@@ -60,6 +62,9 @@ class Frames:
         for vertex in np.flatnonzero(counts > 1):
             own = order[heads[vertex] : heads[vertex] + counts[vertex]]
             chosen = _independent(along[own], int(self.sizes[vertex]))
+            if len(chosen) < len(own):  # of normals that are the same the deepest row binds
+                own = own[np.argsort(gaps[own], kind="stable")]
+                chosen = _independent(along[own], int(self.sizes[vertex]))
             kept[own] = False
             kept[own[chosen]], place[own[chosen]] = True, np.arange(len(chosen))
             size = int(self.sizes[vertex])
@@ -160,7 +165,7 @@ class Rotated:
     ) -> None:
         self._problem, self._gradient, self._hessian = problem, gradient, hessian
         gap, normals, curvatures = gaps
-        self.frames = frames = Frames(touching, rows, normals)
+        self.frames = frames = Frames(touching, rows, normals, gap)
         kept = np.isin(rows, frames.rows)
         self._moves = -gap[kept]
         if curvatures[kept].any():

@@ -30,6 +30,8 @@ _PASSED = 0.1
 """Depth, in a collider's smallest radius, at which a straight way leads through it: vertices slide along curves."""
 _LOOKS = 64
 """Places at most at which a straight way is looked at."""
+_ALIGNED = 0.9
+"""Cosine between normals of one vertex above which its deeper row alone is taken in."""
 _SWEEPS = 20
 """Moves onto curved or several surfaces at most."""
 _ON = 1e-14
@@ -270,6 +272,24 @@ class Touching:
             vertices = self.vertices[rows]
             np.subtract.at(x, vertices, np.einsum("kij,kj->ki", self._basis[vertices], step))
 
+    def binding(self, x: Array, rows: Index) -> Index:
+        """Those of some rows (k,) inside at x (n, 3) that bind: of almost parallel surfaces of a vertex the deepest.
+
+        A table's top low above a floor, or a ball that is tangent to it, need not be kept together with the floor.
+        """
+        order = np.argsort(self.vertices[rows], kind="stable")
+        same = np.flatnonzero(np.diff(self.vertices[rows][order]) == 0)
+        if not same.size:
+            return rows
+        gaps, normals, _ = self.gaps(x, rows)
+        left = np.ones(rows.size, dtype=bool)
+        for vertex in np.unique(self.vertices[rows][order[same]]):
+            own = np.flatnonzero(self.vertices[rows] == vertex)
+            for row in own[np.argsort(gaps[own], kind="stable")]:
+                if left[row]:
+                    left[own] &= (normals[own] @ normals[row] < _ALIGNED) | (own == row) | (gaps[own] < gaps[row])
+        return rows[left]
+
     def forces(self, x: Array, pushes: Array) -> Array:
         """Forces (n, 3) [N] on the vertices, of ``pushes`` (r,) [N] along the normals."""
         rows = np.flatnonzero(pushes)
@@ -310,7 +330,7 @@ def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
     """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of ``chosen`` contacts (c,)."""
     x = x.copy()
     rows = np.flatnonzero((touching.distances(x) < 0.0) & chosen[touching.contact_of])
-    rows = rows[touching.movable(rows, touching.normals(x, rows))]
+    rows = touching.binding(x, rows[touching.movable(rows, touching.normals(x, rows))])
     touching.put_on(x, rows, np.zeros(rows.size))
     return x
 

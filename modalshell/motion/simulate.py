@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,6 +149,7 @@ def simulate(
     run = with_stretch_remark(
         with_fields(recorder.trajectory(positions), model.shell, chosen, supports), model.shell, supports
     )
+    run = replace(run, contacts=tuple(contacts or ()))
     if wanted is None:
         return run
     setup = motion.setup

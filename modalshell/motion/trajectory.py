@@ -87,6 +87,8 @@ class Trajectory(Drawn):
         Smallest distance [m] of parts in self-contact, its gap where none are nearer; empty without it.
     bars : Bars or None
         Error bars of some frames, where these were asked for.
+    contacts : tuple of Contact
+        The contacts, which pictures show; files of trajectories do not keep them.
     units : UnitSystem
         Units of all numbers but ``seconds``: SI unless the scene names others.
     """
@@ -112,6 +114,7 @@ class Trajectory(Drawn):
     deepest: Array = field(default_factory=lambda: np.empty(0))
     self_contact: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
+    contacts: tuple[Any, ...] = field(default=(), repr=False, compare=False)
     units: UnitSystem = SI
 
     @property
@@ -156,6 +159,7 @@ class Trajectory(Drawn):
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
             bars=None if answer.bar is None else Bars.still(answer.bar),
+            contacts=answer.contacts,
             **kept,
         )
 

@@ -48,6 +48,8 @@ class ShadedSurface:
         ``"surface"``, or ``"outline"`` (border, creases and contour only).
     lined : bool
         Draw border, creases and contour over the style ``"surface"``; leave off for small things and shadows.
+    framed_in : ndarray, shape (2, 3), optional
+        Lower and upper corner of a box [m]: what lies beyond it does not widen the picture.
     """
 
     vertices: ArrayLike
@@ -60,6 +62,12 @@ class ShadedSurface:
     smooth: bool = False
     style: Style = "surface"
     lined: bool = True
+    framed_in: NDArray[np.float64] | None = None
+
+    def framed(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the camera is to show of ``positions`` (..., n, 3) [m] of its vertices, as points (k, 3)."""
+        points = positions.reshape(-1, 3)
+        return points if self.framed_in is None else np.clip(points, *self.framed_in)
 
     def __post_init__(self) -> None:
         """Check and convert the arrays."""

@@ -122,7 +122,7 @@ def write_film(
         raise OptionError("frames that come one by one cannot be framed before they are drawn: place a camera, look_at")
     else:
         passed = [
-            np.asarray(surface.vertices if motion is None else motion, dtype=np.float64).reshape(-1, 3)
+            surface.framed(np.asarray(surface.vertices if motion is None else motion, dtype=np.float64))
             for surface, motion in list(zip(shown, moves, strict=True))[:framed]
         ]
         view = frame_points(np.concatenate(passed), checked_direction(camera), page.cell[0] / page.cell[1])

@@ -70,7 +70,7 @@ def draw_views(
     size = checked_size(size)
     target = checked_path(path, ".png")
     colors = scalar_colors([surface for view in cells for surface in view.surfaces], colormap, scalar_range)
-    clouds = [np.concatenate([np.asarray(surface.vertices) for surface in view.surfaces]) for view in cells]
+    clouds = [np.concatenate([one.framed(np.asarray(one.vertices)) for one in view.surfaces]) for view in cells]
     if link_cameras:
         clouds = [np.concatenate(clouds)] * len(cells)
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Progress
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
+from modalshell.render.bodies import bodies_at, moving_bodies
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.render.stage import LOWEST_VIEW, Stage
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of, vertex_means
@@ -51,12 +51,6 @@ class Colouring:
         return low, high
 
 
-_BODY: dict[str, Any] = {"color": "#c9b79c", "smooth": False, "lined": False}
-"""How colliders are painted."""
-_AROUND = 0.1
-"""What planes show beyond the motion, as a share of its size."""
-_INSET = 5e-3
-"""Depth below their surfaces at which they are drawn, as a share of the motion's size: what lies on them shows."""
 _FILM_RATE = 60.0
 """Frames a second of a film, at most."""
 DISPLACEMENT = "displacement"
@@ -125,7 +119,7 @@ def write_result(
         if shown is not None:
             surface = replace(surface, scalars=shown.values[frame], label=shown.label)
             colours["scalar_range"] = shown.spread(frame)
-        bodies = [ShadedSurface(x[0], faces, **_BODY) for x, faces in _bodies(run, contacts, run.times[[frame]])]
+        bodies = bodies_at(run.positions, contacts, float(run.times[frame]))
         return draw_views([View([surface, rest, *bodies], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
         rate = look.rate
@@ -139,8 +133,8 @@ def write_result(
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
         surfaces: list[ShadedSurface] = [surface]
         motions: list[Any] = [positions[::every]]
-        for moved, faces in [] if look.turntable else _bodies(run, contacts, run.times[::every]):
-            surfaces.append(ShadedSurface(moved[0], faces, **_BODY))
+        for body, moved in [] if look.turntable else moving_bodies(run.positions, contacts, run.times[::every]):
+            surfaces.append(body)
             motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
         framed = len(surfaces)
         if look.style == "stage":
@@ -164,23 +158,6 @@ def _followed(surfaces: Sequence[ShadedSurface], motions: Sequence[Any]) -> list
     middle = np.asarray(motions[0], dtype=np.float64).mean(axis=1, keepdims=True)
     still = (surface.vertices if motion is None else motion for surface, motion in zip(surfaces, motions, strict=True))
     return [np.asarray(one, dtype=np.float64) - (middle - middle[0]) for one in still]
-
-
-def _bodies(run: Trajectory, contacts: Sequence[Contact], times: Array) -> list[tuple[Array, NDArray[np.int64]]]:
-    """Surfaces of the colliders at some times, the rectangles of planes a little larger than the motion."""
-    if not contacts:
-        return []
-    corners, inset = corners_about(run)
-    return [contact.surfaces(corners, times, inset) for contact in contacts if contact.has_surface]
-
-
-def corners_about(run: Trajectory) -> tuple[Array, float]:
-    """Corners (8, 3) [m] of a box a little larger than a motion, and the depth [m] at which bodies are drawn."""
-    points = np.asarray(run.positions, dtype=np.float64).reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = float((high - low).max())
-    ends = np.stack([low, high]) + _AROUND * size * np.outer([-1.0, 1.0], np.ones(3))
-    return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3), _INSET * size
 
 
 def _texts(run: Trajectory, model: str, times: Array) -> list[str]:

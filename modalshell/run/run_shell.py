@@ -168,7 +168,8 @@ class ShellRun(SceneRun[SceneResult]):
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
-        return SceneResult(files, resumed, load_trajectory(files[0]), self._answer)
+        written = replace(load_trajectory(files[0]), contacts=tuple(self._scene.build_contacts()))
+        return SceneResult(files, resumed, written, self._answer)
 
 
 def _move(

@@ -80,10 +80,11 @@ def found_file(name: str, folder: Path) -> Path:
 
 
 def input_files(scene: Any) -> list[Path]:
-    """Files that a scene reads: its own, that of its mesh, and those of its material's fields."""
+    """Files that a scene reads: its own, those of its mesh and its colliders, and of its material's fields."""
     folder = scene.file.parent
     names = [getattr(scene.material, name, None) for name in ("young", "poisson", "thickness", "density")]
     names += [getattr(scene.mesh, "file", None), *(scene.rest.files if scene.rest else ())]
+    names += [getattr(table, "file", None) for table in getattr(scene, "contacts", ())]
     return [scene.file, *(folder / name for name in names if isinstance(name, str))]
 
 

@@ -217,7 +217,7 @@ class ShellScene(Scene):
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
         content = super().content() | {"constraints": [table.plain() for table in self.constraints]}
         # Results of scenes without contacts keep their digests.
-        content |= {"contacts": [table.plain() for table in self.contacts]} if self.contacts else {}
+        content |= {"contacts": [table.content(self.file.parent) for table in self.contacts]} if self.contacts else {}
         return content | ({"bar": True} if self.bar else {})
 
     def build(self, shell: Shell | None = None, solve: SolveModes | None = None) -> BuiltScene:
@@ -252,7 +252,7 @@ class ShellScene(Scene):
             with located(self.file, f"contacts[{index}]", table):
                 if table.path is not None and self.motion is None:
                     raise OptionError("path needs a [motion] table: statics knows no time")
-                contacts.append(table.contact())
+                contacts.append(table.contact(self.file.parent, self.unit_system.metres))
         return contacts
 
     def model_factory(self, shell: Shell, solve: SolveModes | None = None) -> ModelFactory:

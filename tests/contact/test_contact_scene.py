@@ -13,6 +13,7 @@ from modalshell.contact import COLLIDERS
 from modalshell.contact.contact import Contact
 from modalshell.run.path_files import scene_path
 from modalshell.run.results import Look, write_result
+from modalshell.scene.parts import input_files
 
 FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
 BALL = '[[contacts]]\nkind = "sphere"\ncenter = [0.8, 0, -0.3]\nradius = 0.2\nsel = "x > 0.5"\n'
@@ -23,11 +24,22 @@ KINDS = {
     "cylinder": "a = [0, 0, -2]\nb = [1, 0, -2]\nradius = 0.5",
     "box": "center = [0, 0, -2]\nhalf = [1, 1, 0.5]\nrounding = 0.1\nrotation = [0, 0, 0.3]",
     "height-field": "z = [[0, 0, 0, 0], [0, 0.1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]\nspacing = 1\norigin = [0, 0, -2]",
+    "mesh": 'file = "ball.ply"',
 }
 
 
-def test_every_kind_is_read(scene_file):
+def save_ball(file, radius=0.2):
+    """Write a closed mesh about the place of BALL."""
+    corners = radius * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]) + [0.8, 0, -0.3]
+    quarters = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4]])
+    faces = np.concatenate([quarters, np.where(quarters[:, ::-1] == 4, 5, quarters[:, ::-1])])
+    ms.save_mesh(ms.TriangleMesh(corners, faces), file)
+    return file
+
+
+def test_every_kind_is_read(scene_file, tmp_path):
     assert set(KINDS) == set(COLLIDERS)
+    save_ball(tmp_path / "ball.ply")
     more = "".join(f'[[contacts]]\nkind = "{kind}"\n{keys}\n' for kind, keys in KINDS.items())
     scene = ms.load_scene(scene_file(more=more))
     contacts = scene.build_contacts()
@@ -65,12 +77,33 @@ def test_a_scene_rests_on_what_the_same_calls_rest_on(scene_file):
     np.testing.assert_array_equal(state.positions, same.positions)
 
 
+def test_a_mesh_that_is_touched_comes_from_a_file(scene_file, tmp_path):
+    saved = save_ball(tmp_path / "ball.ply")
+    more = '[[contacts]]\nkind = "mesh"\nfile = "ball.ply"\nsel = "x > 0.5"\n' + FLOOR
+    scene = ms.load_scene(scene_file(('"mwts"', '"ds"'), ("[motion]\nduration = 1", ""), more=more))
+    built = scene.build()
+    state = built.equilibrium()
+    contacts = [Contact(ms.MeshCollider(ms.load_mesh(saved)), sel="x > 0.5"), Contact(ms.Plane((0, 0, 1), -0.1))]
+    same = ms.DiscreteShell(built.shell).equilibrium(gravity=built.gravity, contacts=contacts)
+    assert state.converged
+    assert state.in_contact.any()
+    np.testing.assert_array_equal(state.positions, same.positions)
+    assert saved in input_files(scene)
+    before = scene.digests(built.shell.mesh)["scene"]
+    save_ball(saved, 0.21)
+    assert scene.digests(built.shell.mesh)["scene"] != before
+    saved.unlink()
+    with pytest.raises(ms.ModalShellError, match=r"ball\.ply"):
+        scene.build()
+
+
 @pytest.mark.parametrize(
     ("table", "said"),
     [
         ('[[contacts]]\nkind = "torus"\n', "contacts[0].kind: must be one of"),
         ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, 0]\n', "contacts[0].radius"),
         ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, -9]\nradius = -1\n', "contacts[0].radius: must be"),
+        ('[[contacts]]\nkind = "mesh"\n', "contacts[0].file: missing"),
         (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
         (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
         (FLOOR + "path = { times = [0, 1] }\n", "contacts[0].path"),

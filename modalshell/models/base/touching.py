@@ -21,6 +21,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
+from modalshell.models.base.drift_on_planes import PUSHED, rest_on_planes
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
@@ -35,6 +36,7 @@ _DIP = 1e-3
 _BORNE = 1e-6
 """Force, as a share of the load, that a support which should bear none may bear."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
+_UNSETTLED = "the contact set did not settle"
 _LED = "; the constraints moved on straight ways then"
 _NOT_LED = "the contact set did not settle as constraints moved: hold more vertices, or simulate the damped motion"
 _AT_ONCE = "friction depends on the way: the load came at once, from the start"
@@ -45,7 +47,7 @@ class _Found(NamedTuple):
 
     rest: Rest
     further: Array | None = None
-    told: str = "the contact set did not settle"
+    told: str = _UNSETTLED
     closest: float | None = None
 
 
@@ -95,6 +97,21 @@ def _led_turning_nowhere(led: Led, first: Array) -> _Found | None:
     return found if found.rest.converged and abs(borne) <= _BORNE * np.linalg.norm(load) else None
 
 
+def _smooth(
+    problem: Potential, touching: Touching, origin: Array, first: Array, guess: Callable[[], Array | None] | None
+) -> _Found:
+    """Where a shell comes to from ``first`` (n, 3) without friction."""
+
+    def solve(own: Potential, contacts: Touching) -> Rest:
+        return rest_on_contacts(own, contacts, first, guess)
+
+    touching.refuse_inside(first)
+    drifted = rest_on_planes(problem, touching, origin, first, solve)
+    if drifted is None:
+        return _Found(solve(problem, touching))
+    return _Found(drifted[0], told=drifted[1] or _UNSETTLED)
+
+
 def equilibrium_on_contacts(
     problem: Potential,
     origin: Array,
@@ -139,7 +156,7 @@ def equilibrium_on_contacts(
         elif rubs:
             found = _Found(*rest_with_friction(problem, touching, first, steps)[:3])
         else:
-            found = _Found(rest_on_contacts(problem, touching, first, guessed if start is None else None))
+            found = _smooth(problem, touching, origin, first, guessed if start is None else None)
     rest, further, told, closest = found
     gaps = touching.distances(rest.point)
     if own is not None and problem.live is not None and not problem.live.conservative:
@@ -152,7 +169,7 @@ def equilibrium_on_contacts(
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
-    if told.startswith(SLIDES):
+    if told.startswith((SLIDES, PUSHED)):
         outcome, message = Outcome.NO_EQUILIBRIUM, told
     forces, touches = touching.forces(rest.point, rest.pushes), np.zeros(len(rest.point), dtype=bool)
     touches[touching.vertices[rest.active]] = True
