@@ -20,6 +20,7 @@ from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
+from modalshell.models.auto.sampled import SampledCheck, linear_gaps
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
@@ -208,7 +209,9 @@ class Auto(Model):
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
         if self._free is None:
-            return HeldCheck(self.shell, setup.loading, setup.damping, ErrorEstimator(self.shell, self._quick_check))
+            estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
+            sampled = None if coarse is None else SampledCheck(*coarse)
+            return HeldCheck(self.shell, setup.loading, setup.damping, estimator, sampled)
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
@@ -238,6 +241,14 @@ class Auto(Model):
     @cached_property
     def _quick_check(self) -> QuickCheck | None:
         return quick_check(self.shell, early=True)
+
+    @cached_property
+    def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:
+        """The coarse shell of a large one that modal states are checked on, what it lacks, and its compiled check."""
+        coarse = next((level.model for level in self.levels if isinstance(level, CoarseLevel)), None)
+        if coarse is None or self._quick_check is not None:
+            return None
+        return coarse, linear_gaps(coarse, self._basis), quick_check(coarse.coarse.shell, early=True)
 
     @cached_property
     def _templates(self) -> list[MotionState]:

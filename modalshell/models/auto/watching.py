@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
-from modalshell.models.auto.checks import Check
+from modalshell.models.auto.checks import Check, HeldCheck
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
@@ -107,6 +107,8 @@ class Watch:
     def fitted(self, state: MotionState) -> MotionState:
         """The state of a start, with room for what is known of states under these loads."""
         state.memory["known"] = self._states.nothing(self._size)
+        if self._check.sampled is not None:
+            state.memory["agreed"] = self._check.sampled.nothing()
         return state
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
@@ -115,12 +117,15 @@ class Watch:
             memory["known"] = self._states.nothing(self._size)
         if memory["dead"] is not dead:
             if not np.array_equal(memory["dead"], dead):
-                self.forget(memory)
+                self.forget(memory, sampled=True)
             memory["dead"] = dead
 
-    def forget(self, memory: dict[str, Array]) -> None:
-        """Forget what is known of states."""
+    def forget(self, memory: dict[str, Array], *, sampled: bool = False) -> None:
+        """Forget what is known of states, of full levels and if asked also how right the coarse shell is."""
         memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+        full = not self._model.levels[int(memory["level"][0])].quadratic
+        if self._check.sampled is not None and (sampled or full):
+            memory["agreed"] = self._check.sampled.nothing()
 
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
@@ -137,10 +142,27 @@ class Watch:
         """The check of the middle one of a step's three frames, the last of them at the present time."""
         middle = step.time - step.dt
         times = np.array([middle - memory["step"][0], middle, step.time])
+        largest = float(max(memory["largest"][0], self._check.least))
+        if self._check.sampled is not None and largest > 0.0 and self._model.levels[step.level].quadratic:
+            return self._sampled(self._check, step, times, memory, largest)
         bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
-        largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, step.frames[1])
         return Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
+
+    def _sampled(self, check: HeldCheck, step: Step, times: Array, memory: dict[str, Array], largest: float) -> Seen:
+        """The same of a modal level, on the coarse shell where that serves: where its bar leaves room at its worst."""
+        sampled, x, known = check.sampled, step.frames[1], memory["agreed"]
+        assert sampled is not None
+        load, allowed = check.load_under(times, np.stack(step.frames), step.load), self._allowed * largest
+        found = sampled.found(x, step.inner.coordinates, load)
+        if found is not None and sampled.trusts(known, step.moved):
+            off, margin = sampled.surely(found, known)
+            if off <= allowed and margin > LEAST_MARGIN:
+                memory["agreed"] = known + np.array([0.0, 0.0, 1.0])
+                return Seen(off / largest, margin, load, x + found.added)
+        bar = check.static(x, load)
+        memory["agreed"] = sampled.compared(found, bar, x, step.moved, allowed, known)
+        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected)
 
     def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of a modal level; :meth:`learn` says what it tells of states."""
