@@ -245,9 +245,10 @@ class Auto(Model):
     @cached_property
     def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:
         """The coarse shell of a large one that modal states are checked on, what it lacks, and its compiled check."""
-        coarse = next((level.model for level in self.levels if isinstance(level, CoarseLevel)), None)
-        if coarse is None or self._quick_check is not None:
+        level = next((level for level in self.levels if isinstance(level, CoarseLevel)), None)
+        if level is None or self._quick_check is not None:
             return None
+        coarse = level.model
         return coarse, linear_gaps(coarse, self._basis), quick_check(coarse.coarse.shell, early=True)
 
     @cached_property

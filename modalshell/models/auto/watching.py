@@ -10,11 +10,11 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
+from modalshell.models.auto.at_rest import AtRest
 from modalshell.models.auto.checks import Check, HeldCheck
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
-from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -27,9 +27,6 @@ _GROWN, _CALM = 1.5, 0.02
 mean square, in sizes of the shell, up to which it may wait."""
 _ALIKE = 1.2
 """Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
-
-_RESTED = 4
-"""Answers of statics that are kept: of two levels to two loads."""
 
 
 class Step(NamedTuple):
@@ -97,7 +94,7 @@ class Watch:
         self._fixed = bool(check.least or model.check_every is not None)
         self._states = KnownStates(len(setup.loading.live))
         self._size = 2 * model.count + len(setup.loading.live)
-        self._rested: list[tuple[Level, Array, Equilibrium, ErrorBar]] = []
+        self._rests = AtRest(model, check, loads)
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     @property
@@ -204,7 +201,7 @@ class Watch:
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
         """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
         memory["ahead"] = np.array([load.whole])
-        found, bar = self._rests(level, load.force)
+        found, bar = self._rests.of(level, load.force, memory["dead"], self._allowed)
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar
@@ -217,16 +214,6 @@ class Watch:
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
             memory["known"] = self._states.swinging(memory["known"], z, wider, largest)
         return None
-
-    def _rests(self, level: Level, force: Array) -> tuple[Equilibrium, ErrorBar]:
-        """Where a level rests under a force (n, 3) [N], and its bar there; that of the last few is known."""
-        for known, of, found, bar in self._rested:
-            if known is level and of is force:
-                return found, bar
-        found = level.still.equilibrium(force=force)
-        bar = self._check.static(found.positions, force)
-        self._rested = [*self._rested[1 - _RESTED :], (level, force, found, bar)]
-        return found, bar
 
     def is_alike(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
         """Whether the load need not be looked at in a modal level's state: it is about that looked at last."""
