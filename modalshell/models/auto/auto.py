@@ -20,7 +20,7 @@ from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
-from modalshell.models.auto.sampled import SampledCheck, linear_gaps
+from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
@@ -243,13 +243,24 @@ class Auto(Model):
         return quick_check(self.shell, early=True)
 
     @cached_property
+    def _gaps(self) -> tuple[CoarseDiscreteShell, Array] | None:
+        """The model of a coarse shell, if there is one, and what its linear answers lack (k, 3, m)."""
+        found = [level.model for level in self.levels if isinstance(level, CoarseLevel)]
+        return (found[0], linear_gaps(found[0], self._basis)) if found else None
+
+    @cached_property
+    def unfit(self) -> tuple[int, ...]:
+        """Levels that miss more than ``error`` of the lowest mode where displacements are small."""
+        if self._gaps is None or lowest_gap(*self._gaps, self._basis) <= self.error:
+            return ()
+        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+
+    @cached_property
     def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:
         """The coarse shell of a large one that modal states are checked on, what it lacks, and its compiled check."""
-        level = next((level for level in self.levels if isinstance(level, CoarseLevel)), None)
-        if level is None or self._quick_check is not None:
+        if self._gaps is None or self._quick_check is not None:
             return None
-        coarse = level.model
-        return coarse, linear_gaps(coarse, self._basis), quick_check(coarse.coarse.shell, early=True)
+        return *self._gaps, quick_check(self._gaps[0].coarse.shell, early=True)
 
     @cached_property
     def _templates(self) -> list[MotionState]:

@@ -9,6 +9,7 @@ what the steps add (theory 14, eq. 9).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, final
 
 import numpy as np
@@ -54,6 +55,14 @@ def linear_gaps(coarse: CoarseDiscreteShell, basis: Basis) -> Array:
         sampled = coarse.sampled_from(mode.reshape(-1, 3)) - shell.rest_positions
         gaps.append(answer.reshape(-1, 3) - sampled)
     return np.stack(gaps, axis=-1)
+
+
+def lowest_gap(coarse: CoarseDiscreteShell, gaps: Array, basis: Basis) -> float:
+    """Length of the lowest mode's gap over that of the mode, in the norm of the mass."""
+    shell, r = coarse.coarse.shell, basis.rigid_modes
+    mode = coarse.sampled_from(basis.modes[:, r].reshape(-1, 3)) - shell.rest_positions
+    off, whole = (float(np.sum(shell.mass[:, None] * part**2)) for part in (gaps[:, :, r], mode))
+    return math.sqrt(off / whole)
 
 
 @final

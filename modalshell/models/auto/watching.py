@@ -106,7 +106,14 @@ class Watch:
         state.memory["known"] = self._states.nothing(self._size)
         if self._check.sampled is not None:
             state.memory["agreed"] = self._check.sampled.nothing()
+        state.memory["barred"][list(self._model.unfit)] = 1.0
         return state
+
+    @property
+    def first_levels(self) -> list[int]:
+        """Levels below the last on which a motion may begin."""
+        last = 1 if self._check.least else len(self._model.levels) - 1
+        return [level for level in range(last) if level not in self._model.unfit]
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
