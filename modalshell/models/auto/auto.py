@@ -233,6 +233,10 @@ class Auto(Model):
         """Periods of the modes (m,) over 2 pi [s]."""
         return np.asarray(1.0 / np.sqrt(np.maximum(self._basis.eigenvalues, 1e-300)))
 
+    def answered_by_modes(self, force: Array) -> Array:
+        """Coordinates (m,) of the modes' linear answer to forces (n, 3) [N]."""
+        return np.asarray(self._basis.modes.T @ force.ravel()) * self.periods**2
+
     @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""

@@ -195,15 +195,24 @@ class Watch:
 
         The first time the largest loads that are known to come are taken, if their statics hold with some room. A bar
         beyond 30 % is too large; before the level's first check can look, which takes three frames, one beyond what a
-        check allows: a load that acts at once has then left energy that the next level would keep.
+        check allows: a load that acts at once has then left energy that the next level would keep. None is looked for
+        where checks vouch for the linear answer to the load.
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
+            if self._states.holds(memory["known"], self._linear(load)):
+                memory["ahead"] = np.array([load.whole])
+                return None
             coming = self._loads.coming(dead)
             most = self._loads.most(dead)
             if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
                 memory["ahead"] = np.array([most])
                 return None
         return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0)
+
+    def _linear(self, load: Coming) -> Array:
+        """The state of rest of the modes' linear answer to a load."""
+        coordinates = self._model.answered_by_modes(load.force)
+        return np.concatenate([coordinates, np.zeros_like(coordinates), load.factors])
 
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
         """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
