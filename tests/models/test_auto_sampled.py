@@ -94,10 +94,14 @@ def test_a_margin_is_found_by_the_second_factor_where_that_step_is_short(fine, s
     assert early.margin == pytest.approx(whole.margin, abs=0.01)
 
 
-def test_a_coarse_check_less_the_linear_gaps_is_the_fine_one(fine, coarse):
-    basis = ms.solve_modes(fine, 8)
+def test_a_coarse_check_less_the_linear_gaps_is_the_fine_one():
+    fine, rough = (
+        ms.Shell(ms.v_beam(length=1.0, width=0.25, fold=150.0, cells=cells), SHEET, "x < 1e-6")
+        for cells in ((48, 8), (24, 4))
+    )
+    coarse, basis = ms.CoarseDiscreteShell(fine, rough), ms.solve_modes(fine, 8)
     gaps, mass = linear_gaps(coarse, basis), fine.mass[:, None]
-    force = force_of(fine, basis, 0.04)
+    force = force_of(fine, basis, 0.01)
     answer = consistent_warping(basis).equilibrium(force=force)
     x, q = answer.positions, answer.coordinates
     bar = ErrorEstimator(fine).bar(x, force)
@@ -108,13 +112,14 @@ def test_a_coarse_check_less_the_linear_gaps_is_the_fine_one(fine, coarse):
 
     found = SampledCheck(coarse, gaps, None).found(x, q, force)
     assert missed(found) < 0.08
-    assert missed(SampledCheck(coarse, 0.0 * gaps, None).found(x, q, force)) > 0.2
-    assert found.margin == pytest.approx(bar.margin, abs=0.005)
+    assert missed(SampledCheck(coarse, 0.0 * gaps, None).found(x, q, force)) > 0.4
+    assert found.margin == pytest.approx(bar.margin, abs=0.01)
 
 
 @pytest.mark.slow
-def test_a_large_shell_is_checked_on_a_coarse_one(fine, coarse, large, monkeypatch):
-    setting = swinging(fine, 0.05, 150)
+@pytest.mark.usefixtures("large")
+def test_a_large_shell_is_checked_on_a_coarse_one(fine, coarse, monkeypatch):
+    setting = swinging(fine, 0.05, 90)
     shells = {"none": None, "coarse": coarse.coarse_shell}
     runs = {key: fine_checks(monkeypatch, fine, ms.Auto(fine, coarse=shell), setting) for key, shell in shells.items()}
     (alone, many), (run, few) = runs["none"], runs["coarse"]
@@ -124,13 +129,14 @@ def test_a_large_shell_is_checked_on_a_coarse_one(fine, coarse, large, monkeypat
     assert worst(fine, run, exact) < max(0.03, 1.1 * worst(fine, alone, exact))
 
 
-def test_a_coarse_shell_that_does_not_agree_is_not_believed(fine, large, monkeypatch):
+@pytest.mark.usefixtures("large")
+def test_a_coarse_shell_that_does_not_agree_is_not_believed(monkeypatch):
     """One of another curvature errs by more than linear answers tell."""
     mesh = ms.cylinder_panel(length=1.0, radius=0.8, angle=72.0, cells=(16, 16))
     panel = ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 1e-6)
     rough = ms.cylinder_panel(length=1.0, radius=0.8, angle=72.0, cells=(4, 4))
     coarse = ms.Shell(rough, SHEET, rough.vertices[:, 0] < rough.vertices[:, 0].min() + 1e-6)
-    setting = swinging(panel, 0.003, 30)
+    setting = swinging(panel, 0.003, 24)
     alone, many = fine_checks(monkeypatch, panel, ms.Auto(panel), setting)
     run, few = fine_checks(monkeypatch, panel, ms.Auto(panel, coarse=coarse), setting)
     assert few >= many
@@ -149,7 +155,7 @@ def test_trust_ends_where_states_grow_or_fine_checks_differ(fine, coarse):
     assert not check.trusts(check.nothing(), 0.0)
     assert check.trusts(known, 1.4)
     assert not check.trusts(known, 1.6)
-    assert not check.trusts(known + [0.0, 0.0, 12.0], 1.0)
+    assert not check.trusts(known + np.array([0.0, 0.0, 12.0]), 1.0)
     off, margin = check.surely(found, known)
     assert off > 1.05 * found.off
     assert margin < found.margin
@@ -160,7 +166,8 @@ def test_trust_ends_where_states_grow_or_fine_checks_differ(fine, coarse):
     assert np.isfinite(check.compared(found, lost, x, 1.0, 0.02, known)).all()
 
 
-def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coarse, large):
+@pytest.mark.usefixtures("large")
+def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coarse):
     setting = swinging(fine, 0.05, 100)
     loading = fine.loading(None, None, setting["loads"])
     model = ms.Auto(fine, coarse=coarse.coarse_shell)
