@@ -210,5 +210,5 @@ def test_statics_of_loads_among_known_states_is_not_looked_at(monkeypatch):
 
     monkeypatch.setattr(AtRest, "of", counted_of)
     run = ms.simulate(ms.Auto(strip), **setting)
-    assert 0 < looked[0] < 40
+    assert 0 < looked[0] < 10
     assert worst(strip, run, ms.simulate(ms.DiscreteShell(strip), **setting)) < 0.05
