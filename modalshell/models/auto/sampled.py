@@ -3,7 +3,7 @@
 Two Newton steps on a coarse shell lead from the sampled positions of a modal rung to where the coarse shell would rest,
 which is off by its own error: of some percent of the displacement, more than a bar of half a percent allows. To first
 order that error is known beforehand. Under the load ``M phi_j omega_j^2``, which holds the mode ``phi_j`` on the fine
-shell, the coarse one rests a little beside the sampled mode; those answers' gaps times the coordinates are taken from
+shell, the coarse one rests a little off the sampled mode; those answers' gaps times the coordinates are taken from
 what the steps add. On sheets of shell theory 1 to 3 % of the fine bar's correction was left; of a leaf whose coarse
 shell misses an eighth of the lowest mode a fourth and more; on hinges, which bend and twist otherwise on another mesh,
 a fifth and more. So fine checks say whether it serves.
