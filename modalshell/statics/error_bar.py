@@ -20,7 +20,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -31,7 +31,7 @@ from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.margin import Margin, lowest_ratio
+from modalshell.statics.margin import CLEAR, LITTLE_STEP, Margin, lowest_ratio
 from modalshell.statics.potential import Potential
 
 LEAST_MARGIN = 0.3
@@ -262,28 +262,69 @@ class ErrorEstimator(Estimator):
         Finds the same, of the shell about the origin under dead loads, by compiled code: positions after the steps and
         the margin, from positions and load (n, 3); None where it finds no margin, and sparse algebra says why. It
         leaves nothing for bars of quantities.
+    early : bool
+        Whether sparse algebra under dead loads, too, may find the margin before the second step, where this is short,
+        by its factor: without a third one, and nothing is left for bars of quantities then.
     """
 
-    def __init__(self, shell: Shell, compiled: QuickCheck | None = None) -> None:
+    def __init__(self, shell: Shell, compiled: QuickCheck | None = None, *, early: bool = False) -> None:
         super().__init__(shell)
-        self._compiled = compiled
+        self._compiled, self._early = compiled, early
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """By compiled code where that serves."""
         found = None if self._compiled is None or live is not None else self._compiled(x, load)
+        if found is None and self._early and live is None:
+            problem = self.problem(load)
+            corrected, stresses, begun = self._both_steps(problem, x)
+            margin = self._margin_before(begun, corrected)
+            found = corrected, self.margin(problem, corrected, stresses).value if margin is None else margin
         return super()._found(x, load, live) if found is None else found
 
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
         """Positions (n, 3) [m] and predicted stresses after two steps; SolverError where they leave all numbers."""
+        return self._both_steps(problem, x)[:2]
+
+    def _both_steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array], _Begun]:
+        """The same, and where the second step began."""
         stresses: list[Array] | None = None
         for _ in range(_STEPS):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
             gradient, hessian = problem.linearise(x, geometric, stresses)
-            x, stresses, _ = problem.moved(x, problem.step(problem.factor(hessian), gradient))
+            factor = problem.factor(hessian)
+            begun = _Begun(x, stresses, factor)
+            x, stresses, _ = problem.moved(x, problem.step(factor, gradient))
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
-        return x, stresses
+        return x, stresses, begun
+
+    def _margin_before(self, begun: _Begun, x: Array) -> float | None:
+        """The margin where a step to x (n, 3) began, under dead loads; None where that is long, or it is not clear.
+
+        The lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``.
+        """
+        shell = self.shell
+        short = self.length(x - begun.x) <= LITTLE_STEP * self.length(x - shell.rest_positions)
+        if not (short and begun.factor.is_definite()):
+            return None
+        stressed = shell.hessian(begun.x, MIXED, begun.stresses)
+        geometric = shell.pattern.matrix(stressed - shell.hessian(begun.x, GAUSS_NEWTON))
+
+        def softening(values: Array) -> Array:
+            return np.asarray(shell.unknowns.restrict(geometric @ shell.unknowns.prolong(values)))
+
+        ratio = lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value - 1.0
+        margin = 1.0 / (1.0 - ratio)
+        return margin if margin > CLEAR else None
+
+
+class _Begun(NamedTuple):
+    """Positions (n, 3) [m] where a step began, the stresses that its Hessian took, and the factor of that."""
+
+    x: Array
+    stresses: list[Array] | None
+    factor: Factor
 
 
 @final

@@ -15,6 +15,9 @@ FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
 FEWEST, STEPS = 6, 40
 """Lanczos iterations."""
+LITTLE_STEP, CLEAR = 0.02, 0.5
+"""Second step of a bar, over the displacement, up to which the margin where it began serves, and margin above which it
+does."""
 ENDED = 1e-10
 """Length of a Lanczos vector, over that of what was multiplied, below which the iterations have found all there is."""
 

@@ -81,7 +81,7 @@ class LinearAnswers:
 
     def __init__(self, basis: Basis) -> None:
         self._basis, shell = basis, basis.shell
-        self._solver = PerThread(partial(_solver_at_rest, shell))
+        self._solver = PerThread(partial(solver_at_rest, shell))
         self._mass = np.repeat(shell.mass, 3)
 
     def of(self, force: Array) -> Answer:
@@ -117,6 +117,6 @@ class LinearAnswers:
         return float(np.sqrt(np.vdot(self._mass * moved, moved)))
 
 
-def _solver_at_rest(shell: Shell) -> RigidFreeSolver:
+def solver_at_rest(shell: Shell) -> RigidFreeSolver:
     """Solver of the stiffness at rest, of free parts on the complement of their rigid motions."""
     return RigidFreeSolver.of(shell, shell.hessian(shell.rest_positions, GAUSS_NEWTON))

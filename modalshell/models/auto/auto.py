@@ -20,6 +20,7 @@ from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
+from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
@@ -66,6 +67,12 @@ class Auto(Model):
     under d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays on the
     branch of DS, which bars alone cannot tell after a snap. Bars are of one instant: of a free vibration they do not
     see how a slightly wrong frequency adds up.
+
+    Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
+    Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
+    its correction is within a tenth of the last fine check's, and its bar and margin at their worst leave room. A fine
+    one decides else, as soon as the displacement has grown by half since, and each thirteenth time. As a level the
+    coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
@@ -208,7 +215,9 @@ class Auto(Model):
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
         if self._free is None:
-            return HeldCheck(self.shell, setup.loading, setup.damping, ErrorEstimator(self.shell, self._quick_check))
+            estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
+            sampled = None if coarse is None else SampledCheck(*coarse)
+            return HeldCheck(self.shell, setup.loading, setup.damping, estimator, sampled)
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
@@ -230,6 +239,10 @@ class Auto(Model):
         """Periods of the modes (m,) over 2 pi [s]."""
         return np.asarray(1.0 / np.sqrt(np.maximum(self._basis.eigenvalues, 1e-300)))
 
+    def answered_by_modes(self, force: Array) -> Array:
+        """Coordinates (m,) of the modes' linear answer to forces (n, 3) [N]."""
+        return np.asarray(self._basis.modes.T @ force.ravel()) * self.periods**2
+
     @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""
@@ -238,6 +251,26 @@ class Auto(Model):
     @cached_property
     def _quick_check(self) -> QuickCheck | None:
         return quick_check(self.shell, early=True)
+
+    @cached_property
+    def _gaps(self) -> tuple[CoarseDiscreteShell, Array] | None:
+        """The model of a coarse shell, if there is one, and what its linear answers lack (k, 3, m)."""
+        found = [level.model for level in self.levels if isinstance(level, CoarseLevel)]
+        return (found[0], linear_gaps(found[0], self._basis)) if found else None
+
+    @cached_property
+    def unfit(self) -> tuple[int, ...]:
+        """Levels that miss more than ``error`` of the lowest mode where displacements are small."""
+        if self._gaps is None or lowest_gap(*self._gaps, self._basis) <= self.error:
+            return ()
+        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+
+    @cached_property
+    def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:
+        """The coarse shell of a large one that modal states are checked on, what it lacks, and its compiled check."""
+        if self._gaps is None or self._quick_check is not None:
+            return None
+        return *self._gaps, quick_check(self._gaps[0].coarse.shell, early=True)
 
     @cached_property
     def _templates(self) -> list[MotionState]:

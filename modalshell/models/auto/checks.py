@@ -10,6 +10,7 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crossed, inertia_of
 from modalshell.loads import Loading
+from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of
 from modalshell.shell import Shell
@@ -31,13 +32,24 @@ class HeldCheck:
     ----------
     least : float
         Displacement in the norm of the mass [kg^(1/2) m] that errors are shares of at least.
+    sampled : SampledCheck or None
+        What finds bars of modal states on a coarse shell.
     """
 
     least = 0.0
 
-    def __init__(self, shell: Shell, loading: Loading, damping: Damping, estimator: ErrorEstimator) -> None:
+    def __init__(
+        self,
+        shell: Shell,
+        loading: Loading,
+        damping: Damping,
+        estimator: ErrorEstimator,
+        sampled: SampledCheck | None = None,
+    ) -> None:
         self._check = MotionCheck(shell, loading, damping, estimator=estimator)
+        self._given = shell, loading, damping
         self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
+        self.sampled = sampled
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
@@ -59,6 +71,10 @@ class HeldCheck:
         """Bar of the middle one of three frames (3, n, 3) [m], and the load (n, 3) [N] in balance there."""
         return self._check.bar_under(times, frames, dead)
 
+    def load_under(self, times: Array, frames: Array, dead: Array) -> Array:
+        """That load alone."""
+        return balancing_load(instant_of(times, frames), *self._given, dead=dead)
+
     def static(self, x: Array, load: Array) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
         return self._check.static(x, load)
@@ -76,6 +92,8 @@ class FlownCheck:
     inertia of rigid motions at the shape, so that a part rests in its frame. For a bar it is held at three vertices,
     by as few reactions as hold it: they are zero under such a load.
     """
+
+    sampled = None
 
     def __init__(self, shell: Shell, parts: FreeParts, loading: Loading, damping: Damping) -> None:
         self._shell, self._loading, self._damping = shell, loading, damping

@@ -116,6 +116,8 @@ class FullLevel(Level):
 class CoarseLevel(Level):
     """Coarse DS: the fine surface is sampled at the coarse vertices."""
 
+    model: CoarseDiscreteShell
+
     def __init__(self, model: CoarseDiscreteShell) -> None:
         self.model = model
 

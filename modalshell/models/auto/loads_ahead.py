@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, NamedTuple, final
 
@@ -13,6 +14,9 @@ from modalshell.models.auto.answered import Answer, SumAnswers, along
 from modalshell.models.auto.checks import Check
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
+
+_MOST_TOGETHER = 2
+"""Loads that change whose largest factors are taken together."""
 
 
 class Coming(NamedTuple):
@@ -105,9 +109,9 @@ class LoadsAhead:
             return self._check.standing(force, x, v) if np.isfinite(force).all() else force
 
     def coming(self, dead: Array) -> list[Coming]:
-        """The largest loads that are known to come, one each way, of one load that changes by a factor alone.
+        """The largest loads that are known to come, one each way, of one or two loads that change by factors alone.
 
-        Loads that follow the shell are others when they come.
+        Of two each of one comes with each of the other. Loads that follow the shell are others when they come.
         """
         if self._coming is None or self._coming[0] is not dead:
             self._coming = dead, self._ends(dead)
@@ -122,15 +126,21 @@ class LoadsAhead:
 
         ``ahead`` is the length of the linear answer that was looked at.
         """
-        if not 0.0 < self.most(dead) == ahead or dead.any():
+        if not 0.0 < self.most(dead) == ahead or dead.any() or len(self._loading.live) > 1:
             return None
         return max(abs(float(one.factors[0])) for one in self.coming(dead))
 
     def _ends(self, dead: Array) -> list[Coming]:
-        live = self._loading.live
-        if self._parts is None or len(live) != 1:
+        live, parts = self._loading.live, self._parts
+        if parts is None or not 1 <= len(live) <= _MOST_TOGETHER:
             return []
-        factors = [live[0].factor_at(time) for time in live[0].times]
-        ends = [factor for factor in {min(factors), max(factors)} if factor]
-        answers, part = self._model.answers, self._parts[0]
-        return [Coming(dead + end * part, answers.of(dead + end * part).whole, np.array([end])) for end in sorted(ends)]
+        ends = []
+        for load in live:
+            factors = [load.factor_at(time) for time in load.times]
+            ends.append(sorted({min(factors), max(factors)}))
+        answers, coming = self._model.answers, []
+        for corner in itertools.product(*ends):
+            if any(corner):
+                force = dead + np.tensordot(np.array(corner), np.stack(parts), 1)
+                coming.append(Coming(force, answers.of(force).whole, np.array(corner)))
+        return coming

@@ -120,7 +120,7 @@ class AutoStepper(Stepper):
         if positions is None:
             return self._watch.fitted(super().start(positions))
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
-        for number in range(1 if self._check.least else last):
+        for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
             if number == 0:

@@ -10,11 +10,11 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
-from modalshell.models.auto.checks import Check
+from modalshell.models.auto.at_rest import AtRest
+from modalshell.models.auto.checks import Check, HeldCheck
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
-from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -27,9 +27,6 @@ _GROWN, _CALM = 1.5, 0.02
 mean square, in sizes of the shell, up to which it may wait."""
 _ALIKE = 1.2
 """Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
-
-_RESTED = 4
-"""Answers of statics that are kept: of two levels to two loads."""
 
 
 class Step(NamedTuple):
@@ -97,7 +94,7 @@ class Watch:
         self._fixed = bool(check.least or model.check_every is not None)
         self._states = KnownStates(len(setup.loading.live))
         self._size = 2 * model.count + len(setup.loading.live)
-        self._rested: list[tuple[Level, Array, Equilibrium, ErrorBar]] = []
+        self._rests = AtRest(model, check, loads)
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     @property
@@ -107,7 +104,16 @@ class Watch:
     def fitted(self, state: MotionState) -> MotionState:
         """The state of a start, with room for what is known of states under these loads."""
         state.memory["known"] = self._states.nothing(self._size)
+        if self._check.sampled is not None:
+            state.memory["agreed"] = self._check.sampled.nothing()
+        state.memory["barred"][list(self._model.unfit)] = 1.0
         return state
+
+    @property
+    def first_levels(self) -> list[int]:
+        """Levels below the last on which a motion may begin."""
+        last = 1 if self._check.least else len(self._model.levels) - 1
+        return [level for level in range(last) if level not in self._model.unfit]
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
@@ -115,12 +121,15 @@ class Watch:
             memory["known"] = self._states.nothing(self._size)
         if memory["dead"] is not dead:
             if not np.array_equal(memory["dead"], dead):
-                self.forget(memory)
+                self.forget(memory, sampled=True)
             memory["dead"] = dead
 
-    def forget(self, memory: dict[str, Array]) -> None:
-        """Forget what is known of states."""
+    def forget(self, memory: dict[str, Array], *, sampled: bool = False) -> None:
+        """Forget what is known of states, of full levels and if asked also how right the coarse shell is."""
         memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+        full = not self._model.levels[int(memory["level"][0])].quadratic
+        if self._check.sampled is not None and (sampled or full):
+            memory["agreed"] = self._check.sampled.nothing()
 
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
@@ -137,10 +146,27 @@ class Watch:
         """The check of the middle one of a step's three frames, the last of them at the present time."""
         middle = step.time - step.dt
         times = np.array([middle - memory["step"][0], middle, step.time])
+        largest = float(max(memory["largest"][0], self._check.least))
+        if self._check.sampled is not None and largest > 0.0 and self._model.levels[step.level].quadratic:
+            return self._sampled(self._check, step, times, memory, largest)
         bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
-        largest = max(memory["largest"][0], self._check.least)
         off = self._check.off(bar, step.frames[1])
         return Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
+
+    def _sampled(self, check: HeldCheck, step: Step, times: Array, memory: dict[str, Array], largest: float) -> Seen:
+        """The same of a modal level, on the coarse shell where that serves: where its bar leaves room at its worst."""
+        sampled, x, known = check.sampled, step.frames[1], memory["agreed"]
+        assert sampled is not None
+        load, allowed = check.load_under(times, np.stack(step.frames), step.load), self._allowed * largest
+        found = sampled.found(x, step.inner.coordinates, load)
+        if found is not None and sampled.trusts(known, step.moved):
+            off, margin = sampled.surely(found, known)
+            if off <= allowed and margin > LEAST_MARGIN:
+                memory["agreed"] = known + np.array([0.0, 0.0, 1.0])
+                return Seen(off / largest, margin, load, x + found.added)
+        bar = check.static(x, load)
+        memory["agreed"] = sampled.compared(found, bar, x, step.moved, allowed, known)
+        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected)
 
     def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of a modal level; :meth:`learn` says what it tells of states."""
@@ -169,9 +195,13 @@ class Watch:
 
         The first time the largest loads that are known to come are taken, if their statics hold with some room. A bar
         beyond 30 % is too large; before the level's first check can look, which takes three frames, one beyond what a
-        check allows: a load that acts at once has then left energy that the next level would keep.
+        check allows: a load that acts at once has then left energy that the next level would keep. None is looked for
+        where checks vouch for the linear answer to the load.
         """
         if memory["ahead"][0] == 0.0 and not self._fixed:
+            if self._states.holds(memory["known"], self._linear(load)):
+                memory["ahead"] = np.array([load.whole])
+                return None
             coming = self._loads.coming(dead)
             most = self._loads.most(dead)
             if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
@@ -179,10 +209,15 @@ class Watch:
                 return None
         return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0)
 
+    def _linear(self, load: Coming) -> Array:
+        """The state of rest of the modes' linear answer to a load."""
+        coordinates = self._model.answered_by_modes(load.force)
+        return np.concatenate([coordinates, np.zeros_like(coordinates), load.factors])
+
     def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
         """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
         memory["ahead"] = np.array([load.whole])
-        found, bar = self._rests(level, load.force)
+        found, bar = self._rests.of(level, load.force, memory["dead"], self._allowed)
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar
@@ -195,16 +230,6 @@ class Watch:
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
             memory["known"] = self._states.swinging(memory["known"], z, wider, largest)
         return None
-
-    def _rests(self, level: Level, force: Array) -> tuple[Equilibrium, ErrorBar]:
-        """Where a level rests under a force (n, 3) [N], and its bar there; that of the last few is known."""
-        for known, of, found, bar in self._rested:
-            if known is level and of is force:
-                return found, bar
-        found = level.still.equilibrium(force=force)
-        bar = self._check.static(found.positions, force)
-        self._rested = [*self._rested[1 - _RESTED :], (level, force, found, bar)]
-        return found, bar
 
     def is_alike(self, state: MotionState, memory: dict[str, Array], time: float) -> bool:
         """Whether the load need not be looked at in a modal level's state: it is about that looked at last."""

@@ -27,8 +27,7 @@ _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 """Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
 _STAGES: int = np.int64(3)  # type: ignore[assignment]
 """Factorisations: of the first step, of the second, and for the margin where that of the second does not serve."""
-_LITTLE_STEP, _CLEAR = 0.02, 0.5
-"""Second step, over the displacement, up to which the margin where it began serves, and margin above which it does."""
+_LITTLE_STEP, _CLEAR = margin.LITTLE_STEP, margin.CLEAR
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED

@@ -1,0 +1,95 @@
+"""Where levels of modes rest under loads that come, and how far from DS that is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, final
+
+from modalshell.core.typing import Array
+from modalshell.models.auto.checks import Check
+from modalshell.models.auto.levels import Level
+from modalshell.models.auto.loads_ahead import LoadsAhead
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
+
+_KEPT = 4
+"""Answers that are kept: of two levels to two loads."""
+
+
+class _Answer(NamedTuple):
+    """Statics of a level under a force (n, 3) [N], and the bar of it."""
+
+    level: Level
+    force: Array
+    found: Equilibrium
+    bar: ErrorBar
+
+
+@final
+class AtRest:
+    """Finds statics of modal levels and their bars, those of a large shell on its coarse one where that serves.
+
+    How right that is the first level tells once, under the largest load that is known to come, and not what fine checks
+    have found on the way: a motion that resumes does not know which answers were kept.
+
+    Parameters
+    ----------
+    model : Auto
+        The model.
+    check : Check
+        What sees its motion.
+    loads : LoadsAhead
+        The loads.
+    """
+
+    def __init__(self, model: Any, check: Check, loads: LoadsAhead) -> None:
+        self._model, self._check, self._loads = model, check, loads
+        self._kept: list[_Answer] = []
+        self._largest: tuple[Array, Array, _Answer | None] | None = None
+
+    def of(self, level: Level, force: Array, dead: Array, allowed: float) -> tuple[Equilibrium, ErrorBar]:
+        """Where a level rests under a force (n, 3) [N], one of motions under a dead load (n, 3) [N], and its bar.
+
+        ``allowed`` is the bar that is allowed.
+        """
+        for kept in self._known(dead, allowed):
+            if kept.level is level and kept.force is force:
+                return kept.found, kept.bar
+        found = level.still.equilibrium(force=force)
+        bar = self._sampled(found, force, allowed) or self._check.static(found.positions, force)
+        self._kept = [*self._kept[1 - _KEPT :], _Answer(level, force, found, bar)]
+        return found, bar
+
+    def _known(self, dead: Array, allowed: float) -> Iterator[_Answer]:
+        """Answers that are known; that under the largest load is found here, as others ask how right the coarse is."""
+        sampled = self._check.sampled
+        if sampled is not None and (self._largest is None or self._largest[0] is not dead):
+            self._largest = dead, sampled.nothing(), None
+            coming = self._loads.coming(dead)
+            if coming:
+                level, force = self._model.levels[0], max(coming, key=lambda load: load.whole).force
+                found = level.still.equilibrium(force=force)
+                x, moved = found.positions, self._check.moved(found.positions)
+                bar = self._check.static(x, force)
+                coarse = None if found.coordinates is None else sampled.found(x, found.coordinates, force)
+                agreed = sampled.compared(coarse, bar, x, moved, allowed * moved, sampled.nothing())
+                self._largest = dead, agreed, _Answer(level, force, found, bar)
+        if self._largest is not None and self._largest[2] is not None:
+            yield self._largest[2]
+        yield from self._kept
+
+    def _sampled(self, found: Equilibrium, force: Array, allowed: float) -> ErrorBar | None:
+        """The bar on the coarse shell at its worst; None where that is not trusted, or leaves no room."""
+        sampled, x = self._check.sampled, found.positions
+        if sampled is None or self._largest is None or found.coordinates is None:
+            return None
+        known, moved = self._largest[1], self._check.moved(x)
+        if not sampled.trusts(known, moved):
+            return None
+        coarse = sampled.found(x, found.coordinates, force)
+        if coarse is None:
+            return None
+        off, margin = sampled.surely(coarse, known)
+        if not (off <= allowed * moved and margin > LEAST_MARGIN):
+            return None
+        return ErrorBar(off / moved, margin, 0.0, True, x + coarse.added, 0.0, on="coarse")
