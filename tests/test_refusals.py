@@ -43,6 +43,7 @@ BETWEEN_PARTS = {
     "growth",
     "mean_growth",
     "gap",
+    "normal",
     "distance",
     "velocity",
     "largest_move",
