@@ -238,21 +238,21 @@ class ShellScene(Scene):
             model = self.model.build(self.model_factory(shell, solve))
         if self.bar:
             try:
-                check_bar(
-                    shell, constrained=bool(constraints), touching=bool(self.contacts) and self.motion is not None
-                )
+                check_bar(shell, constrained=bool(constraints), touching=bool(self.contacts and self.motion))
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
-        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts())
+        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts(shell.mesh))
 
-    def build_contacts(self) -> list[Any]:
-        """The contacts; SceneError where a table is refused."""
+    def build_contacts(self, mesh: TriangleMesh | None = None) -> list[Any]:
+        """The contacts; SceneError where a table is refused, or selects no vertex of a mesh."""
         contacts = []
         for index, table in enumerate(self.contacts):
             with located(self.file, f"contacts[{index}]", table):
                 if table.path is not None and self.motion is None:
                     raise OptionError("path needs a [motion] table: statics knows no time")
-                contacts.append(table.contact(self.file.parent, self.unit_system.metres))
+                contacts.append(contact := table.contact(self.file.parent, self.unit_system.metres))
+                if mesh is not None:
+                    contact.vertices(mesh)
         return contacts
 
     def model_factory(self, shell: Shell, solve: SolveModes | None = None) -> ModelFactory:

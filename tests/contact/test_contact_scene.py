@@ -106,6 +106,7 @@ def test_a_mesh_that_is_touched_comes_from_a_file(scene_file, tmp_path):
         ('[[contacts]]\nkind = "mesh"\n', "contacts[0].file: missing"),
         (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
         (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
+        (FLOOR + 'sel = "x > 9"\n', "contacts[0].sel: selects no vertex"),
         (FLOOR + "path = { times = [0, 1] }\n", "contacts[0].path"),
         ("[contacts]\nkind = 'plane'\n", "contacts: must be a list of tables"),
     ],
