@@ -105,8 +105,8 @@ class ActiveSet:
         """Those of the chosen rows whose vertices supports let move along their normals."""
         rows = np.flatnonzero(chosen)
         if rows.size:
-            chosen = chosen.copy()
-            chosen[rows] = self.touching.movable(rows, self.touching.normals(x, rows))
+            chosen = np.zeros_like(chosen)
+            chosen[self.touching.movable(x, rows)] = True
         return chosen
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:

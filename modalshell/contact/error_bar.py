@@ -57,8 +57,7 @@ class ContactEstimator(Estimator):
         touching = self._touching
         gap = touching.distances(x)
         depth = -float(gap.min(initial=0.0))
-        rows = np.flatnonzero(gap <= INSIDE * touching.size)
-        rows = rows[touching.movable(rows, touching.normals(x, rows))]
+        rows = touching.movable(x, np.flatnonzero(gap <= INSIDE * touching.size))
         x = x.copy()
         touching.put_on(x, rows, np.zeros(rows.size))
         solver = ActiveSet(problem, touching, problem.measure(problem.push_at(x)))

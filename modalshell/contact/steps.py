@@ -268,7 +268,7 @@ class TouchingSteps:
         touching = self.now = self.now.at(time)
         self._stopping, given = None, rates
         rows = np.flatnonzero(touching.distances(x) < 0.0)
-        rows = touching.binding(x, rows[touching.movable(rows, touching.normals(x, rows))])
+        rows = touching.binding(x, touching.movable(x, rows))
         if not rows.size:
             return x, rates
         x, rates = x.copy(), rates.copy()

@@ -256,9 +256,9 @@ class Touching:
         gaps = [contact.distance(points[own], self.time) for contact, own in zip(self.contacts, chosen, strict=True)]
         return [index for index, gap in enumerate(gaps) if gap.min(initial=0.0) < -INSIDE * self.size]
 
-    def movable(self, rows: Index, normals: Array) -> Array:
-        """Whether supports leave the rows' vertices a motion along the normals."""
-        return np.asarray(np.sum(self.along(rows, normals) ** 2, axis=1) > _FREE)
+    def movable(self, x: Array, rows: Index) -> Index:
+        """Those of some rows (k,) whose vertices supports leave a motion along the normals at positions x (n, 3)."""
+        return rows[np.sum(self.along(rows, self.normals(x, rows)) ** 2, axis=1) > _FREE]
 
     def put_on(self, x: Array, rows: Index, left: Array) -> None:
         """Move the vertices of rows along their normals, in place, until their gaps are what is ``left`` (k,) [m]."""
@@ -330,7 +330,7 @@ def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
     """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of ``chosen`` contacts (c,)."""
     x = x.copy()
     rows = np.flatnonzero((touching.distances(x) < 0.0) & chosen[touching.contact_of])
-    rows = touching.binding(x, rows[touching.movable(rows, touching.normals(x, rows))])
+    rows = touching.binding(x, touching.movable(x, rows))
     touching.put_on(x, rows, np.zeros(rows.size))
     return x
 

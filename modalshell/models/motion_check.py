@@ -121,13 +121,16 @@ class MotionCheck:
 
     def bar_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[ErrorBar, Array]:
         """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
+        x, load = self.own(float(times[1]), frames[1]), self.load_under(times, frames, dead)
+        if self._coarse is None:
+            return self._estimator.bar(x, load), load
+        return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
+
+    def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
+        """That load (n, 3) [N] alone."""
         own = np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
         now = instant_of(times, own)
-        load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
-        if self._coarse is None:
-            return self._estimator.bar(now.positions, load), load
-        sampled, restricted = self._coarse.sampled(now.positions), self._coarse.restrict(load)
-        return self._estimator.bar(sampled, restricted, on="coarse"), load
+        return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
     def static(self, positions: Array, load: Array) -> ErrorBar:
         """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N]."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, final
 
@@ -106,6 +108,10 @@ class ShellRun(SceneRun[SceneResult]):
         path = build_path(self._scene.supports)
         self._trajectory, self.frames = with_fields(run, self.shell, self._fields, path), len(run.times)
 
+    @cached_property
+    def _contacts(self) -> Sequence[Any]:
+        return self._scene.build_contacts()
+
     @property
     def _fields(self) -> list[str]:
         """Fields that are stored with the frames, that of the colour among them."""
@@ -136,6 +142,7 @@ class ShellRun(SceneRun[SceneResult]):
             with located(scene.file, "output", scene.output):
                 demand_near_origin(self.shell.rest_positions, scene.unit_system.length, kind)
         built = scene.build(self.shell, self._solve)
+        self._contacts = built.contacts
         if scene.motion is None:
             self._answer = built.equilibrium()
             run, resumed = Trajectory.still(self._answer, self.shell, built.loading(), scene.output.positions), 0
@@ -153,8 +160,7 @@ class ShellRun(SceneRun[SceneResult]):
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
         for suffix in formats:
-            path, contacts = self.path(suffix), self._scene.build_contacts()
-            write_result(self._trajectory, path, self._look, self._on_frame, contacts)
+            write_result(self._trajectory, self.path(suffix), self._look, self._on_frame, self._contacts)
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
@@ -168,7 +174,7 @@ class ShellRun(SceneRun[SceneResult]):
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
-        written = replace(load_trajectory(files[0]), contacts=tuple(self._scene.build_contacts()))
+        written = replace(load_trajectory(files[0]), contacts=tuple(self._contacts))
         return SceneResult(files, resumed, written, self._answer)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any, Literal
 
 from modalshell.contact import COLLIDERS, Collider, Contact, MeshCollider, SelfContact
 from modalshell.scene import tables
-from modalshell.scene.parts import build_mesh, moved_path
+from modalshell.scene.parts import build_mesh, mesh_digest, moved_path
 from modalshell.scene.read import listed_tables
 from modalshell.scene.signatures import Built, signature_table
 
@@ -62,8 +61,7 @@ class MeshContactTable(ContactTable, frozen=True, tag_field="kind", tag=MeshColl
     def content(self, folder: Path) -> dict[str, Any]:
         """All input, the corners and triangles of the mesh by their SHA-256."""
         mesh = build_mesh(tables.MeshFile(file=self.file, up=self.up), folder)
-        arrays = mesh.vertices.tobytes() + mesh.faces.astype("<i8").tobytes()
-        return self.plain() | {"mesh": hashlib.sha256(arrays).hexdigest()}
+        return self.plain() | {"mesh": mesh_digest(mesh)}
 
 
 class SelfContactTable(Built, frozen=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -48,6 +49,11 @@ SHAPES: dict[str, type[Shape]] = {
     for function in (flat_beam, v_beam, sheet, cylinder_panel, leaf, paper_bird)
 }
 """Every shape by its name."""
+
+
+def mesh_digest(mesh: TriangleMesh) -> str:
+    """SHA-256 of a mesh's vertices and faces."""
+    return hashlib.sha256(mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()).hexdigest()
 
 
 def build_mesh(table: MeshFile | Shape, folder: Path, metres: float = 1.0) -> TriangleMesh:

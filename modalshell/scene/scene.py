@@ -42,6 +42,7 @@ from modalshell.scene.parts import (
     build_mesh,
     build_path,
     material_values,
+    mesh_digest,
     spread_force,
 )
 from modalshell.scene.read import located
@@ -114,8 +115,7 @@ class Scene(ABC):
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
         """SHA-256 of the declaration and of the mesh's vertices and faces: together they determine the results."""
         content = json.dumps(self.content(), sort_keys=True).encode()
-        arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
-        return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
+        return {"scene": hashlib.sha256(content).hexdigest(), "mesh": mesh_digest(mesh)}
 
     @property
     def unit_system(self) -> UnitSystem:

@@ -237,8 +237,9 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
     state = shell.crease_state
     assert state is not None
     whole = equilibrium(problem, start)
-    result = refine(problem, whole, problem.scale_at(start))
-    way, iterations = _Way.of(problem, start), result.iterations
+    way = _Way.of(problem, start)
+    result = refine(problem, whole, way.scale)
+    iterations = result.iterations
     low = way.place(0.0, way.origin, state.angles, state.dissipated)
     if start is None and (state.angles.any() or shell.stressed):  # the load grows from the shape without it
         low, still = way.yielded(0.0, low)

@@ -47,7 +47,6 @@ class HeldCheck:
         sampled: SampledCheck | None = None,
     ) -> None:
         self._check = MotionCheck(shell, loading, damping, estimator=estimator)
-        self._given = shell, loading, damping
         self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
         self.sampled = sampled
 
@@ -73,7 +72,7 @@ class HeldCheck:
 
     def load_under(self, times: Array, frames: Array, dead: Array) -> Array:
         """That load alone."""
-        return balancing_load(instant_of(times, frames), *self._given, dead=dead)
+        return self._check.load_under(times, frames, dead)
 
     def static(self, x: Array, load: Array) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""

@@ -21,7 +21,7 @@ from modalshell.statics.potential import Potential
 
 _ALONG = 1e-9
 """Singular value of unit normals on directions, or share of a load along one, that counts as none."""
-_BORNE = 1e-6
+BORNE = 1e-6
 """Force, as a share of the load, that a support which should bear none may bear."""
 
 PUSHED = "the load pushes the shell along smooth planes"
@@ -77,7 +77,7 @@ def rest_on_planes(
         rest = solve(own, Touching(touching.contacts, held, origin))
         tried += rest.iterations
         forces, point = touching.forces(rest.point, rest.pushes), rest.point.copy()
-        least = _BORNE * float(np.linalg.norm(load))
+        least = BORNE * float(np.linalg.norm(load))
         if all(np.abs(forces[one.vertices] @ one.directions).sum() <= least for one, _ in parts):
             for part, _ in parts:
                 part.put_back(shell, point, start)

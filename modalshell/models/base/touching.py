@@ -21,7 +21,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
-from modalshell.models.base.drift_on_planes import PUSHED, rest_on_planes
+from modalshell.models.base.drift_on_planes import BORNE, PUSHED, rest_on_planes
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
@@ -33,8 +33,6 @@ from modalshell.supports.constraints import Constraint, held_patches
 
 _DIP = 1e-3
 """Depth of edges between vertices, as a share of the shell's size, from which a message tells of it."""
-_BORNE = 1e-6
-"""Force, as a share of the load, that a support which should bear none may bear."""
 _IN_STEPS = f"friction depends on the way: the load grew in {LOAD_STEPS} steps from the shell at rest"
 _UNSETTLED = "the contact set did not settle"
 _LED = "; the constraints moved on straight ways then"
@@ -94,7 +92,7 @@ def _led_turning_nowhere(led: Led, first: Array) -> _Found | None:
     problem = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
     found = _led(replace(led, problem=problem, touching=Touching(contacts, held, led.origin)), first, 1)
     borne = (held.energy_gradient(found.rest.point)[1] - load)[vertex[0]] @ turn[1] / np.linalg.norm(turn[1])
-    return found if found.rest.converged and abs(borne) <= _BORNE * np.linalg.norm(load) else None
+    return found if found.rest.converged and abs(borne) <= BORNE * np.linalg.norm(load) else None
 
 
 def _smooth(
