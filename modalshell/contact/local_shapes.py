@@ -18,6 +18,8 @@ _KEPT, _KIND = 2e8, np.float32
 """Bytes of shapes that are kept, and their numbers: a frame reads all that are pushed, and half as much is twice as
 fast. A shape is rounded by 3e-8 of itself, and so is what is taken of it anywhere.
 """
+_TOGETHER = 8
+"""Vertices whose shapes are solved for at once: their forces fill the registers of a solve."""
 _MOST = 512
 """Shapes that are kept at most: their blocks grow with the square."""
 
@@ -55,6 +57,7 @@ class LocalShapes:
         self.most = max(least, min(_MOST, int(_KEPT / (36.0 * count))))
         self.store, self.blocks = np.empty((0, 3, 3 * count), _KIND), np.empty((0, 0, 3, 3))
         self._solve: Callable[[Array], Array] | None = None
+        self._together = 1
         self.begun = 0
         self._between = (-1, b""), np.empty(0, np.int64), np.empty((3, 3, 0, 0))
 
@@ -85,36 +88,43 @@ class LocalShapes:
             store, blocks = np.empty((room, *self.store.shape[1:]), _KIND), np.zeros((room, room, 3, 3))
             store[:used], blocks[:used, :used] = self.store[:used], self.blocks[:used, :used]
             self.store, self.blocks = store, blocks
-        for slot in range(used, vertices.size):
-            self.store[slot] = self._shape(int(vertices[slot]))
+        if self._solve is None:
+            self._solve, self._together = _static_solver(self._basis)
+        for first in range(used, vertices.size, self._together):
+            last = min(first + self._together, vertices.size)
+            self.store[first:last] = self._shapes(self._solve, vertices[first:last])
         whole = self.store[: vertices.size].reshape(vertices.size, 3, -1, 3)
         self.blocks[:used, used : vertices.size] = whole[:used][:, :, missing].transpose(0, 2, 1, 3)
         self.blocks[used : vertices.size, : vertices.size] = whole[used:][:, :, vertices].transpose(0, 2, 1, 3)
         self.places[missing], self._vertices = np.arange(used, vertices.size), vertices
 
-    def _shape(self, vertex: int) -> Array:
-        """Displacements (3, 3n) [m] of the shell at rest beyond its modes, under unit forces on a vertex."""
+    def _shapes(self, solve: Callable[[Array], Array], vertices: Index) -> Array:
+        """Displacements (k, 3, 3n) [m] of the shell at rest beyond its modes, under unit forces on each vertex."""
         basis, shell = self._basis, self._basis.shell
-        if self._solve is None:
-            self._solve = _static_solver(basis)
-        loads = np.zeros((shell.rest_positions.size, 3))
-        loads[3 * vertex + np.arange(3), np.arange(3)] = 1.0
-        whole = np.asarray(shell.unknowns.prolong(self._solve(np.asarray(shell.unknowns.restrict(loads)))))
+        coordinates = (3 * vertices[:, None] + np.arange(3)).ravel()
+        loads = np.zeros((shell.rest_positions.size, coordinates.size))
+        loads[coordinates, np.arange(coordinates.size)] = 1.0
+        whole = np.asarray(shell.unknowns.prolong(solve(np.asarray(shell.unknowns.restrict(loads)))))
         modes, eigenvalues = basis.modes[:, basis.rigid_modes :], basis.eigenvalues[basis.rigid_modes :]
-        by_modes = modes @ ((modes.T @ loads) / eigenvalues[:, None])
-        return np.asarray((whole - by_modes).T)
+        # Of one vertex at a time: sums of a product depend on its width, and the vertices on when a run was resumed.
+        for three in np.split(np.arange(coordinates.size), vertices.size):
+            whole[:, three] -= modes @ ((modes.T @ loads[:, three]) / eigenvalues[:, None])
+        return np.asarray(whole.T).reshape(vertices.size, 3, -1)
 
 
-def _static_solver(basis: Basis) -> Callable[[Array], Array]:
-    """Static solutions of a shell at rest under forces on its free unknowns, without rigid motions."""
+def _static_solver(basis: Basis) -> tuple[Callable[[Array], Array], int]:
+    """Static solutions of a shell at rest under forces on its free unknowns, without rigid motions.
+
+    Also returns of how many vertices at once: a solution is not to depend on those that come with it.
+    """
     shell = basis.shell
     data = shell.energy_gradient_hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)[2]
     internal = shell.pattern.internal
     if basis.rigid_modes:
-        return RigidFreeSolver.of(shell, data).solve
+        return RigidFreeSolver.of(shell, data).solve, 1
     try:
         factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
     except SolverError as error:
         raise SolverError(f"contacts of a modal model need a shell that its supports hold: {error}") from error
     solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
-    return lambda loads: solve(loads)
+    return (lambda loads: solve(loads)), _TOGETHER if factor.backend == "cholesky" else 1
