@@ -218,3 +218,26 @@ def gaps_of(bodies, vertices, contact_of, x, out):  # type: ignore[no-untyped-de
         if not out[row] >= least:
             least = out[row]
     return least
+
+
+@_kernel
+def frame_of(bodies, rows_of, pushes, x, forces, touches):  # type: ignore[no-untyped-def]
+    """What touches at positions x (n, 3) [m], of ``pushes`` (r,) [N] along the normals of all rows; the least gap [m].
+
+    ``rows_of`` are vertices and packed contacts (r,); ``forces`` (n, 3) [N] and what ``touches`` (n,) are written to.
+    """
+    vertices, contact_of = rows_of
+    normal, least = np.empty(3), 0.0
+    for v in range(touches.size):
+        touches[v] = False
+        forces[v, 0] = forces[v, 1] = forces[v, 2] = 0.0
+    for row in range(vertices.size):
+        v, push = vertices[row], pushes[row]
+        gap = gap_and_normal(bodies, contact_of[row], x[v, 0], x[v, 1], x[v, 2], normal)
+        if not gap >= least:
+            least = gap
+        if push != 0.0:
+            touches[v] = True
+            for i in range(3):
+                forces[v, i] += push * normal[i]
+    return least

@@ -18,7 +18,7 @@ from modalshell.contact import row_kernels as rows_by
 from modalshell.contact import warp_kernels
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
-from modalshell.contact.gap_kernels import common_normal, gaps_of
+from modalshell.contact.gap_kernels import common_normal, frame_of, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
@@ -192,11 +192,13 @@ class ModalContacts:
 
     def frame(self, x: Array, pushes: Array) -> TouchedFrame:
         """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
-        forces = None
-        if len(self._directions) == 1:  # one normal of all
-            rows, forces = np.flatnonzero(pushes), np.zeros_like(x)
-            np.add.at(forces, self.touching.vertices[rows], pushes[rows, None] * self._directions)
-        return touched_frame(self.touching, x, pushes, forces, float(self.gaps(x).min(initial=0.0)))
+        touching = self.touching
+        if self._bodies is None:
+            return touched_frame(touching, x, pushes)
+        forces, touches = np.empty_like(x), np.empty(len(x), np.bool_)
+        rows = touching.vertices, touching.contact_of
+        least = frame_of(self._bodies, rows, pushes, np.ascontiguousarray(x), forces, touches)
+        return TouchedFrame(forces, touches, max(0.0, -least))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
         """Rows (k,) of the vertices nearer than ``reach`` [m], and of those that are inside or pushed."""

@@ -348,20 +348,13 @@ def parted(
     return checked_contacts(others, frame), own[0] if own else None
 
 
-def touched_frame(
-    touching: Touching, x: Array, pushes: Array, given: Array | None = None, least: float | None = None
-) -> TouchedFrame:
-    """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N].
-
-    ``least`` is the least gap [m], if it is known.
-    """
+def touched_frame(touching: Touching, x: Array, pushes: Array, given: Array | None = None) -> TouchedFrame:
+    """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N]."""
     bare = touching.with_bounds(None)
     forces = bare.forces(x, pushes) if given is None else given
     touches: NDArray[np.bool_] = np.asarray(forces.any(axis=1))
     touches[bare.vertices[pushes > 0.0]] = True
-    if least is None:
-        least = float(bare.distances(x).min(initial=0.0))
-    return TouchedFrame(forces, touches, max(0.0, -least))
+    return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 
 
 def _unknowns_of(shell: Shell) -> tuple[Index, Index, Array]:
