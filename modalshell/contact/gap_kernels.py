@@ -1,6 +1,6 @@
 """Compiled: signed distances of points from planes, capsules, spheres, cylinders and boxes, and their normals.
 
-A collider is a kind and a row of numbers, the motion that has brought it where it is with them: see :func:`packed`.
+A collider is a kind and a row of numbers where its motion has brought it: see :func:`packed`.
 """
 
 from __future__ import annotations
@@ -16,24 +16,23 @@ from modalshell.contact.contact import Contact
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 
-_POSE = 12
-"""Numbers of a motion: its rotation by rows, then its translation."""
-_OWN = 20
+_NUMBERS = 20
 """Numbers of a collider at most."""
+_EYE, _ORIGIN = np.eye(3), np.zeros((1, 3))
 
 Packed = tuple[NDArray[np.int64], Array]
-"""Kinds (c,), less than 0 for those that move, and numbers (c, 32), of contacts."""
+"""Kinds (c,) and numbers (c, 20) of contacts."""
 
 
 def forms_of(contacts: Sequence[Contact]) -> Packed | None:
-    """Kinds and numbers of the contacts' colliders, whose motions are not there yet; None as of :func:`packed`."""
-    kinds, numbers = np.empty(len(contacts), np.int64), np.zeros((len(contacts), _POSE + _OWN))
+    """Kinds and numbers of the contacts' colliders before they move; None as of :func:`packed`."""
+    kinds, numbers = np.empty(len(contacts), np.int64), np.zeros((len(contacts), _NUMBERS))
     for index, contact in enumerate(contacts):
         form = contact.collider.packed()
         if form is None:
             return None
         kinds[index], own = form
-        numbers[index, _POSE : _POSE + len(own)] = own
+        numbers[index, : len(own)] = own
     return kinds, numbers
 
 
@@ -41,31 +40,37 @@ def packed(contacts: Sequence[Contact], forms: Packed | None, time: float, origi
     """Kinds and numbers of contacts at ``time`` [s], about an ``origin`` (3,); None where one has no compiled form."""
     if forms is None:
         return None
-    kinds, numbers = forms[0].copy(), forms[1].copy()
-    for index, contact in enumerate(contacts):
+    kinds, numbers = forms[0], forms[1].copy()
+    for kind, own, contact in zip(kinds, numbers, contacts, strict=True):
         if contact.motion is None and origin is None:
             continue
-        turn, place = np.eye(3), np.zeros(3)
+        turn, place = _EYE, _ORIGIN[0]
         if contact.motion is not None:
             pose = contact.motion.at(time)
-            turn, place = pose.rotation, pose.to_world(np.zeros((1, 3)))[0]
-        kinds[index] = -1 - kinds[index]
-        numbers[index, :9], numbers[index, 9:_POSE] = turn.ravel(), place if origin is None else place - origin
+            turn, place = pose.rotation, pose.to_world(_ORIGIN)[0]
+        _move(kind, own, turn, place if origin is None else place - origin)
     return kinds, numbers
+
+
+def _move(kind: int, own: Array, turn: Array, place: Array) -> None:
+    """Turn (3, 3) and displace (3,) [m] a collider, in its numbers (20,)."""
+    if kind == PLANE:
+        own[:3] = turn @ own[:3]
+        own[3] += own[:3] @ place
+        return
+    own[:3] = turn @ own[:3] + place
+    if kind == BOX:
+        own[3:12] = (turn @ own[3:12].reshape(3, 3)).ravel()
+    else:
+        own[3:6] = turn @ own[3:6]
 
 
 def common_normal(bodies: Packed) -> Array | None:
     """Normal (3,) of packed contacts that are planes with the same one; None of others."""
-    normal: Array | None = None
-    for kind, row in zip(*bodies, strict=True):
-        if kind not in (PLANE, -1 - PLANE):
-            return None
-        own = row[_POSE : _POSE + 3]
-        turned = own if kind == PLANE else row[:9].reshape(3, 3) @ own
-        if normal is not None and (turned != normal).any():
-            return None
-        normal = turned
-    return normal
+    kinds, numbers = bodies
+    if not len(kinds) or (kinds != PLANE).any() or (numbers[1:, :3] != numbers[0, :3]).any():
+        return None
+    return numbers[0, :3]
 
 
 _kernel = njit(error_model="numpy", fastmath=False)
@@ -157,8 +162,8 @@ def _box(p, x, y, z, normal):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _own_gap(kind, p, x, y, z, normal):  # type: ignore[no-untyped-def]
-    """Gap in the collider's own frame, and the normal (3,) there."""
+def gap_at(kind, p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Gap [m] of a point from a packed contact, and the ``normal`` (3,) there."""
     if kind == PLANE:
         normal[0], normal[1], normal[2] = p[0], p[1], p[2]
         return x * p[0] + y * p[1] + z * p[2] - p[3]
@@ -170,37 +175,15 @@ def _own_gap(kind, p, x, y, z, normal):  # type: ignore[no-untyped-def]
     return _box(p, x, y, z, normal)
 
 
-@_kernel
-def gap_at(kind, numbers, x, y, z, normal):  # type: ignore[no-untyped-def]
-    """Gap [m] of a point from a packed contact, and the ``normal`` (3,) there."""
-    p = numbers[_POSE:]
-    if kind >= 0:
-        return _own_gap(kind, p, x, y, z, normal)
-    r = numbers
-    x, y, z = x - r[9], y - r[10], z - r[11]
-    gap = _own_gap(
-        -1 - kind,
-        p,
-        r[0] * x + r[3] * y + r[6] * z,
-        r[1] * x + r[4] * y + r[7] * z,
-        r[2] * x + r[5] * y + r[8] * z,
-        normal,
-    )
-    a, b, c = normal[0], normal[1], normal[2]
-    for i in range(3):
-        normal[i] = r[3 * i] * a + r[3 * i + 1] * b + r[3 * i + 2] * c
-    return gap
-
-
 @njit(error_model="numpy", fastmath=False, forceinline=True)
 def gap_and_normal(bodies, contact, x, y, z, normal):  # type: ignore[no-untyped-def]
-    """Gap [m] of a point from one of some packed contacts, and the ``normal`` (3,) there; planes at rest at once."""
+    """Gap [m] of a point from one of some packed contacts, and the ``normal`` (3,) there; planes at once."""
     kinds, numbers = bodies
     if kinds[contact] != PLANE:
         return gap_at(kinds[contact], numbers[contact], x, y, z, normal)
-    a, b, c = numbers[contact, _POSE], numbers[contact, _POSE + 1], numbers[contact, _POSE + 2]
+    a, b, c = numbers[contact, 0], numbers[contact, 1], numbers[contact, 2]
     normal[0], normal[1], normal[2] = a, b, c
-    return x * a + y * b + z * c - numbers[contact, _POSE + 3]
+    return x * a + y * b + z * c - numbers[contact, 3]
 
 
 @_kernel
@@ -211,7 +194,7 @@ def gaps_of(bodies, vertices, contact_of, x, out):  # type: ignore[no-untyped-de
     for row in range(vertices.size):
         contact, v = contact_of[row], vertices[row]
         if kinds[contact] == PLANE:
-            p = numbers[contact, _POSE:]
+            p = numbers[contact]
             out[row] = x[v, 0] * p[0] + x[v, 1] * p[1] + x[v, 2] * p[2] - p[3]
         else:
             out[row] = gap_at(kinds[contact], numbers[contact], x[v, 0], x[v, 1], x[v, 2], normal)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, final, get_args
+from typing import Literal, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +14,9 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from modalshell.core.checks import checked_choice, checked_count, checked_number, checked_times, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
 from modalshell.kernels import rotations
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-
 
 Side = Literal["before", "after"]
 """Side of a jump in time."""
@@ -93,16 +90,23 @@ def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array
     return rate[0], along[0] - slope[0] @ first
 
 
-def _with_derivatives(spline: CubicSpline, time: float) -> tuple[Array, Array, Array]:
-    """Value (3,) of a spline at a time within it, and its first and second derivatives: SciPy's own bits, in a fifth.
+def _cubic(times: Array, values: Array) -> Array:
+    """Coefficients (4, k - 1, 3), the highest power first, of the spline through values (k, 3) that rests at its ends.
 
-    Of one point at a time SciPy's time is that of its calls.
+    SciPy's splines are found, and not asked: of one point at a time, most is the time of their calls.
     """
-    place = min(max(int(spline.x.searchsorted(time, side="right")) - 1, 0), spline.x.size - 2)
-    s = time - float(spline.x[place])
+    from scipy.interpolate import CubicSpline  # not before supports move: its import takes long
+
+    return np.asarray(CubicSpline(times, values, bc_type="clamped").c)
+
+
+def _with_derivatives(times: Array, spline: Array, time: float) -> tuple[Array, Array, Array]:
+    """Value (3,) of a :func:`_cubic` at a time within it, and its first and second derivatives: SciPy's own bits."""
+    place = min(max(int(times.searchsorted(time, side="right")) - 1, 0), times.size - 2)
+    s = time - float(times[place])
     s2 = s * s
     s3 = s2 * s
-    axes = spline.c[:, place].T.tolist()
+    axes = spline[:, place].T.tolist()
     return (
         np.array([d + c * s + b * s2 + a * s3 for a, b, c, d in axes]),
         np.array([c + b * s * 2.0 + a * s2 * 3.0 for a, b, c, _ in axes]),
@@ -119,6 +123,7 @@ def _jumps(vectors: Array) -> bool:
     return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
 
 
+_NONE, _NO_TURN = read_only(np.zeros(3)), read_only(np.eye(3))
 _KEPT = 8
 """Poses that a path keeps: steps ask for those of their ends and middles several times."""
 _ROUNDING = 1e-12
@@ -156,19 +161,17 @@ class SupportPath:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        from scipy.interpolate import CubicSpline  # not before supports move: its import takes long
-
         self.times = checked_times(times).copy()
         shape = (self.times.size, 3)
         self.pivot = checked_vectors("pivot", pivot, (3,), OptionError).copy()
         self._poses: dict[tuple[float, Side | None], Pose] = {}
         # Clamped ends: the supports start and stop at rest.
         moved = checked_vectors("translations", translations, shape, OptionError)
-        self._translation = CubicSpline(self.times, moved, bc_type="clamped")
-        self._rotation: CubicSpline | RotationSpline | None = None
+        self._translation = _cubic(self.times, moved)
+        self._rotation: Array | RotationSpline | None = None
         if rotation_vectors is not None:
             turned = checked_vectors("rotation_vectors", rotation_vectors, shape, OptionError)
-            self._rotation = CubicSpline(self.times, turned, bc_type="clamped")
+            self._rotation = _cubic(self.times, turned)
 
     @classmethod
     def from_function(
@@ -233,21 +236,24 @@ class SupportPath:
         return pose
 
     def _pose(self, time: float, side: Side | None) -> Pose:
-        inside = float(np.clip(time, self.times[0], self.times[-1]))
-        rounding = _ROUNDING * float(np.abs(self.times).max())  # frames may miss an end by so much
+        first, last = float(self.times[0]), float(self.times[-1])
+        inside = min(max(time, first), last)
+        rounding = _ROUNDING * max(abs(first), abs(last))  # frames may miss an end by so much
         moving = abs(time - inside) <= rounding
-        none = np.zeros(3)
-        rotation, rate, turning = np.eye(3), none, none
-        place, velocity, acceleration = _with_derivatives(self._translation, inside)
-        if isinstance(self._rotation, RotationSpline):
+        none = _NONE
+        rotation, rate, turning = _NO_TURN, none, none
+        place, velocity, acceleration = _with_derivatives(self.times, self._translation, inside)
+        if self._rotation is None:
+            pass
+        elif isinstance(self._rotation, RotationSpline):
             rotation = self._rotation(inside).as_matrix()
             if moving:
                 rate, turning = self._rotation(inside, 1), self._rotation(inside, 2)
-        elif self._rotation is not None:
-            vector, first, second = _with_derivatives(self._rotation, inside)
+        else:
+            vector, slope, bend = _with_derivatives(self.times, self._rotation, inside)
             rotation = Rotation.from_rotvec(vector).as_matrix()
             if moving:
-                rate, turning = turn_rates(vector, first, second)
+                rate, turning = turn_rates(vector, slope, bend)
         share = self._share_of_jump(inside, rounding, side)
         acceleration, turning = share * (acceleration @ rotation if moving else none), share * turning
         return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity if moving else none)
