@@ -42,7 +42,8 @@ class LinearModal(ModalModel):
 
     def dead_force(self, load: Array) -> DeadForce:
         """:meth:`warped_force`, the same at every q."""
-        return DeadForce(partial(_same, self.warped_force(np.zeros(self.basis.count), load)))
+        force = self.warped_force(np.zeros(self.basis.count), load)
+        return DeadForce(partial(_same, force), work=partial(_along, force))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . Phi q`` [J] and its gradient (m,)."""
@@ -96,3 +97,7 @@ class LinearModal(ModalModel):
 
 def _same(force: Array, q: Array) -> Array:  # noqa: ARG001 (as other models' forces)
     return force.copy()
+
+
+def _along(force: Array, q: Array) -> float:
+    return float(force @ q)

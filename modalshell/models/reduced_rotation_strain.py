@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple, Self, final
 
 import numpy as np
@@ -13,6 +13,7 @@ from modalshell.core.checks import LARGEST, checked_count, checked_kind, checked
 from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels.frame import TILE
 from modalshell.loads.surface_kernels import APART
 from modalshell.models.base.rotation_strain_base import LoadAdjoint, TurnedTriangles
@@ -251,6 +252,13 @@ class ReducedRotationStrain(TurnedTriangles):
         warp, count = self.on_page(), len(self.triangles)
         columns, amounts = (part.reshape(6, count, -1).swapaxes(0, 1) for part in (warp.turns, warp.amounts))
         return np.ascontiguousarray(columns), np.ascontiguousarray(amounts.reshape(6 * count, -1).T)
+
+    def dead_force(self, load: Array) -> DeadForce:
+        """See :meth:`ModalShape.dead_force`; the sampled triangles tell the work as well."""
+        return super().dead_force(load)._replace(work=partial(self._own_work, self._face(load)))
+
+    def _own_work(self, adjoint: LoadAdjoint, q: Array) -> float:
+        return self._work_of(adjoint, q)[0]
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
         return self._of_amounts(load.copy(), load.ravel() @ self._expansion)

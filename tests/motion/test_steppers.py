@@ -75,11 +75,16 @@ def test_a_restored_motion_goes_on_to_the_last_bit(models, kind, further):
     np.testing.assert_array_equal(one.positions(), other.positions())
 
 
-def test_the_potential_of_a_load_is_that_of_where_the_shell_is():
-    """LMA knows it by its modal force; a load that was replaced acts from the next step on."""
+def reduced(basis):
+    return ms.ReducedRotationStrain.trained(ms.RotationStrain(basis), [(0.0, 0.0, -2.0), (0.0, 1.0, 1.0)], mixtures=16)
+
+
+@pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, reduced], ids=["LMA", "MWTS", "reduced RSW"])
+def test_the_potential_of_a_load_is_that_of_where_the_shell_is(kind):
+    """Some models know it by their coordinates; a load that was replaced acts from the next step on."""
     mesh = ms.flat_beam(cells=(8, 2))
     shell = ms.Shell(mesh, ms.Material(200.0, 200.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
-    motion = Motion(ms.LinearModal(ms.solve_modes(shell, 4)), shell.loading((0.0, 0.0, -1.0)), dt=0.01)
+    motion = Motion(kind(ms.solve_modes(shell, 4)), shell.loading((0.0, 0.0, -1.0)), dt=0.01)
     for step in range(6):
         if step == 3:
             motion.load = shell.gravity_force((0.0, 1.0, 2.0))

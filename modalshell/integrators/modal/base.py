@@ -35,11 +35,14 @@ class DeadForce(NamedTuple):
     step : callable, optional
         A whole step of the exponential rule under it in one call, if there is one, with the arguments of
         :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on.
+    work : callable, optional
+        The load's work [J] from rest to coordinates, where that takes less than a pass over the vertices.
     """
 
     at: Force
     change: ForceChange | None = None
     step: Callable[..., None] | None = None
+    work: Callable[[Array], float] | None = None
 
 
 class ModalStep(NamedTuple):

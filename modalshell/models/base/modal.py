@@ -280,9 +280,9 @@ class ModalStepper(ContactStepper):
         return state if self._contacts is None else self._contacts.clear(state)
 
     def load_work(self, load: Array, state: MotionState) -> float:
-        """Work [J] of a dead load (n, 3) [N] from rest to a state, by the modal force where that stays."""
-        if self._dead is not None and load is self._seen and self.model.straight:
-            return float(self._dead.at(state.coordinates) @ state.coordinates)
+        """Work [J] of a dead load (n, 3) [N] from rest to a state, by its coordinates where these tell it at once."""
+        if self._dead is not None and load is self._seen and self._dead.work is not None:
+            return self._dead.work(state.coordinates)
         return super().load_work(load, state)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
