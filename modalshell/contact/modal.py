@@ -192,12 +192,10 @@ class ModalContacts:
 
     def frame(self, x: Array, pushes: Array) -> TouchedFrame:
         """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
-        touching = self.touching
         if self._bodies is None:
-            return touched_frame(touching, x, pushes)
-        forces, touches = np.empty_like(x), np.empty(len(x), np.bool_)
-        rows = touching.vertices, touching.contact_of
-        least = frame_of(self._bodies, rows, pushes, np.ascontiguousarray(x), forces, touches)
+            return touched_frame(self.touching, x, pushes)
+        rows = self.touching.vertices, self.touching.contact_of
+        least = frame_of(self._bodies, rows, pushes, x, forces := np.empty(x.shape), touches := np.empty(len(x), bool))
         return TouchedFrame(forces, touches, max(0.0, -least))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:

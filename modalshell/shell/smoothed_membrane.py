@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
+from modalshell.linalg.small_inverses import inverses
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
@@ -285,7 +286,7 @@ def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -
     vectors = [(length, zero), (along, across), (along - length, across)]
     # d . E d = (l^2 - l0^2) / 2 for each edge d of the triangle laid flat
     rows = np.stack([np.stack([t * t, n * n, t * n], axis=1) for t, n in vectors], axis=1)
-    return np.asarray(np.linalg.inv(rows))
+    return inverses(rows, len(mesh.faces))
 
 
 def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, shares: Array) -> Array:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
+from modalshell.linalg.small_inverses import inverses
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import match_triangles, quadratic_forms
@@ -188,7 +189,10 @@ def _joined(
     else:
         axes = (_edge_normals(mesh, faces[:, side], corners[:, side])[1:] for side in (0, 1))
         compliances = np.stack(
-            [np.linalg.inv(bending.in_axes(mesh, own, *along)) for own, along in zip(faces.T, axes, strict=True)]
+            [
+                inverses(bending.in_axes(mesh, own, *along), len(mesh.faces))
+                for own, along in zip(faces.T, axes, strict=True)
+            ]
         )
     compliances = np.ascontiguousarray(compliances * areas[:, :, None, None])
     mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
@@ -199,7 +203,7 @@ def _joined(
     kept_pairs = ~free[:, :, None] & ~free[:, None, :]
     # A free edge has no moment: the others' flexibility alone is inverted.
     flexibility = np.where(kept_pairs, flexibility, np.eye(5) * np.einsum("pkk->p", flexibility)[:, None, None])
-    return np.where(kept_pairs, np.linalg.inv(flexibility), 0.0)
+    return np.where(kept_pairs, inverses(flexibility, len(mesh.faces)), 0.0)
 
 
 def _pair_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array]:
@@ -216,7 +220,7 @@ def moment_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
     Axis 1 is along the edge opposite the corner ``corners`` (P,), the first of the three; seen from the triangle across
     that edge it is the same axis, turned by 180 degrees.
     """
-    return np.asarray(np.linalg.inv(_edge_normals(mesh, faces, corners)[0]))
+    return inverses(_edge_normals(mesh, faces, corners)[0], len(mesh.faces))
 
 
 def _edge_normals(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array, Array]:
