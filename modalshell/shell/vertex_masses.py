@@ -70,14 +70,14 @@ def vertex_masses(
     gradients = np.cross(mesh.face_normals[:, None], np.roll(sides, -1, axis=1)) / 2.0
     meeting = np.bincount(corners.ravel(), np.repeat(areas, 3), count)
     moved = np.einsum("tcx,tvx->tcv", (reach / meeting[:, None])[corners], gradients)
-    rows = np.broadcast_to(corners[:, :, None], moved.shape).ravel()
-    columns = np.broadcast_to(mesh.faces[:, None, :], moved.shape).ravel()
+    rows = np.broadcast_to(corners.astype(np.int32)[:, :, None], moved.shape).ravel()
+    columns = np.broadcast_to(mesh.faces.astype(np.int32)[:, None, :], moved.shape).ravel()
     moves = sps.csr_array(sps.coo_array((moved.ravel(), (rows, columns)), shape=(count, thirds.size)))
-    taken = sps.csr_array(moves.minimum(0.0))
-    share = (1.0 - _LEAST) * thirds / np.maximum(-taken.sum(axis=0), 1e-300)
+    taken = moves.data < 0.0
+    givers = moves.indices[taken]
+    share = (1.0 - _LEAST) * thirds / np.maximum(-np.bincount(givers, moves.data[taken], thirds.size), 1e-300)
     least = np.ones(count)
-    entries = sps.coo_array(taken)
-    np.minimum.at(least, entries.coords[0], share[entries.coords[1]])
+    np.minimum.at(least, np.repeat(np.arange(count), np.diff(moves.indptr))[taken], share[givers])
     return np.asarray(thirds + moves.T @ least)
 
 
