@@ -110,7 +110,7 @@ class FreeContactMotion(ModalPressedMotion):
             lagged, settled = better, True
             friction, tried = pressing.friction(lagged, begin, when), 0
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
-        memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
+        memory = model.integrator.stood_in_for(before, state, force, dt).memory
         memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
         memory["turn_back"] = np.zeros((len(model.frames.parts), 3))  # frames turn by their spins at the end
         return MotionState(state.coordinates, state.rates, memory), solved, end.base
