@@ -18,7 +18,7 @@ from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
-from modalshell.contact.steps import BOUNCE
+from modalshell.contact.steps import BOUNCE, striking
 from modalshell.contact.touching import EXACT_GAP
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
@@ -160,11 +160,12 @@ class FreeContactMotion(ModalPressedMotion):
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
         )
-        was_open = touching.at(time - dt).gaps(begin, rows)[0] > EXACT_GAP * touching.size
-        strikes = was_open & (carried - first > BOUNCE * np.abs(free - first))
+        gaps = touching.at(time - dt).gaps(begin, rows)[0]
+        strikes = (gaps > EXACT_GAP * touching.size) & (carried - first > BOUNCE * np.abs(free - first))
         if not (strikes & (kept > 0.0)).any():
             return end.state
-        wanted = carried + np.where(strikes, kept * (carried - first), 0.0)
+        speeds = striking(carried - first, np.maximum(first - free, 0.0), np.maximum(gaps, 0.0) / dt)
+        wanted = carried + np.where(strikes, kept * speeds, 0.0)
         moves = flight.moves(end, vertices)
         along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), moves)
         by_impulse = flight.compliance(end) / dt**2
