@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -306,15 +306,18 @@ class TouchingSteps:
             return rates
         rates = rates.copy()
         normals = touching.normals(x, rows)
-        earlier = touching.at(time).with_bounds(None).gaps(old, rows)[0] > self._deep
-        drift = touching.velocities(x, rows)
-        for row, normal, was_open, carried in zip(rows, normals, earlier, drift, strict=True):
+        earlier, dt = touching.at(time).with_bounds(None).gaps(old, rows)[0], touching.time - time
+        near = time - _SAME * self._dt
+        given = sum((one for begin, one in self._impulses.items() if begin >= near), np.zeros_like(x))
+        alone, drift = rates - given / np.maximum(touching.shell.mass, 1e-300)[:, None], touching.velocities(x, rows)
+        for row, normal, gap, carried in zip(rows, normals, earlier, drift, strict=True):
             vertex = touching.vertices[row]
             struck = float(normal @ (old_rates[vertex] - carried))
             leaves = float(normal @ (rates[vertex] - carried))
             wanted = leaves
-            if was_open and touching.restitution[row] and -struck > BOUNCE * reach[vertex]:
-                wanted = -touching.restitution[row] * struck
+            if gap > self._deep and touching.restitution[row] and -struck > BOUNCE * reach[vertex]:
+                gained = min(max(struck - float(normal @ (alone[vertex] - carried)), 0.0), reach[vertex])
+                wanted = touching.restitution[row] * striking(-struck, gained, gap / dt)
             elif bounded is not None and bounded[row] < 0.0:
                 wanted = min(leaves, 0.0)
             along = rates[vertex] - carried - leaves * normal
@@ -323,6 +326,15 @@ class TouchingSteps:
             given = self._impulses.setdefault(time, np.zeros_like(x))
             given[vertex] += touching.shell.mass[vertex] * (wanted - leaves) * normal
         return rates
+
+
+def striking(speed: float | Array, gained: float | Array, needed: float | Array) -> Any:
+    """Speed [m/s] with which what closes with a ``speed`` at the beginning of a step strikes within it.
+
+    ``gained`` is what it would gain in the whole step, and ``needed`` the speed that would close the gap in just that.
+    By the speed of the beginning a rebound would lose what the load gives on the way (theory 13, eq. 11).
+    """
+    return np.sqrt(speed**2 + 2.0 * gained * needed)
 
 
 def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:

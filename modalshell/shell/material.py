@@ -100,8 +100,8 @@ class Material(ReadOnlyArrays):
             The mesh the shell will be built on.
         direction : array_like, shape (3,), optional
             Direction of bending and pulling for which the constants are exact. Without it: the long axis of the mesh,
-            the x axis for flat meshes that have none; curved meshes without a long axis are calibrated on the mean
-            over directions.
+            the x axis for flat meshes that have none, or the y axis where x is normal to them; curved meshes without a
+            long axis are calibrated on the mean over directions.
         narrow : bool, optional
             Whether the sheet bends as a strip, free to curve across (``EI/w``), or as a plate (``D``). Without it: a
             strip where the mesh is at least three times as long as wide.

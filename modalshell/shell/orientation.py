@@ -16,6 +16,8 @@ _ELONGATED = 3.0
 """Length over width from which a mesh has a long axis."""
 _FLAT = 1e-6
 """Height over length up to which a mesh counts as flat."""
+_ACROSS = 1e-3
+"""Part of a unit direction in the mesh below which it is normal to it."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Orientation:
 
 
 def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientation:
-    """The named direction; else the long axis; else the x axis of a flat mesh; else none."""
+    """The named direction; else the long axis; else x in a flat mesh, or y where x is normal to it; else none."""
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
     extents = np.ptp(centred @ axes.T, axis=0)
@@ -61,12 +63,15 @@ def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientatio
         axis = axis / np.abs(axis).max()
         axis /= np.linalg.norm(axis)
         inside = np.sqrt(np.maximum(1.0 - (mesh.face_normals @ axis) ** 2, 0.0))
-        if inside.max() < 1e-3:
+        if inside.max() < _ACROSS:
             raise MaterialError(f"direction {direction!r} is normal to the whole mesh; name one that lies in it")
         return Orientation(axis, length, width, flat, True)
     if length >= _ELONGATED * width:
         return Orientation(axes[order[0]], length, width, flat, False)
-    return Orientation(np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3), length, width, flat, False)
+    if not flat:
+        return Orientation(np.zeros(3), length, width, flat, False)
+    across = 1.0 - axes[order[2], 0] ** 2 < _ACROSS**2  # x is normal to the mesh
+    return Orientation(np.eye(3)[int(across)], length, width, flat, False)
 
 
 def in_plane_angles(tangents: Array, normals: Array, axis: Array) -> tuple[Array, Array]:

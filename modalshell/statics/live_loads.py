@@ -32,8 +32,8 @@ class LiveLoads:
         The loads.
     time : float
         Time [s].
-    origin : ndarray, shape (3,)
-        Where the problem's origin lies in the world [m].
+    origin : ndarray, shape (3,) or (n, 3)
+        Where the problem's origin lies in the world [m], or whence each vertex is seen from its place.
     before : ndarray, shape (n, 3), or None
         Positions [m] a step earlier; velocities are the difference times ``rate``. None in statics.
     rate : float

@@ -99,7 +99,7 @@ def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):
     weight = G * motion.shell.mass.sum()
     change = (speeds[-1] - speeds[-2]) / motion.setup.dt * motion.shell.mass.sum()
     assert motion.touched().forces[:, 2].sum() == pytest.approx(change + weight, rel=1e-8)  # the rebound's with them
-    assert speeds[-1] == pytest.approx(-restitution * speeds[-2], rel=1e-8)
+    assert speeds[-1] == pytest.approx(restitution * np.sqrt(2.0 * G * 0.2), rel=1e-8)
     assert speeds[-2] == pytest.approx(-np.sqrt(2.0 * G * 0.2), rel=0.02)
 
 
@@ -112,7 +112,7 @@ def test_a_flat_panel_rebounds_from_a_floor_that_rises(basis, name):
     contact = ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.2), restitution=0.6, motion=rising)
     motion = falling(RUNGS[name](basis), contact)
     speeds = speeds_to_strike(motion)
-    assert speeds[-1] - 0.3 == pytest.approx(-0.6 * (speeds[-2] - 0.3), rel=1e-6)
+    assert speeds[-1] - 0.3 == pytest.approx(0.6 * np.sqrt(0.3**2 + 2.0 * G * 0.2), rel=1e-6)
 
 
 @pytest.mark.by_default("0.9")
@@ -151,6 +151,42 @@ def test_a_panel_on_its_corner_gains_no_energy_by_restitution(shell, basis, cont
             struck += 1
             assert energy - last <= 1e-12
     assert struck > 3
+
+
+def test_a_panel_that_falls_into_a_rough_corner_gains_no_energy_and_solves_its_steps(basis, shell):
+    """Steps went round between ends, and were given up: 4 of these, with 4 % more energy."""
+    start = tilted(shell, (0.5, 0.3, 0.2))
+    start -= start.min(axis=0) - [0.02, 0.02, 0.03]
+    walls = {(0.0, 0.0, 1.0): 0.3, (1.0, 0.0, 0.2): 0.9, (0.0, 1.0, 0.3): 0.8}
+    corner = [ms.Contact(ms.Plane(normal, 0.0), friction=friction) for normal, friction in walls.items()]
+    given = {"gravity": (-3.0, -3.0, -9.0), "start": start, "contacts": corner}
+    run = ms.simulate(ms.ModalWarping(basis), duration=0.25, dt=1 / 120, **given)
+    assert run.unconverged_steps == 0
+    assert np.diff(run.energies.sum(axis=1)).max() <= 1e-9 * np.ptp(run.energies[:, 2])
+    assert (run.contact_forces.sum(axis=(0, 1)) > 0.0).all()
+
+
+@pytest.mark.parametrize("rung", ["MWTS", "DS"])
+def test_a_panel_that_keeps_its_speed_keeps_its_height(basis, shell, rung):
+    """Each rebound lost what the load had given within its step: after seven of them half of the energy was left."""
+    model, height = RUNGS[rung](basis) if rung in RUNGS else ms.DiscreteShell(shell, integrator="bdf2"), 0.05
+    contact = ms.Contact(ms.Plane((0, 0, 1), -height), restitution=1.0)
+    run = ms.simulate(model, duration=1.5, dt=DT, gravity=GRAVITY, contacts=[contact])
+    peaks = run.positions[..., 2].mean(axis=1)
+    peaks = peaks[1:-1][(peaks[1:-1] > peaks[:-2]) & (peaks[1:-1] >= peaks[2:])] + height
+    assert len(peaks) == 7
+    assert peaks == pytest.approx(height, rel=0.03)
+    assert peaks.max() <= height
+
+
+def test_the_error_of_steps_counts_rebounds_as_that_of_discrete_shells_does(basis, shell):
+    """Modal models stated 1/20 of it: a step's error was that of one without contacts."""
+    given = {"duration": 0.4, "dt": DT, "gravity": GRAVITY, "contacts": [ms.Contact(ms.Plane((0, 0, 1), -0.05))]}
+    bouncing = {**given, "contacts": [ms.Contact(ms.Plane((0, 0, 1), -0.05), restitution=1.0)]}
+    for one in (given, bouncing):
+        modal, full = (ms.simulate(model, **one) for model in (ms.ModalWarping(basis), ms.DiscreteShell(shell)))
+        assert np.abs(modal.positions - full.positions).max() < 1e-4
+        assert modal.step_error == pytest.approx(full.step_error, rel=1e-2)
 
 
 def test_a_rubbing_motion_resumes_with_the_same_bits(shell, basis):

@@ -364,3 +364,13 @@ def test_a_strip_with_a_loose_part_is_measured_without_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert bending_constants(both).narrow == pytest.approx(bending_constants(strip).narrow, rel=0.3)
+
+
+def test_a_flat_mesh_that_stands_across_x_is_calibrated_along_y():
+    """It was refused for too few hinges."""
+    flat = sheet(length=0.3, width=0.2, cells=(6, 4))
+    given = {"young": 1e7, "poisson": 0.3, "thickness": 1e-3, "density": 400.0}
+    lying = Material.from_physical(**given, mesh=flat)
+    standing = Material.from_physical(**given, mesh=TriangleMesh(np.roll(flat.vertices, 1, axis=1), flat.faces))
+    for name in ("stretch", "shear", "flexure"):
+        assert getattr(standing, name) == pytest.approx(getattr(lying, name), rel=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -49,11 +50,29 @@ class LinearImplicitEuler(LinearisedEuler, key="linear_implicit"):
         viscosity = None
         if damping.stiffness_factor or shell.has_dashpots:
             viscosity = shell.damping_matrix(x, damping.stiffness_factor)
-        problem, _ = step_potential(body, x, state.rates, dt, load, damping, viscosity)
         move = hold(shell, x, held) - x
+        if body.live is not None and body.live.loading.by_velocity:
+            body, load = _foreseen(body, hold(shell, x + dt * state.rates, held) - x, load)
+        problem, _ = step_potential(body, x, state.rates, dt, load, damping, viscosity)
         gradient, hessian = problem.linearise(x, PROJECTED, led=move)
         factor = problem.definite_factor(hessian)
         if factor is None:
             return MotionState(x.copy(), np.zeros_like(x)), False
         move += shell.unknowns.prolong(problem.step(factor, gradient)).reshape(-1, 3)
         return MotionState(x + move, move / dt), True
+
+
+def _foreseen(body: Body, way: Array, load: Array) -> tuple[Body, Array]:
+    """Body and dead load (n, 3) [N] of a step whose live loads are linear about the end of the ``way`` (n, 3) [m].
+
+    That is where the shell goes at its rates. About where it is, all that a step knows of velocities would be those of
+    a shell at rest: the drag of a wind, quadratic in them, would be that of a linear one, however short the steps.
+    """
+    live, pattern = body.live, body.shell.pattern
+    assert live is not None
+    assert live.before is not None
+    body = copy.copy(body)
+    body.live = replace(live, origin=live.origin + way, before=live.before - way)
+    data = np.zeros(pattern.size)
+    body.live.add_stiffness(pattern, live.before, data)
+    return body, load + pattern.product(data, way.ravel()).reshape(-1, 3)

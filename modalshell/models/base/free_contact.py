@@ -18,7 +18,7 @@ from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
-from modalshell.contact.steps import BOUNCE
+from modalshell.contact.steps import BOUNCE, striking
 from modalshell.contact.touching import EXACT_GAP
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
@@ -29,11 +29,11 @@ from modalshell.models.base.pressed_motion import BEYOND, LOCAL
 from modalshell.models.base.stepper import LEAD
 from modalshell.modes.modal_rotation import cross_matrices
 
-_PASSES, _RUBBING, _TANGENTS = 20, 60, 12
-"""Linearisations of a step at most, and with friction, and the number of those with its derivatives at first.
-
-What they do not solve is solved slowly by quadratic functions that are nowhere below its work, whose least falls.
-"""
+_PASSES, _RUBBING = 20, 100
+"""Linearisations of a step at most, and by one friction of it."""
+_FREELY, _FALLS, _NEARER = 3, 0.5, 1e-2
+"""Linearisations by friction's derivatives whose moves need not fall, the most of a later one over the one before, and
+of those by quadratic functions over the last one by derivatives, at which derivatives are tried again."""
 _CORRECTIONS = 8
 """Corrections of one by the gaps that it leads to, at most."""
 _SETTLED = 1e-9
@@ -55,11 +55,27 @@ class _End(NamedTuple):
     solved: bool
 
 
-def _rule(tried: int) -> int:
-    """How friction is taken as linear after some linearisations: from its stiffest on, derivatives lead to its end."""
-    if tried == 0:
-        return STUCK
-    return TANGENT if tried <= _TANGENTS else SECANT
+class _Pace:
+    """How friction is taken as linear: from its stiffest on, derivatives lead to its end.
+
+    Where their moves do not fall, ends go round. From the middle of the last move on, quadratic functions that are
+    nowhere below friction's work, whose least falls, lead slowly nearer.
+    """
+
+    def __init__(self) -> None:
+        self.tried, self.rule = 0, STUCK
+        self._last, self._slow = np.inf, np.inf
+
+    def goes_round(self, move: float) -> bool:
+        """Count a linearisation that moved the end by a length [m]; whether to go on from the middle of its way."""
+        self.tried += 1
+        around = self.rule == TANGENT and self.tried > _FREELY and move > _FALLS * self._last
+        if around:
+            self.rule, self._slow = SECANT, 0.0 if self._slow < np.inf else move
+        elif self.rule != SECANT or move < _NEARER * self._slow:
+            self.rule = TANGENT
+        self._last = move
+        return around
 
 
 @final
@@ -92,25 +108,27 @@ class FreeContactMotion(ModalPressedMotion):
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
-        friction, lagged, tried, settled = pressing.friction(pushes, begin, when), pushes, 0, False
-        for _ in range(most):
+        friction, lagged, pace, settled = pressing.friction(pushes, begin, when), pushes, _Pace(), False
+        while pace.tried < most:
             rows = pressing.candidates(gaps, pushes, reach)
-            rubbing = None if friction is None else (friction, _rule(tried))
-            end, pushes, energy, off, move, after = self._passed(flight, end, rows, pushes, rubbing)
-            deepest, tried = -float(after.min(initial=0.0)), tried + 1
+            rubbing, at, last = None if friction is None else (friction, pace.rule), end, pushes
+            end, pushes, energy, off, move, after = self._passed(flight, at, rows, last, rubbing)
+            deepest, around = -float(after.min(initial=0.0)), pace.goes_round(move)
             solved = end.solved and max(off, deepest) <= _SETTLED * size and move <= moved * size
             gaps = np.minimum(gaps, after)
             if not np.isfinite(off + move):
                 break
             if not (solved and move <= _AGAIN * size):
+                if around and friction is not None and pace.tried < most:
+                    end, pushes = flight.between(at, end), 0.5 * (last + pushes)
                 continue
             better = better_forces(pushes, lagged, settled=settled) if pressing.rubs else None
             if better is None:
                 break
             lagged, settled = better, True
-            friction, tried = pressing.friction(lagged, begin, when), 0
+            friction, pace = pressing.friction(lagged, begin, when), _Pace()
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
-        memory = model.integrator.stood_in_for(before, alone.state, force, dt).memory
+        memory = model.integrator.stood_in_for(before, state, force, dt).memory
         memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
         memory["turn_back"] = np.zeros((len(model.frames.parts), 3))  # frames turn by their spins at the end
         return MotionState(state.coordinates, state.rates, memory), solved, end.base
@@ -142,11 +160,12 @@ class FreeContactMotion(ModalPressedMotion):
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
         )
-        was_open = touching.at(time - dt).gaps(begin, rows)[0] > EXACT_GAP * touching.size
-        strikes = was_open & (carried - first > BOUNCE * np.abs(free - first))
+        gaps = touching.at(time - dt).gaps(begin, rows)[0]
+        strikes = (gaps > EXACT_GAP * touching.size) & (carried - first > BOUNCE * np.abs(free - first))
         if not (strikes & (kept > 0.0)).any():
             return end.state
-        wanted = carried + np.where(strikes, kept * (carried - first), 0.0)
+        speeds = striking(carried - first, np.maximum(first - free, 0.0), np.maximum(gaps, 0.0) / dt)
+        wanted = carried + np.where(strikes, kept * speeds, 0.0)
         moves = flight.moves(end, vertices)
         along = np.einsum("ki,kim->km", flight.in_frames(end, vertices, normals), moves)
         by_impulse = flight.compliance(end) / dt**2
@@ -248,6 +267,10 @@ class _Flight:
         after = MotionState(own, (own - q) / dt, {})
         state, solved = frames.landed(self._before, after, dt * momenta, momenta, dt, shape)
         return _End(state, frames.positions(state.coordinates, shape), local, push, solved)
+
+    def between(self, one: _End, other: _End) -> _End:
+        """The end under the mean of the pushes of two."""
+        return self.end(0.5 * (one.push + other.push), 0.5 * (one.local + other.local))
 
     def compliance(self, end: _End) -> Array:
         """Moves [s^2] of the frames and coordinates (6 P + m, 6 P + m) in the step by pushes on them."""

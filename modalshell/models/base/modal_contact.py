@@ -254,14 +254,14 @@ class ModalContactMotion(ModalPressedMotion):
                 return None
             about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
             resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
-        ends, after, energy = np.empty((4, at.size)), np.empty(memory[PUSHES].size), np.empty(1)
-        if not resting.frame((before.coordinates, before.rates), force, dt, (ends, after, energy)):
+        ends, pushes, energy = np.empty((4, at.size)), np.empty(memory[PUSHES].size), np.empty(1)
+        if not resting.frame((before.coordinates, before.rates), force, dt, (ends, pushes, energy)):
             return None
-        free = MotionState(ends[0], ends[1])
+        after = MotionState(ends[2], ends[3])
         kept = {name: memory[name] for name in (LOCAL, TAKEN, REST, REST_PUSHES) if name in memory}
-        kept |= model.integrator.stood_in_for(before, free, force, dt).memory
-        kept[PUSHES], kept[BEYOND] = after, energy
-        return MotionState(ends[2], ends[3], kept)
+        kept |= model.integrator.stood_in_for(before, after, force, dt).memory
+        kept[PUSHES], kept[BEYOND] = pushes, energy
+        return MotionState(after.coordinates, after.rates, kept)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
@@ -274,7 +274,7 @@ class ModalContactMotion(ModalPressedMotion):
         q, rates, compliance = before.coordinates, before.rates, self._compliance(dt)
         ends = np.empty((3, q.size))
         implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, ends)
-        free, slow, ahead = ends
+        free, _, ahead = ends
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
         pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
         memory = self._memory(pressed)
@@ -287,5 +287,6 @@ class ModalContactMotion(ModalPressedMotion):
         begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
         if begins and pressing.moved(q, pressed.q) <= STILL * pressing.touching.size:
             memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
-        memory |= model.integrator.stood_in_for(before, MotionState(free, slow), force, dt).memory
-        return MotionState(pressed.q, (pressed.q - q) / dt, memory), pressed.solved, pressed.positions
+        after = MotionState(pressed.q, (pressed.q - q) / dt)
+        memory |= model.integrator.stood_in_for(before, after, force, dt).memory
+        return MotionState(after.coordinates, after.rates, memory), pressed.solved, pressed.positions
