@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
-from modalshell.models.base.bars import check_bar
+from modalshell.models.base.bars import check_bar, no_coarse_contacts
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # motions without contacts do not import it
+    from modalshell.contact.motion_bar import TouchingFrames
 
 
 class Instant(NamedTuple):
@@ -88,11 +93,19 @@ class MotionCheck:
         The coarse shell of it on which bars are found, in place of itself.
     estimator : ErrorEstimator, optional
         What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
+        Contacts have their own.
+    contacts : sequence of Contact, optional
+        Its contacts, of which a coarse shell takes none.
+
+    Attributes
+    ----------
+    unjudged : str
+        Why the last bar, which is void then, could not be found where contacts alone prevent it; "" elsewhere.
 
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold.
+        For a shell that its supports do not hold, self-contact, and contacts with a coarse shell.
     """
 
     def __init__(
@@ -104,32 +117,63 @@ class MotionCheck:
         coarse: CoarseDiscreteShell | None = None,
         *,
         estimator: ErrorEstimator | None = None,
+        contacts: Sequence[Contact] = (),
     ) -> None:
-        check_bar(shell)
+        check_bar(shell, contacts=contacts)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._coarse = coarse
-        self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
+        self._coarse, self.unjudged = coarse, ""
+        self._touching: TouchingFrames | None = None
+        self._estimator: Estimator
+        if contacts:
+            from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
+
+            if coarse is not None:
+                raise no_coarse_contacts()
+            self._touching = TouchingFrames(shell, contacts, supports)
+            self._estimator = self._touching.estimator
+        else:
+            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
         x = np.asarray(positions, dtype=np.float64)
         return x if self._supports is None else self._supports.at(time).to_shell(x)
 
-    def bar(self, times: Array, frames: Array) -> ErrorBar:
-        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s]."""
-        return self.bar_under(times, frames)[0]
+    def bar(self, times: Array, frames: Array, forces: Array | None = None) -> ErrorBar:
+        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s].
 
-    def bar_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[ErrorBar, Array]:
+        ``forces`` (3, n, 3) [N] are those of contacts in the frames, which friction is taken from.
+        """
+        return self.bar_under(times, frames, forces=forces)[0]
+
+    def bar_under(
+        self, times: Array, frames: Array, dead: Array | None = None, *, forces: Array | None = None
+    ) -> tuple[ErrorBar, Array]:
         """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
         x, load = self.own(float(times[1]), frames[1]), self.load_under(times, frames, dead)
+        if self._touching is not None:
+            own = self._seen(times, frames)
+            if forces is not None:
+                load = load + self._touching.friction(times, own, self._turned(times, forces))
+            bar, self.unjudged = self._touching.bar(times, own, load)
+            return bar, load
         if self._coarse is None:
             return self._estimator.bar(x, load), load
         return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
 
+    def _seen(self, times: Array, frames: Array) -> Array:
+        """Frames (F, n, 3) [m] of the world at ``times`` (F,) [s] in the frame of the supports."""
+        return np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
+
+    def _turned(self, times: Array, forces: Array) -> Array:
+        """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
+        if self._supports is None:
+            return forces
+        return np.stack([f @ self._supports.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
+
     def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
-        """That load (n, 3) [N] alone."""
-        own = np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
-        now = instant_of(times, own)
+        """That load (n, 3) [N] alone, without friction."""
+        now = instant_of(times, self._seen(times, frames))
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
     def static(self, positions: Array, load: Array) -> ErrorBar:

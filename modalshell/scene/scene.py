@@ -236,12 +236,13 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
+        contacts = self.build_contacts(shell.mesh)
         if self.bar:
             try:
-                check_bar(shell, constrained=bool(constraints), touching=bool(self.contacts and self.motion))
+                check_bar(shell, constrained=bool(constraints), contacts=contacts)
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
-        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts(shell.mesh))
+        return BuiltScene(self, shell, model, force, loads, path, constraints, contacts)
 
     def build_contacts(self, mesh: TriangleMesh | None = None) -> list[Any]:
         """The contacts; SceneError where a table is refused, or selects no vertex of a mesh."""
@@ -383,6 +384,7 @@ class BuiltScene:
             return run
         damping = build_damping(self.scene.motion)
         options: dict[str, Any] = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
+        options |= {"contacts": self.contacts} if self.contacts else {}
         return with_bars(run, self.model, self.loading(), **options)
 
     def loading(self) -> Loading:
