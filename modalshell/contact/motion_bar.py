@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.error_bar import ContactEstimator
+from modalshell.contact.friction import Friction
 from modalshell.contact.touching import INSIDE, checked_contacts
 from modalshell.core.typing import Array
 from modalshell.shell import Shell
@@ -26,7 +27,7 @@ _STRIKE = 0.01
 class TouchingFrames:
     """Finds the bars of frames of a motion with contacts, each with the colliders where they are then.
 
-    Friction is a load of the frame, as it is: the motion of before has made it.
+    Friction is a load of the frame: the motion up to then has made it.
 
     Parameters
     ----------
@@ -36,6 +37,8 @@ class TouchingFrames:
         Its contacts.
     supports : SupportPath, optional
         How its supports move: positions are seen from there.
+    part : float, optional
+        Time [s] of the parts of steps in which friction acts; None without friction.
 
     Raises
     ------
@@ -43,12 +46,18 @@ class TouchingFrames:
         For what is no contact.
     """
 
-    def __init__(self, shell: Shell, contacts: Sequence[Contact], supports: SupportPath | None = None) -> None:
+    def __init__(
+        self,
+        shell: Shell,
+        contacts: Sequence[Contact],
+        supports: SupportPath | None = None,
+        part: float | None = None,
+    ) -> None:
         given = checked_contacts(contacts, supports)
         self._estimator = ContactEstimator(shell, given, rubbed=True)
         self._touching, self._origin, self._mass = self._estimator.touching, self._estimator.origin, shell.mass
         self._yields = np.array([contact.push_out > 0.0 for contact in given])
-        self._rubs = any(contact.friction for contact in given)
+        self._part = part
 
     @property
     def estimator(self) -> ContactEstimator:
@@ -72,26 +81,31 @@ class TouchingFrames:
     def friction(self, times: Array, frames: Array, forces: Array) -> Array:
         """Friction (n, 3) [N] in the middle one of three frames, of contact ``forces`` (3, n, 3) [N] of their steps.
 
-        Of the steps before and after it the mean; contact forces of a step act at its end.
+        That of the steps before and after it, by Coulomb's law from normal forces and slips; the mean of the two.
         """
         rubbing = np.zeros_like(frames[1])
-        if self._rubs:
-            for time, frame, force in zip(times[1:], frames[1:], forces[1:], strict=True):
-                rubbing += 0.5 * self._across(float(time), frame - self._origin, force)
+        if self._part is not None:
+            own = frames - self._origin
+            for k in (1, 2):
+                share = min(1.0, self._part / float(times[k] - times[k - 1]))
+                before, dt = self._touching.at(float(times[k - 1])), share * float(times[k] - times[k - 1])
+                law = Friction(before, self._pushes(float(times[k]), own[k], forces[k]), own[k - 1], dt)
+                rubbing -= 0.5 * law.forces(own[k - 1] + share * (own[k] - own[k - 1]))
         return rubbing
 
-    def _across(self, time: float, x: Array, force: Array) -> Array:
-        """The part of forces (n, 3) [N] at x (n, 3) [m] across the normals of what touches there, with friction."""
-        touching, across, least = self._touching.at(time), np.zeros_like(force), np.full(len(x), np.inf)
-        rows = np.flatnonzero(force[self._touching.vertices].any(axis=1))
+    def _pushes(self, time: float, x: Array, force: Array) -> Array:
+        """Forces (r,) [N] along the normals of what touches at x (n, 3) [m], of contact forces (n, 3) [N]."""
+        touching, least = self._touching.at(time), np.full(len(x), np.inf)
+        pushes = np.zeros(touching.vertices.size)
+        rows = np.flatnonzero(force[touching.vertices].any(axis=1))
         gaps, normals, _ = touching.gaps(x, rows)
         vertices = touching.vertices[rows]
         np.minimum.at(least, vertices, gaps)
         near = gaps <= np.maximum(least[vertices], INSIDE * touching.size)  # fine vertices of a coarse shell are off
-        for vertex in np.unique(vertices[near & (touching.friction[rows] > 0.0)]):
-            own = normals[near & (vertices == vertex)]
-            across[vertex] = force[vertex] - np.linalg.pinv(own) @ (own @ force[vertex])
-        return across
+        for vertex in np.unique(vertices[near]):
+            own = np.flatnonzero(near & (vertices == vertex))
+            pushes[rows[own]] = np.maximum(np.linalg.pinv(normals[own].T) @ force[vertex], 0.0)
+        return pushes
 
     def _unjudged(self, times: Array, frames: Array, load: Array) -> str:
         """Why the middle one of three frames cannot be judged by statics; "" where it can."""

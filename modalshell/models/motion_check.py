@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import ImplicitRule
 from modalshell.loads import Loading
-from modalshell.models.base.bars import check_bar, no_coarse_contacts
+from modalshell.models.base.bars import check_bar
+from modalshell.models.base.model import Model
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
@@ -75,6 +78,26 @@ def balancing_load(
     return np.asarray(load - mass * (now.accelerations + damping.mass_factor * v))
 
 
+def touching_frames(
+    model: Model, contacts: Sequence[Contact], dt: float, supports: SupportPath | None = None
+) -> TouchingFrames | None:
+    """What finds bars with the contacts of a motion in steps of ``dt`` [s]; None without any.
+
+    OptionError for self-contact, and for friction of rules whose steps do not smooth it.
+    """
+    if not contacts:
+        return None
+    from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
+
+    check_bar(model.true_shell, contacts=contacts)
+    if not any(contact.friction for contact in contacts):
+        return TouchingFrames(model.true_shell, contacts, supports)
+    rule = getattr(model, "integrator", None)
+    if not isinstance(rule, ImplicitRule):
+        raise OptionError("bars of motions with friction take implicit steps: take 'sdirk2', or set friction to 0")
+    return TouchingFrames(model.true_shell, contacts, supports, dt / rule.stand_ins)
+
+
 @final
 class MotionCheck:
     """Finds the bars of a motion, one checked frame after the other.
@@ -94,8 +117,8 @@ class MotionCheck:
     estimator : ErrorEstimator, optional
         What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
         Contacts have their own.
-    contacts : sequence of Contact, optional
-        Its contacts, of which a coarse shell takes none.
+    touching : TouchingFrames, optional
+        Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
 
     Attributes
     ----------
@@ -105,7 +128,7 @@ class MotionCheck:
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold, self-contact, and contacts with a coarse shell.
+        For a shell that its supports do not hold.
     """
 
     def __init__(
@@ -117,20 +140,15 @@ class MotionCheck:
         coarse: CoarseDiscreteShell | None = None,
         *,
         estimator: ErrorEstimator | None = None,
-        contacts: Sequence[Contact] = (),
+        touching: TouchingFrames | None = None,
     ) -> None:
-        check_bar(shell, contacts=contacts)
+        check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._coarse, self.unjudged = coarse, ""
-        self._touching: TouchingFrames | None = None
+        self._touching = touching
         self._estimator: Estimator
-        if contacts:
-            from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
-
-            if coarse is not None:
-                raise no_coarse_contacts()
-            self._touching = TouchingFrames(shell, contacts, supports)
-            self._estimator = self._touching.estimator
+        if touching is not None:
+            self._estimator = touching.estimator
         else:
             self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 

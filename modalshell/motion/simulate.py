@@ -129,12 +129,11 @@ def simulate(
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
-    if bars is None:
-        wanted = None
-    else:
-        wanted = wanted_bars(bars, model, constrained=bool(constraints), contacts=tuple(contacts or ()))
     if integrator is not None:
         model = model.stepped_by(integrator)
+    wanted = None
+    if bars is not None:
+        wanted = wanted_bars(bars, model, tuple(contacts or ()), dt, supports, constrained=bool(constraints))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),

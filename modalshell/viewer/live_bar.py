@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.models.motion_check import MotionCheck
+from modalshell.models.motion_check import MotionCheck, touching_frames
 from modalshell.motion import Motion
 from modalshell.motion.bars import check_text
 from modalshell.scene.scene import BARS_EVERY
@@ -35,9 +35,9 @@ class LiveBar:
 
     def __init__(self, motion: Motion) -> None:
         setup = motion.setup
-        self._check = MotionCheck(
-            motion.model.true_shell, setup.loading, setup.damping, setup.supports, contacts=setup.contacts
-        )
+        model, supports = motion.model, setup.supports
+        touching = touching_frames(model, setup.contacts, setup.dt, supports)
+        self._check = MotionCheck(model.true_shell, setup.loading, setup.damping, supports, touching=touching)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []
         self._largest, self._held, self.text = 0.0, True, ""

@@ -48,8 +48,13 @@ def test_session_follows_the_scene_frame_by_frame(session, scene_file):
     np.testing.assert_array_equal(session.positions, motion.positions())
 
 
-def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path):
-    file = scene_file(*BEAM, ("duration = 4.0", "duration = 1.6"))
+FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.04\nfriction = 0.2\n'
+
+
+@pytest.mark.parametrize("more", ["", FLOOR], ids=["free", "on a floor"])
+def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path, more):
+    model = [("mwts", "ds")] if more else []
+    file = scene_file(*BEAM, ("duration = 4.0", "duration = 1.6"), *model, more=more)
     file.write_text(f"bar = true\n{file.read_text()}")
     run = ms.run_scene(file, out=tmp_path).trajectory
     session = ViewSession(ms.load_scene(file))
