@@ -11,14 +11,12 @@ from modalshell.contact.contact import Contact
 from modalshell.contact.error_bar import ContactEstimator
 from modalshell.contact.friction import Friction
 from modalshell.contact.touching import INSIDE, checked_contacts
+from modalshell.core.touched import PUSHED_OUT, STRUCK, UNSETTLED
 from modalshell.core.typing import Array
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
 
-STRUCK = "something strikes a collider within its frames"
-PUSHED_OUT = "vertices are being pushed out of a collider"
-UNSETTLED = "what touches does not settle"
 _STRIKE = 0.01
 """Force of a strike, over that in balance, from which a frame is not judged."""
 
@@ -60,9 +58,18 @@ class TouchingFrames:
         self._part = part
 
     @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts."""
+        return self._touching.contacts
+
+    @property
     def estimator(self) -> ContactEstimator:
         """What finds the bars."""
         return self._estimator
+
+    def refuse_inside(self, x: Array) -> None:
+        """OptionError where a vertex at x (n, 3) [m] lies inside a collider at time 0."""
+        self._touching.refuse_inside(x - self._origin)
 
     def bar(self, times: Array, frames: Array, load: Array) -> tuple[ErrorBar, str]:
         """Bar of the middle one of three frames (3, n, 3) [m] at ``times`` (3,) [s], and why it is not judged, or "".

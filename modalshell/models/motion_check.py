@@ -194,8 +194,10 @@ class MotionCheck:
         now = instant_of(times, self._seen(times, frames))
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
-    def static(self, positions: Array, load: Array) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N]."""
+    def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], colliders as at ``time`` [s]."""
+        if self._touching is not None:
+            self._touching.estimator.look(time)
         return self._estimator.bar(positions, load)
 
     def moved(self, positions: Array) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.contact.motion_bar import PUSHED_OUT, STRUCK
+from modalshell.core.touched import PUSHED_OUT, STRUCK
 from modalshell.models.motion_check import MotionCheck, touching_frames
 
 DT, EVERY = 1.0 / 60.0, 4

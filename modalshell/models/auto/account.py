@@ -23,7 +23,7 @@ def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, 
     That is of kinetic and elastic energy, less what a ``force`` (n, 3) [N] does on the way between their positions.
     """
     both = [
-        stepper.model.kinetic_energy(state) + stepper.model.elastic_energy(state)
+        stepper.model.kinetic_energy(state) + stepper.model.elastic_energy(state) + stepper.further_energy(state)
         for stepper, state in zip(steppers, states, strict=True)
     ]
     before, after = (stepper.own_positions(state) for stepper, state in zip(steppers, states, strict=True))

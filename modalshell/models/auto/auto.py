@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -31,6 +32,7 @@ from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse.profile_step import quick_check
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.motion_check import touching_frames
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
@@ -203,8 +205,10 @@ class Auto(Model):
         return self.levels[-1].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
-        """The error of motions, which take no contacts."""
-        return OptionError(f"{self.name} takes contacts in equilibrium alone: take DS, or another model, to move")
+        """The error of motions of free parts, and with a coarse shell, which take no contacts."""
+        if self._free is not None:
+            return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
+        return OptionError(f"{self.name} has no coarse level in contact: leave out coarse and triangles")
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """That of DS at the answer."""
@@ -214,6 +218,9 @@ class Auto(Model):
 
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
+        touching = touching_frames(self, setup.contacts, setup.dt)
+        if touching is not None:
+            return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching)
         if self._free is None:
             estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
             sampled = None if coarse is None else SampledCheck(*coarse)
@@ -290,14 +297,25 @@ class Auto(Model):
         """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
         level = 0 if positions is None else len(self.levels) - 1
         model = self.levels[level].model
-        inner = model.start_motion(positions)
+        inner = self._templates[level] if positions is None else model.start_motion(positions)
         return self.on_level(level, inner, model.positions(inner))
+
+    def packed(self, level: int, inner: MotionState) -> Array:
+        """A level's own state in one array."""
+        return self.levels[level].packed(self._templates[level], inner, self.room)
+
+    def of_states(self, templates: Sequence[MotionState]) -> Auto:
+        """The same model for motions in which the levels' own states are like ``templates``."""
+        model = copy.copy(self)
+        model._templates, model._unpacked = list(templates), (None, None)
+        model.__dict__.pop("room", None)
+        return model
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
         memory = AutoStepper.memory(x, len(self.levels))
         memory["level"][0] = level
-        memory["inner"] = self.levels[level].packed(inner, self.room)
+        memory["inner"] = self.packed(level, inner)
         return MotionState(x, np.zeros_like(x), memory)
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:

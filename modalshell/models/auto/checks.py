@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import Pin, Roller, Support
+
+if TYPE_CHECKING:
+    from modalshell.contact.motion_bar import TouchingFrames
 
 _ROUNDING = 1e-12
 """Share of a load that is rounding where the rest of it moves a part as a rigid body."""
@@ -34,6 +37,8 @@ class HeldCheck:
         Displacement in the norm of the mass [kg^(1/2) m] that errors are shares of at least.
     sampled : SampledCheck or None
         What finds bars of modal states on a coarse shell.
+    contacts : tuple of Contact
+        Its contacts.
     """
 
     least = 0.0
@@ -43,12 +48,19 @@ class HeldCheck:
         shell: Shell,
         loading: Loading,
         damping: Damping,
-        estimator: ErrorEstimator,
+        estimator: ErrorEstimator | None,
         sampled: SampledCheck | None = None,
+        touching: TouchingFrames | None = None,
     ) -> None:
-        self._check = MotionCheck(shell, loading, damping, estimator=estimator)
+        self._check = MotionCheck(shell, loading, damping, estimator=estimator, touching=touching)
+        self._touching, self.contacts = touching, () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
         self.sampled = sampled
+
+    def refuse_inside(self, x: Array) -> None:
+        """OptionError where a vertex begins inside a collider at positions x (n, 3) [m]."""
+        if self._touching is not None:
+            self._touching.refuse_inside(x)
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
@@ -74,9 +86,14 @@ class HeldCheck:
         """That load alone."""
         return self._check.load_under(times, frames, dead)
 
-    def static(self, x: Array, load: Array) -> ErrorBar:
-        """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
-        return self._check.static(x, load)
+    @property
+    def unjudged(self) -> str:
+        """Why the last bar of a frame could not be found, where contacts alone prevent it; "" elsewhere."""
+        return self._check.unjudged
+
+    def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
+        """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N] at ``time`` [s]."""
+        return self._check.static(x, load, time)
 
     def off(self, bar: ErrorBar, x: Array) -> float:
         """Distance [kg^(1/2) m] of positions from those that a bar corrects them to."""
@@ -93,6 +110,8 @@ class FlownCheck:
     """
 
     sampled = None
+    contacts = ()
+    unjudged = ""
 
     def __init__(self, shell: Shell, parts: FreeParts, loading: Loading, damping: Damping) -> None:
         self._shell, self._loading, self._damping = shell, loading, damping
@@ -105,6 +124,9 @@ class FlownCheck:
             supports += [Pin(corners[:1]), Roller(corners[1:2], tuple(axes[0])), _Across(corners[2:], axes[2])]
         self._estimator = ErrorEstimator(shell.also_supported(supports))
         self.least = _STILL * shell.mesh.extent * float(np.sqrt(shell.mass.sum()))
+
+    def refuse_inside(self, x: Array) -> None:
+        """See :meth:`HeldCheck.refuse_inside`; there are no contacts."""
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames, which fit the shape at rest best."""
@@ -147,7 +169,7 @@ class FlownCheck:
         felt = self._felt(now.positions, load)
         return self._bar(self.local(now.positions), felt), felt
 
-    def static(self, x: Array, load: Array) -> ErrorBar:
+    def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
         return self._bar(self.local(x), self._felt(x, load))
 

@@ -10,16 +10,16 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
 from modalshell.models.auto.checks import Check
+from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import SELDOM, KnownStates
 from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN
 
 _EARLY = 1.0
@@ -33,8 +33,6 @@ _AHEAD = 2.0
 _STRAIGHT = 0.2
 """Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
 rungs of modes move alike."""
-_TRY_EVERY = 6
-"""Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
 """Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
 _IN_A_ROW = 2
@@ -42,13 +40,11 @@ _IN_A_ROW = 2
 _SOON, _PATIENCE = 4, 4.0
 """Checks within which a modal rung that has come back must not fail, and the factor on the steps to the next attempt
 where it does."""
-_MOST_TOLD = 24
-"""Switches that are remembered with their reasons; all are counted."""
 _LARGE = 1e9
 
 
 @final
-class AutoStepper(Stepper):
+class AutoStepper(LeveledStepper):
     """Takes each step by the present level, and switches levels after it.
 
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
@@ -66,49 +62,12 @@ class AutoStepper(Stepper):
             raise model.no_constraints()
         if setup.supports is not None:
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
-        super().__init__(model, setup)
-        self._levels = levels
-        self._made = {0: levels[0].stepper(setup)}
+        super().__init__(model, levels, setup)
         self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
         self._mass = model.shell.mass[:, None]
-
-    def _stepper(self, level: int) -> Stepper:
-        """What takes the steps of a level; those beyond the first are made when they are wanted."""
-        if level not in self._made:
-            self._made[level] = self._levels[level].stepper(self.setup)
-        return self._made[level]
-
-    @staticmethod
-    def memory(x: Array, levels: int) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m] for some levels, but for the state of one."""
-        return {
-            "level": np.zeros(1),
-            "since": np.zeros(1),
-            "before": x.copy(),
-            "step": np.zeros(1),
-            COST: np.zeros(3),
-            "frames": np.zeros(1),
-            "largest": np.zeros(1),
-            "checked": np.zeros(1),
-            "looked": np.zeros(1),
-            "known": KnownStates.nothing(0),
-            "seldom": np.full(1, float(SELDOM)),
-            "barred": np.zeros(levels),
-            "wait": np.full(1, float(_TRY_EVERY)),
-            "again": np.full(1, float(_TRY_EVERY)),
-            "ready": np.zeros(1),
-            "steps": np.zeros(levels),
-            "pushed": np.zeros_like(x),
-            "dead": np.zeros_like(x),
-            "answer": np.zeros(2),
-            "ahead": np.zeros(1),
-            "felt": np.zeros(1),
-            "log": np.zeros((_MOST_TOLD, 6)),
-            "switches": np.zeros(1),
-        }
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
@@ -118,7 +77,9 @@ class AutoStepper(Stepper):
         is asked alone, and whether it comes near.
         """
         if positions is None:
+            self._check.refuse_inside(self.shell.rest_positions)
             return self._watch.fitted(super().start(positions))
+        self._check.refuse_inside(positions)
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
@@ -168,6 +129,7 @@ class AutoStepper(Stepper):
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
+        ended = level, after
         x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
         steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
         steps[level] += 1.0
@@ -188,18 +150,19 @@ class AutoStepper(Stepper):
             memory["frames"] = np.ones(1)
         moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
         self.model.keep(moving, level, after)
+        self._last = (moving, *ended) if self.setup.contacts else None
         return moving, solved
 
     def _found(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
         """Velocities (n, 3) [m/s], and a level's own state in the memory."""
-        return rates(), {"inner": self._levels[level].packed(inner, self.model.room)}
+        return rates(), {"inner": self.model.packed(level, inner)}
 
     def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
         """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
 
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
-        modal = level == 0 and not self._check.least
+        modal = level == 0 and not (self._check.least or self._check.contacts)
         moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
@@ -217,6 +180,8 @@ class AutoStepper(Stepper):
             back = since == FRAMES and level == 0 and memory["switches"][0] > 0.0 and not self._check.least
             if back or self._watch.due(step, memory):
                 seen = self._watch.checked(step, memory)
+                if seen.unjudged == STRUCK:
+                    return level, step.after
                 fails = seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error
                 stays = fails and not (seen.alarm or back) and self._moves_alike(step, seen, memory)
                 if not stays:
@@ -226,7 +191,7 @@ class AutoStepper(Stepper):
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
                 elif not fails and level > 0:
                     wanted = self._below(step, seen, memory)
-        elif since % _TRY_EVERY == 0:
+        elif since % TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._watch.seen(step, memory)
                 if seen.alarm:  # a coarse shell snaps under another load
@@ -269,9 +234,10 @@ class AutoStepper(Stepper):
         level = self._levels[number]
         if not level.quadratic or self._check.least:
             return False
-        answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
-        gap = self._length(answer.positions - seen.corrected)
-        return not (answer.converged and gap <= SWITCH * self.model.error * float(memory["largest"][0]))
+        answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
+        allowed = SWITCH * self.model.error * float(memory["largest"][0])
+        near = answer is not None and self._length(answer.positions - seen.corrected) <= allowed
+        return not (answer is not None and answer.converged and near)
 
     def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
@@ -291,7 +257,7 @@ class AutoStepper(Stepper):
     ) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
-        if place < _MOST_TOLD:
+        if place < MOST_TOLD:
             memory["log"] = memory["log"].copy()
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
         memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
@@ -331,7 +297,7 @@ class AutoStepper(Stepper):
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
-        bar = self._watch.first_bar(self._levels[level], dead, load, memory)
+        bar = self._watch.first_bar(self._levels[level], dead, load, memory, time)
         if bar is None:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
@@ -349,7 +315,7 @@ class AutoStepper(Stepper):
             if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
         )
         again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._watch.every
-        wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
+        wait = _PATIENCE * max(memory["again"][0], TRY_EVERY) if again else float(TRY_EVERY)
         memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
@@ -370,8 +336,8 @@ class AutoStepper(Stepper):
         memory["ready"] = memory["ready"] + 1.0 if right else np.zeros(1)
         if not (memory["ready"][0] >= _IN_A_ROW and memory["since"][0] >= memory["wait"][0]):
             return step.level
-        answer = first.still.equilibrium(force=seen.load, start=step.frames[1])
-        return 0 if answer.converged and near(answer.positions) else step.level
+        answer = self._watch.rests.near(first, seen.load, step.frames[1], seen.time)
+        return 0 if answer is not None and answer.converged and near(answer.positions) else step.level
 
     def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
@@ -389,8 +355,10 @@ class AutoStepper(Stepper):
         seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))
-        near = answer.converged and self._check.apart(answer.positions, middle) <= allowed
+        answer = self._watch.rests.near(lowest, seen.load, self._check.local(middle), seen.time)
+        if answer is None or not answer.converged:
+            return None
+        near = self._check.apart(answer.positions, middle) <= allowed
         now = step.time, step.time, step.load
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
         stays = near and self._foreseen(0, MotionState(x, v), entering, now) is None

@@ -279,6 +279,11 @@ class ModalStepper(ContactStepper):
         state = super().state_at(positions, time)
         return state if self._contacts is None else self._contacts.clear(state)
 
+    def outside(self, state: MotionState, time: float) -> MotionState:
+        """A state that another motion's was put into at ``time`` [s], pressed out of the colliders."""
+        self._steady = None
+        return state if self._contacts is None else self._contacts.entered(state, time)
+
     def load_work(self, load: Array, state: MotionState) -> float:
         """Work [J] of a dead load (n, 3) [N] from rest to a state, by the modal force where that stays."""
         if self._dead is not None and load is self._seen and self.model.straight:
@@ -349,7 +354,7 @@ class ModalStepper(ContactStepper):
             return pushed, None if drag is None else model.drag_at(q, *drag)
         lead, by_velocity = self._lead * self.setup.dt, self.setup.loading.by_velocity
         own = self.own_positions(state) if self._quadrature.by_points else model.shell.rest_positions
-        last = own - lead * model.velocities(state, own, lead) if by_velocity else own
+        last = own - lead * self.velocities(state, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
         dead = self._quadrature.dead_force(load, time)
         push += dead.at(q) if dead is not None else model.modal_force(q, self._quadrature.dead(load, time))
