@@ -43,7 +43,8 @@ class LeveledStepper(Stepper):
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup)
-        if setup.contacts and not all(isinstance(level, ModalLevel | FullLevel) for level in levels):
+        held = all(isinstance(level, ModalLevel | FullLevel) and level.still is level.model for level in levels)
+        if setup.contacts and not held:
             raise model.no_contacts()
         self._levels = levels
         self._made = {0: levels[0].stepper(setup)}

@@ -354,7 +354,7 @@ class ModalStepper(ContactStepper):
             return pushed, None if drag is None else model.drag_at(q, *drag)
         lead, by_velocity = self._lead * self.setup.dt, self.setup.loading.by_velocity
         own = self.own_positions(state) if self._quadrature.by_points else model.shell.rest_positions
-        last = own - lead * self.velocities(state, lead) if by_velocity else own
+        last = own - lead * model.velocities(state, own, lead) if by_velocity else own
         push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
         dead = self._quadrature.dead_force(load, time)
         push += dead.at(q) if dead is not None else model.modal_force(q, self._quadrature.dead(load, time))

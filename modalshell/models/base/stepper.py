@@ -181,7 +181,7 @@ class Stepper(ABC):
         own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
         rates, drag, lead = np.zeros_like(own), None, self._lead * self.setup.dt
         if turns or loading.by_velocity:
-            rates = self.velocities(state, lead)
+            rates = self.model.velocities(state, own, lead)
         if live:
             now = last = self.in_world(own, time)
             if loading.by_velocity:
