@@ -71,6 +71,16 @@ class TouchingFrames:
         """OptionError where a vertex at x (n, 3) [m] lies inside a collider at time 0."""
         self._touching.refuse_inside(x - self._origin)
 
+    def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
+        """Speed in the norm of the mass [kg^(1/2) m/s] that what comes to touch in the next ``dt`` [s] would lose.
+
+        That is of vertices at x (n, 3) [m] which go on at v (n, 3) [m/s] from ``time`` [s].
+        """
+        touching, own = self._touching, x - self._origin
+        now, after = touching.at(time).distances(own), touching.at(time + dt).distances(own + dt * v)
+        struck = (now > INSIDE * touching.size) & (after < 0.0)
+        return float(np.sqrt(self._mass[touching.vertices[struck]] @ (now - after)[struck] ** 2)) / dt
+
     def bar(self, times: Array, frames: Array, load: Array) -> tuple[ErrorBar, str]:
         """Bar of the middle one of three frames (3, n, 3) [m] at ``times`` (3,) [s], and why it is not judged, or "".
 

@@ -5,6 +5,8 @@ import pytest
 from scenes import stopped_and_resumed
 
 import modalshell as ms
+from modalshell.integrators.state import MotionState
+from modalshell.models.base.modal_contact import ModalContactMotion
 from modalshell.motion import Motion
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -51,7 +53,7 @@ def along_z(times, ways):
 PUSHER = ms.Box((0.8, 0, 0.2), (0.1, 0.3, 0.1), rounding=0.05)
 RISING = ms.Plane((0, 0, 1), -0.25)
 SCENES = {
-    "dropped on a table": (FLOOR, GRAVITY),
+    "dropped on a table": (ms.Contact(ms.Plane((0, 0, 1), -0.1)), GRAVITY),
     "on a rising table": (ms.Contact(RISING, motion=along_z([0, 0.5, 1.5], [0, 0, 0.2])), GRAVITY),
     "pushed by a box": (ms.Contact(PUSHER, motion=along_z([0, 0.3, 1.3], [0, 0, -0.3])), (0.0, 0.0, 0.0)),
     "over a ball": (ms.Contact(ms.Sphere((0.7, 0, -0.41), 0.3)), GRAVITY),
@@ -87,7 +89,7 @@ def test_motions_stay_within_the_error(small, auto, name):
     largest = np.maximum.accumulate(norm(small, truth.positions - small.rest_positions))
     told = largest > 0.05 * largest[-1]  # where a strike has hardly moved the shell, shares mean little
     error = norm(small, run.positions - truth.positions)[told] / largest[told]
-    assert error.max() < 0.05
+    assert error.max() < 0.04
     assert run.levels.count("MWTS") > 0.2 * len(run.levels)
     assert run.deepest.max() < 1e-8
     touching = run.in_contact.any(axis=1) & truth.in_contact.any(axis=1)
@@ -108,6 +110,31 @@ def test_levels_hand_over_outside_colliders_and_without_energy(auto):
     put_in = np.ptp(run.energies[:, 2])
     elastic = run.energies[:, 1]
     assert np.abs(elastic[switched] - elastic[switched - 1]).max() < 0.1 * put_in
+
+
+def test_strikes_are_taken_by_discrete_shells(small, auto):
+    """Modes alone are 6 % off after this one; what is about to strike is handed over before."""
+    contact, gravity = SCENES["dropped on a table"]
+    run, modal = move(auto, contact, gravity, 0.4), move(auto.levels[0].model, contact, gravity, 0.4)
+    first = int(np.argmax(run.in_contact.any(axis=1)))
+    assert run.levels[first - 1] != "DS" == run.levels[first]
+    assert "to DS at 0.1167 s (it is about to strike a collider" in run.message
+    assert np.array_equal(run.positions[: first - 1], modal.positions[: first - 1])
+
+
+def test_a_level_whose_shapes_are_far_off_does_not_take_over(auto, monkeypatch):
+    """Where modes that are put outside a collider are nowhere near, the next level takes over."""
+    contact, gravity = SCENES["on a rising table"]
+    plain = move(auto, contact, gravity, 0.25)
+    assert "RSW" in plain.levels
+
+    def lost(self, state, time):
+        return self.clear(MotionState(1.5 * state.coordinates, state.rates, state.memory))
+
+    monkeypatch.setattr(ModalContactMotion, "entered", lost)
+    run = move(auto, contact, gravity, 0.25)
+    assert "RSW" not in run.levels
+    assert run.levels[-1] == "DS"
 
 
 def test_a_motion_resumes_with_the_same_bits_wherever_it_stopped(small):

@@ -62,6 +62,10 @@ class HeldCheck:
         if self._touching is not None:
             self._touching.refuse_inside(x)
 
+    def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
+        """Speed [kg^(1/2) m/s] that colliders take in the next ``dt`` [s] of what goes on from x (n, 3) at v (n, 3)."""
+        return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
+
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
         return x
@@ -127,6 +131,10 @@ class FlownCheck:
 
     def refuse_inside(self, x: Array) -> None:
         """See :meth:`HeldCheck.refuse_inside`; there are no contacts."""
+
+    def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
+        """See :meth:`HeldCheck.strike_ahead`."""
+        return 0.0
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames, which fit the shape at rest best."""

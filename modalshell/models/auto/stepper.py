@@ -13,7 +13,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
+from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, STRIKES, cost_of, energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
@@ -40,7 +40,13 @@ _IN_A_ROW = 2
 _SOON, _PATIENCE = 4, 4.0
 """Checks within which a modal rung that has come back must not fail, and the factor on the steps to the next attempt
 where it does."""
+_STRIKING = 4.0
+"""Swing that a strike takes, over the bar from which a rung is left: modes err by a part of it."""
+_INSIDE = 1e-8
+"""Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 _LARGE = 1e9
+Switch = tuple[float, int, float, float, float]
+"""Time [s], level, bar, margin and mark of a switch."""
 
 
 @final
@@ -121,11 +127,10 @@ class AutoStepper(LeveledStepper):
         memory, time = state.memory.copy(), begin + dt  # its arrays are replaced, never written into
         self._watch.fit(memory, load)
         while self._levels[level].quadratic:
-            switch = self._foreseen(level, state, memory, (begin, time, load))
+            switch = self._ahead(level, state, memory, (begin, time, load))
             if switch is None:
                 break
-            inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
-            level = switch[1]
+            level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
@@ -211,7 +216,7 @@ class AutoStepper(LeveledStepper):
             return level, step.after
         switch = step.time, wanted, seen.bar, seen.margin, 0.0
         x, v = step.frames[2], step.velocities()
-        return wanted, self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
+        return self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
 
     def _taken_over(
         self,
@@ -219,15 +224,29 @@ class AutoStepper(LeveledStepper):
         motion: tuple[Array, Array],
         memory: dict[str, Array],
         now: tuple[float, Array],
-        switch: tuple[float, int, float, float, float],
-    ) -> MotionState:
-        """The state of the level that takes over from the present one's, at positions and velocities (n, 3)."""
+        switch: Switch,
+    ) -> tuple[int, MotionState]:
+        """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
+
+        With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
+        """
         (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
         after, loading = self._levels[new].entered(self._stepper(new), x, v, time), self.setup.loading
+        far = SWITCH * self.model.error * float(memory["largest"][0])
+        while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
+            new += 1
+            after = self._levels[new].entered(self._stepper(new), x, v, time)
+        switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
         gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
         self._note(memory, switch, gained)
-        return after
+        return new, after
+
+    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
+        """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
+        stepper = self._stepper(level)
+        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
+        return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
 
     def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
@@ -252,9 +271,7 @@ class AutoStepper(LeveledStepper):
         alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
         return alike and not self._errs_alike(0, seen, memory)
 
-    def _note(
-        self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0
-    ) -> None:
+    def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
         if place < MOST_TOLD:
@@ -264,9 +281,21 @@ class AutoStepper(LeveledStepper):
         memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
         self._watch.forget(memory)
 
+    def _ahead(
+        self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
+    ) -> Switch | None:
+        """As :meth:`_foreseen`, and where a strike on a collider is ahead: DS takes that."""
+        begin, time, _ = now
+        largest = float(memory["largest"][0])
+        if self._check.contacts:
+            lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
+            if lost * float(self.model.periods[0]) > _STRIKING * SWITCH * self.model.error * largest:
+                return begin, self._above(level, memory, snapping=True), 0.0, 1.0, STRIKES
+        return self._foreseen(level, state, memory, now)
+
     def _foreseen(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
-    ) -> tuple[float, int, float, float, float] | None:
+    ) -> Switch | None:
         """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
 
         It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
@@ -359,9 +388,9 @@ class AutoStepper(LeveledStepper):
         if answer is None or not answer.converged:
             return None
         near = self._check.apart(answer.positions, middle) <= allowed
-        now = step.time, step.time, step.load
+        now = step.time, step.time + step.dt * bool(self._check.contacts), step.load
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
-        stays = near and self._foreseen(0, MotionState(x, v), entering, now) is None
+        stays = near and self._ahead(0, MotionState(x, v), entering, now) is None
         return seen if stays else None
 
     def _length(self, displacement: Array) -> float:
