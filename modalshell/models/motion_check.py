@@ -79,23 +79,29 @@ def balancing_load(
 
 
 def touching_frames(
-    model: Model, contacts: Sequence[Contact], dt: float, supports: SupportPath | None = None
+    model: Model,
+    contacts: Sequence[Contact],
+    dt: float,
+    supports: SupportPath | None = None,
+    shell: Shell | None = None,
 ) -> TouchingFrames | None:
     """What finds bars with the contacts of a motion in steps of ``dt`` [s]; None without any.
 
-    OptionError for self-contact, and for friction of rules whose steps do not smooth it.
+    ``shell`` takes the place of the model's own true one. OptionError for self-contact, and for friction of rules whose
+    steps do not smooth it.
     """
     if not contacts:
         return None
     from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
 
-    check_bar(model.true_shell, contacts=contacts)
+    shell = model.true_shell if shell is None else shell
+    check_bar(shell, contacts=contacts)
     if not any(contact.friction for contact in contacts):
-        return TouchingFrames(model.true_shell, contacts, supports)
+        return TouchingFrames(shell, contacts, supports)
     rule = getattr(model, "integrator", None)
     if not isinstance(rule, ImplicitRule):
         raise OptionError("bars of motions with friction take implicit steps: take 'sdirk2', or set friction to 0")
-    return TouchingFrames(model.true_shell, contacts, supports, dt / rule.stand_ins)
+    return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins)
 
 
 @final

@@ -36,8 +36,11 @@ class LiveBar:
     def __init__(self, motion: Motion) -> None:
         setup = motion.setup
         model, supports = motion.model, setup.supports
-        touching = touching_frames(model, setup.contacts, setup.dt, supports)
-        self._check = MotionCheck(model.true_shell, setup.loading, setup.damping, supports, touching=touching)
+        shell, origin = model.true_shell, motion.stepper.origin
+        if origin.any():  # the model is one about the origin, its frames are in the world
+            shell = shell.shifted(-origin)
+        touching = touching_frames(model, setup.contacts, setup.dt, supports, shell)
+        self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []
         self._largest, self._held, self.text = 0.0, True, ""

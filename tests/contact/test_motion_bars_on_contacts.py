@@ -131,6 +131,23 @@ def test_frames_that_are_not_judged_say_why_and_spoil_none(warping, tmp_path):
     assert str(again.bars) == str(run.bars)
 
 
+def test_bars_are_void_from_where_the_margin_fails():
+    """A ball pushes an arch through: RSW is right by its bar again beyond, which is void as history is not known."""
+    flat = ms.flat_beam(length=1.0, width=0.1, cells=(16, 2))
+    x, y, _ = flat.vertices.T
+    mesh = ms.TriangleMesh(np.stack([x, y, 0.06 * np.sin(np.pi * x)], axis=1), flat.faces)
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), "x < 1e-6 or x > 0.999")
+    ball = ms.Contact(ms.Sphere((0.5, 0.0, 0.17), 0.1), motion=along(2, [0, 0.2, 1.6], [0, 0, -0.14]))
+    run = move(ms.RotationStrain(ms.solve_modes(shell, 6)), ball, (0.0, 0.0, 0.0), duration=1.8)
+    first = run.bars.times.tolist().index(run.bars.void_from)
+    unjudged = np.array(run.bars.unjudged) != ""
+    assert run.bars.valid[:first][~unjudged[:first]].all()
+    assert run.bars.margin[first] <= 0.3
+    assert not run.bars.valid[first:].any()
+    assert run.bars.margin[-1] > 0.9
+    assert f"void from {run.bars.void_from:.4g} s on" in str(run.bars)
+
+
 def test_what_is_pushed_out_is_not_judged(shell):
     deep = ms.Contact(ms.Plane((0, 0, 1), 0.01), sel="x > 0.5", push_out=0.05)
     run = move(ms.DiscreteShell(shell), deep, (0.0, 0.0, 0.0), duration=0.15, bars=3)

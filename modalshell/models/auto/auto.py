@@ -14,16 +14,15 @@ from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
-from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
+from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.auto.stepper import AutoStepper
-from modalshell.models.base.bars import bar_on_shell, check_bar
+from modalshell.models.base.bars import bar_on_shell
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -36,7 +35,6 @@ from modalshell.models.motion_check import touching_frames
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
-from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
@@ -78,6 +76,13 @@ class Auto(Model):
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
+
+    With contacts bars are found with what touches, by the colliders where they are, and statics outside them; every
+    five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
+    that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
+    otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
+    these are far from where the motion is. Contacts have no friction, no restitution and no ``push_out`` then, and
+    there is no level of coarse DS.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -375,22 +380,6 @@ class Auto(Model):
         """Refuse what any level refuses."""
         for level in self.levels:
             level.model.check_step(dt, damping)
-
-
-def free_parts_of(shell: Shell) -> FreeParts | None:
-    """The parts that no support holds; None without any, OptionError where a part is held in part, or has creases."""
-    loose = left_free(shell)
-    if not loose:
-        check_bar(shell)
-        return None
-    shell.refuse_creases("an error bar")
-    parts = FreeParts.of(shell)
-    if parts is None or rigid_motions(shell).shape[1] != 6 * len(parts.parts):
-        raise OptionError(
-            f"parts of a shell must be held by their supports, or have none, but {loose}: auto has no error bar for "
-            "these; hold more vertices, or leave all supports out"
-        )
-    return parts
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crossed, inertia_of
 from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
+from modalshell.models.base.bars import check_bar
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
@@ -199,6 +202,22 @@ class FlownCheck:
 
 
 Check = HeldCheck | FlownCheck
+
+
+def free_parts_of(shell: Shell) -> FreeParts | None:
+    """The parts that no support holds; None without any, OptionError where a part is held in part, or has creases."""
+    loose = left_free(shell)
+    if not loose:
+        check_bar(shell)
+        return None
+    shell.refuse_creases("an error bar")
+    parts = FreeParts.of(shell)
+    if parts is None or rigid_motions(shell).shape[1] != 6 * len(parts.parts):
+        raise OptionError(
+            f"parts of a shell must be held by their supports, or have none, but {loose}: auto has no error bar for "
+            "these; hold more vertices, or leave all supports out"
+        )
+    return parts
 
 
 @final
