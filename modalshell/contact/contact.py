@@ -129,14 +129,6 @@ class Contact(ReadOnlyArrays):
         other.sel = chosen
         return other
 
-    def stopped(self, time: float) -> Self:
-        """The same contact with its collider at rest where it is at ``time`` [s]."""
-        if self.motion is None:
-            return self
-        still = copy.copy(self)
-        still.motion = _Stopped(self.motion.at(time))
-        return still
-
     def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
         if isinstance(self.sel, str) and self.sel == "all":
@@ -216,3 +208,12 @@ class Contact(ReadOnlyArrays):
         sel = self.sel.tolist() if isinstance(self.sel, np.ndarray) else self.sel
         numbers = {"friction": self.friction, "restitution": self.restitution, "push_out": self.push_out}
         return {"kind": self.collider.key, **self.collider.plain(), "sel": sel, **numbers}
+
+
+def stopped(contact: Contact, time: float) -> Contact:
+    """The same contact with its collider at rest where it is at ``time`` [s]."""
+    if contact.motion is None:
+        return contact
+    still = copy.copy(contact)
+    still.motion = _Stopped(contact.motion.at(time))
+    return still

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
 
-STRUCK = "something strikes a collider within its frames"
-PUSHED_OUT = "vertices are being pushed out of a collider"
+STRUCK = "something strikes a collider"
+PUSHED_OUT = "vertices are being pushed out"
 UNSETTLED = "what touches does not settle"
 """Why frames of a motion with contacts are not judged by error bars."""
 

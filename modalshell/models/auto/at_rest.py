@@ -55,9 +55,11 @@ class AtRest:
         """
         if not self._check.contacts:
             return level.still.equilibrium(force=force, start=start)
+        from modalshell.contact.contact import stopped  # not without contacts
+
         try:
-            stopped = [contact.stopped(time) for contact in self._check.contacts]
-            return level.still.equilibrium(force=force, start=start, contacts=stopped)
+            contacts = [stopped(contact, time) for contact in self._check.contacts]
+            return level.still.equilibrium(force=force, start=start, contacts=contacts)
         except OptionError:
             return None
 
