@@ -112,14 +112,18 @@ def test_levels_hand_over_outside_colliders_and_without_energy(auto):
     assert np.abs(elastic[switched] - elastic[switched - 1]).max() < 0.1 * put_in
 
 
-def test_strikes_are_taken_by_discrete_shells(auto):
-    """Modes alone are 6 % off after this one; what is about to strike is handed over before."""
+def test_strikes_are_taken_by_discrete_shells(small, auto):
+    """Modes alone are 6 % off after this one; what is about to strike is handed over before, with its energy."""
     contact, gravity = SCENES["dropped on a table"]
+    truth = move(ms.DiscreteShell(small), contact, gravity, 0.4)
     run, modal = move(auto, contact, gravity, 0.4), move(auto.levels[0].model, contact, gravity, 0.4)
     first = int(np.argmax(run.in_contact.any(axis=1)))
     assert run.levels[first - 1] != "DS" == run.levels[first]
     assert "to DS at 0.1167 s (it is about to strike a collider" in run.message
     assert np.array_equal(run.positions[: first - 1], modal.positions[: first - 1])
+    assert run.energies[first, :2].sum() == pytest.approx(
+        truth.energies[first, :2].sum(), rel=0.01
+    )  # 5 % with its stretch
 
 
 def test_a_level_whose_shapes_are_far_off_does_not_take_over(auto, monkeypatch):

@@ -214,9 +214,8 @@ class AutoStepper(LeveledStepper):
                     wanted = 0
         if wanted == level or seen is None:
             return level, step.after
-        switch = step.time, wanted, seen.bar, seen.margin, 0.0
-        x, v = step.frames[2], step.velocities()
-        return self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
+        switch, motion = (step.time, wanted, seen.bar, seen.margin, 0.0), (step.frames[2], step.velocities())
+        return self._taken_over(step.after, motion, memory, (step.time, step.load), switch)
 
     def _taken_over(
         self,
@@ -229,10 +228,15 @@ class AutoStepper(LeveledStepper):
         """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
 
         With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
+        A full one takes over from the shape by RSW next to x: DS throws off a membrane that MWTS has stretched.
         """
         (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
-        after, loading = self._levels[new].entered(self._stepper(new), x, v, time), self.setup.loading
-        far = SWITCH * self.model.error * float(memory["largest"][0])
+        far, loading = SWITCH * self.model.error * float(memory["largest"][0]), self.setup.loading
+        if self._check.contacts and self._levels[old].quadratic and not self._levels[new].quadratic:
+            between = self._levels[1].entered(self._stepper(1), x, v, time)
+            if self._near(1, between, x, time, far / SWITCH):
+                x, v = self._levels[1].left(self._stepper(1), between, time, self.setup.dt)
+        after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
@@ -255,8 +259,7 @@ class AutoStepper(LeveledStepper):
             return False
         answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
         allowed = SWITCH * self.model.error * float(memory["largest"][0])
-        near = answer is not None and self._length(answer.positions - seen.corrected) <= allowed
-        return not (answer is not None and answer.converged and near)
+        return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
 
     def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
