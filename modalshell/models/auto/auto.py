@@ -81,8 +81,9 @@ class Auto(Model):
     five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
     that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
     otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is; DS at the shape by RSW next to that, as it would throw off the stretch that
-    MWTS has. Contacts have no friction, no restitution and no ``push_out`` then, and there is no level of coarse DS.
+    these are far from where the motion is; DS from modes after three short steps from rest, as it would throw off the
+    stretch that modes have. Contacts have no friction, no restitution and no ``push_out`` then, and there is no level
+    of coarse DS.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and

@@ -19,6 +19,8 @@ TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
+_SHORT, _SLACKENED = 0.125, 3
+"""Length, in steps, and number of the steps from rest by which DS sheds the stretch of modes: too short to bend."""
 
 
 class LeveledStepper(Stepper):
@@ -110,3 +112,11 @@ class LeveledStepper(Stepper):
             return 0.0
         level, inner = self.model.inner(state)
         return self._stepper(level).further_energy(inner)
+
+    def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
+        """A full level's state after short steps from rest, with its rates: without the stretch that modes have."""
+        stepper, dt = self._stepper(level), _SHORT * self.setup.dt
+        x, none = inner.coordinates, np.zeros_like(inner.rates)
+        for _ in range(_SLACKENED):
+            x = stepper.advance(time - dt, dt, MotionState(x, none, inner.memory), none)[0].coordinates
+        return MotionState(x, inner.rates, inner.memory)

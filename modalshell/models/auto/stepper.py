@@ -228,18 +228,16 @@ class AutoStepper(LeveledStepper):
         """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
 
         With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
-        A full one takes over from the shape by RSW next to x: DS throws off a membrane that MWTS has stretched.
+        A full one takes over from modes without the stretch that these have, which DS would throw off.
         """
         (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
         far, loading = SWITCH * self.model.error * float(memory["largest"][0]), self.setup.loading
-        if self._check.contacts and self._levels[old].quadratic and not self._levels[new].quadratic:
-            between = self._levels[1].entered(self._stepper(1), x, v, time)
-            if self._near(1, between, x, time, far / SWITCH):
-                x, v = self._levels[1].left(self._stepper(1), between, time, self.setup.dt)
         after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
+        if self._check.contacts and self._levels[old].quadratic and not self._levels[new].quadratic:
+            after = self._slack(new, after, time)
         switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
         gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
