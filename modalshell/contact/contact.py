@@ -46,6 +46,20 @@ class _Seen:
 
 
 @final
+class _Stopped:
+    """The path of a collider that has stopped."""
+
+    times = np.array([0.0, 1.0])
+
+    def __init__(self, pose: Pose) -> None:
+        self._pose = pose
+
+    def at(self, time: float) -> Pose:  # noqa: ARG002 (it is always there)
+        """Where it is."""
+        return self._pose
+
+
+@final
 class Contact(ReadOnlyArrays):
     """Keeps vertices of a shell out of a collider: ``0 <= force _|_ gap >= 0`` at each of them.
 
@@ -93,7 +107,7 @@ class Contact(ReadOnlyArrays):
         self.sel = sel if isinstance(sel, str) and sel == "all" else checked_selection("sel", sel)
         self.friction = checked_number("friction", friction, at_least=0.0)
         self.restitution = checked_number("restitution", restitution, at_least=0.0, at_most=1.0)
-        self.motion: SupportPath | _Seen | None = None
+        self.motion: SupportPath | _Seen | _Stopped | None = None
         if motion is not None:
             self.motion = checked_kind("motion", motion, SupportPath)
         self.push_out = checked_number("push_out", push_out, at_least=0.0, unit="m/s")
@@ -194,3 +208,12 @@ class Contact(ReadOnlyArrays):
         sel = self.sel.tolist() if isinstance(self.sel, np.ndarray) else self.sel
         numbers = {"friction": self.friction, "restitution": self.restitution, "push_out": self.push_out}
         return {"kind": self.collider.key, **self.collider.plain(), "sel": sel, **numbers}
+
+
+def stopped(contact: Contact, time: float) -> Contact:
+    """The same contact with its collider at rest where it is at ``time`` [s]."""
+    if contact.motion is None:
+        return contact
+    still = copy.copy(contact)
+    still.motion = _Stopped(contact.motion.at(time))
+    return still

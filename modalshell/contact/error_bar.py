@@ -38,23 +38,37 @@ class ContactEstimator(Estimator):
         A shell that its supports hold.
     contacts : sequence of Contact
         Colliders, as they are at time 0, without friction.
+    rubbed : bool
+        Whether loads have the friction of contacts in them.
+
+    Attributes
+    ----------
+    touching : Touching
+        The contacts.
+    unsettled : bool
+        Whether what touches did not settle at the last bar.
 
     Raises
     ------
     OptionError
-        For contacts with friction.
+        For contacts with friction, unless loads have it.
     """
 
-    def __init__(self, shell: Shell, contacts: Sequence[Contact]) -> None:
+    def __init__(self, shell: Shell, contacts: Sequence[Contact], *, rubbed: bool = False) -> None:
         super().__init__(shell)
-        refuse_friction(contacts, "error bars")
-        self._touching = Touching(contacts, self.shell, self.origin)
+        if not rubbed:
+            refuse_friction(contacts, "error bars")
+        self.touching, self.unsettled = Touching(contacts, self.shell, self.origin), False
         self._rest: Rest | None = None
         self._frames: Frames | None = None
         self._held = np.empty((0, 3, 3))
 
+    def look(self, time: float) -> None:
+        """Take the colliders where they are at ``time`` [s]."""
+        self.touching = self.touching.at(time)
+
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
-        touching = self._touching
+        touching, self.unsettled = self.touching, False
         gap = touching.distances(x)
         depth = -float(gap.min(initial=0.0))
         rows = touching.movable(x, np.flatnonzero(gap <= INSIDE * touching.size))
@@ -62,14 +76,15 @@ class ContactEstimator(Estimator):
         touching.put_on(x, rows, np.zeros(rows.size))
         solver = ActiveSet(problem, touching, problem.measure(problem.push_at(x)))
         self._rest, stresses = solver.correct(x, _LEAST, _MOST)
-        if not self._rest.converged:
+        self.unsettled = not self._rest.converged
+        if self.unsettled:
             told = f", from an answer {depth:.2g} m inside a collider" if depth > INSIDE * touching.size else ""
             raise SolverError(f"what touches has not settled in {_MOST} Newton steps{told}")
         return self._rest.point, stresses
 
     def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses, of motions along the colliders."""
-        touching, rest = self._touching, self._rest
+        touching, rest = self.touching, self._rest
         assert rest is not None
         rows = np.flatnonzero(rest.active)
         gaps, normals, curvatures = touching.gaps(x, rows)
@@ -83,8 +98,8 @@ class ContactEstimator(Estimator):
         assert self._frames is not None
         rows, x = self._frames.rows, self._rest.point
         none = np.zeros(rows.size)
-        gaps = self._touching.gaps(x, rows)
-        equations = Rotated(problem, self._touching, np.zeros(0), stiffness, rows, none, gaps)
+        gaps = self.touching.gaps(x, rows)
+        equations = Rotated(problem, self.touching, np.zeros(0), stiffness, rows, none, gaps)
         return problem.definite_factor(equations.matrix(np.zeros(stiffness.shape[0])))
 
     def _along(self, values: Array) -> Array:
@@ -94,7 +109,7 @@ class ContactEstimator(Estimator):
     def _across(self, along: Array, force: Array) -> Array:
         frames = self._frames
         assert frames is not None
-        starts, sizes = self._touching.starts(frames.rows)
+        starts, sizes = self.touching.starts(frames.rows)
         slots, used = starts[:, None] + np.arange(3), np.arange(3) < sizes[:, None]
         slots = np.where(used, slots, 0)
         pulled = np.einsum("kab,kb->ka", self._held, np.where(used, along[slots], 0.0))

@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
 
+STRUCK = "something strikes a collider"
+PUSHED_OUT = "vertices are being pushed out"
+UNSETTLED = "what touches does not settle"
+"""Why frames of a motion with contacts are not judged by error bars."""
+
 TOUCHED = "contact_forces", "in_contact", "deepest", "self_contact"
 """Names of its parts in trajectories and in records of runs."""
 

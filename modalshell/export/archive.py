@@ -67,6 +67,8 @@ _BARS = {
 """Error bars, of trajectories that have them."""
 _BARS_ON = "bar_on"
 """Where they were found, if not on the shell itself."""
+_UNJUDGED = {"bar_unjudged": Field("U", ("B",))}
+"""Why frames with contacts have none."""
 _LEVELS = {"levels": Field("U", ("F",))}
 """Models of the frames, of trajectories of a model that switches itself."""
 _CREASES = {"crease_angles": Field("f", ("F", "C"), "rad"), "crease_heat": Field("f", ("F",), "J")}
@@ -78,7 +80,7 @@ _CONTACTS = {
 }
 """What touches, of trajectories with contacts."""
 _SELF_CONTACT = {"self_contact": Field("f", ("F",), "m")}
-_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _LEVELS | _CREASES | _CONTACTS | _SELF_CONTACT
+_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _UNJUDGED | _LEVELS | _CREASES | _CONTACTS | _SELF_CONTACT
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -93,6 +95,7 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     if run.bars is not None:
         values |= {name: getattr(run.bars, name.removeprefix(_BAR)) for name in _BARS}
         values |= {} if run.bars.on == "shell" else {_BARS_ON: np.array(run.bars.on)}
+        values |= {name: np.array(run.bars.unjudged) for name in _UNJUDGED if run.bars.unjudged}
     if run.levels:
         values["levels"] = np.array(run.levels)
     if run.crease_angles.size:
@@ -166,7 +169,8 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         fields = {name.removeprefix(_FIELD): data[name] for name in further if name in _TRIANGLES}
         if _BARS.keys() & further.keys():
             on = str(data[_BARS_ON]) if _BARS_ON in further else "shell"
-            values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS}, on=on)
+            unjudged = tuple(str(reason) for name in _UNJUDGED if name in further for reason in data[name])
+            values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS}, on=on, unjudged=unjudged)
         values |= {name: data[name] for name in _CONTACTS | _SELF_CONTACT if name in further}
         if "levels" in further:
             values["levels"] = tuple(str(name) for name in data["levels"])

@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.timings import Stopwatch
 from modalshell.loads import Load, Loading
-from modalshell.models.base.bars import bar_on_shell, check_bar
+from modalshell.models.base.bars import bar_on_shell, check_bar, no_coarse_contacts
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import coarse_shell
@@ -95,7 +95,7 @@ def error_bar(
     if isinstance(on, str) and on == "shell":
         return bar_on_shell(shell, positions, loading, touching, walk=walk)
     if touching:
-        raise OptionError('under contacts a bar is found on the shell itself: take on="shell"')
+        raise no_coarse_contacts()
     return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import ImplicitRule
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
+from modalshell.models.base.model import Model
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
-from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # motions without contacts do not import it
+    from modalshell.contact.motion_bar import TouchingFrames
 
 
 class Instant(NamedTuple):
@@ -70,6 +78,32 @@ def balancing_load(
     return np.asarray(load - mass * (now.accelerations + damping.mass_factor * v))
 
 
+def touching_frames(
+    model: Model,
+    contacts: Sequence[Contact],
+    dt: float,
+    supports: SupportPath | None = None,
+    shell: Shell | None = None,
+) -> TouchingFrames | None:
+    """What finds bars with the contacts of a motion in steps of ``dt`` [s]; None without any.
+
+    ``shell`` takes the place of the model's own true one. OptionError for self-contact, and for friction of rules whose
+    steps do not smooth it.
+    """
+    if not contacts:
+        return None
+    from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
+
+    shell = model.true_shell if shell is None else shell
+    check_bar(shell, contacts=contacts)
+    if not any(contact.friction for contact in contacts):
+        return TouchingFrames(shell, contacts, supports)
+    rule = getattr(model, "integrator", None)
+    if not isinstance(rule, ImplicitRule):
+        raise OptionError("bars of motions with friction take implicit steps: take 'sdirk2', or set friction to 0")
+    return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins)
+
+
 @final
 class MotionCheck:
     """Finds the bars of a motion, one checked frame after the other.
@@ -88,6 +122,14 @@ class MotionCheck:
         The coarse shell of it on which bars are found, in place of itself.
     estimator : ErrorEstimator, optional
         What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
+        Contacts have their own.
+    touching : TouchingFrames, optional
+        Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
+
+    Attributes
+    ----------
+    unjudged : str
+        Why the last bar, which is void then, could not be found where contacts alone prevent it; "" elsewhere.
 
     Raises
     ------
@@ -104,36 +146,64 @@ class MotionCheck:
         coarse: CoarseDiscreteShell | None = None,
         *,
         estimator: ErrorEstimator | None = None,
+        touching: TouchingFrames | None = None,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._coarse = coarse
-        self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
+        self._coarse, self.unjudged = coarse, ""
+        self._touching = touching
+        self._estimator: Estimator
+        if touching is not None:
+            self._estimator = touching.estimator
+        else:
+            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
         x = np.asarray(positions, dtype=np.float64)
         return x if self._supports is None else self._supports.at(time).to_shell(x)
 
-    def bar(self, times: Array, frames: Array) -> ErrorBar:
-        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s]."""
-        return self.bar_under(times, frames)[0]
+    def bar(self, times: Array, frames: Array, forces: Array | None = None) -> ErrorBar:
+        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s].
 
-    def bar_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[ErrorBar, Array]:
+        ``forces`` (3, n, 3) [N] are those of contacts in the frames, which friction is taken from.
+        """
+        return self.bar_under(times, frames, forces=forces)[0]
+
+    def bar_under(
+        self, times: Array, frames: Array, dead: Array | None = None, *, forces: Array | None = None
+    ) -> tuple[ErrorBar, Array]:
         """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
         x, load = self.own(float(times[1]), frames[1]), self.load_under(times, frames, dead)
+        if self._touching is not None:
+            own = self._seen(times, frames)
+            if forces is not None:
+                load = load + self._touching.friction(times, own, self._turned(times, forces))
+            bar, self.unjudged = self._touching.bar(times, own, load)
+            return bar, load
         if self._coarse is None:
             return self._estimator.bar(x, load), load
         return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
 
+    def _seen(self, times: Array, frames: Array) -> Array:
+        """Frames (F, n, 3) [m] of the world at ``times`` (F,) [s] in the frame of the supports."""
+        return np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
+
+    def _turned(self, times: Array, forces: Array) -> Array:
+        """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
+        if self._supports is None:
+            return forces
+        return np.stack([f @ self._supports.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
+
     def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
-        """That load (n, 3) [N] alone."""
-        own = np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
-        now = instant_of(times, own)
+        """That load (n, 3) [N] alone, without friction."""
+        now = instant_of(times, self._seen(times, frames))
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
-    def static(self, positions: Array, load: Array) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N]."""
+    def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], colliders as at ``time`` [s]."""
+        if self._touching is not None:
+            self._touching.estimator.look(time)
         return self._estimator.bar(positions, load)
 
     def moved(self, positions: Array) -> float:

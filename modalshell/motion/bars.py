@@ -16,9 +16,9 @@ _MOST = 1e9
 """Size of a bar or margin above which all are alike; files hold finite numbers."""
 
 
-def check_text(error: float, valid: bool) -> str:
+def check_text(error: float, valid: bool, unjudged: str = "") -> str:
     """What a check says, in a few words."""
-    return f"{100.0 * error:.2g} % from DS" if valid else "bar void"
+    return f"{100.0 * error:.2g} % from DS" if valid else f"bar void: {unjudged}" if unjudged else "bar void"
 
 
 @final
@@ -40,6 +40,9 @@ class Bars:
         tell of branches, not of histories.
     on : str
         "shell", or "coarse" where they were found on a coarse shell, whose own error is a floor to them.
+    unjudged : tuple of str
+        Why each frame could not be judged, as something strikes a collider there, say; "" where it could. Such bars are
+        void, and those after them hold. Empty without contacts.
     """
 
     times: Array
@@ -47,6 +50,7 @@ class Bars:
     margin: Array
     valid: NDArray[np.bool_]
     on: str = "shell"
+    unjudged: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, times: Array, displacement: Array, margin: Array, valid: NDArray[np.bool_]) -> Bars:
@@ -66,14 +70,21 @@ class Bars:
 
     @property
     def void_from(self) -> float | None:
-        """Time [s] of the first bar that is void; None if all hold."""
-        void = np.flatnonzero(~self.valid)
+        """Time [s] of the first bar that is void, of frames that could be judged; None if all hold."""
+        void = self._void
         return float(self.times[void[0]]) if void.size else None
+
+    @property
+    def _void(self) -> NDArray[np.intp]:
+        void = ~self.valid
+        if self.unjudged:
+            void &= np.array(self.unjudged) == ""
+        return np.flatnonzero(void)
 
     def texts(self) -> list[str]:
         """What each check says, in a few words."""
-        numbers = zip(self.displacement, self.valid, strict=True)
-        return [check_text(float(error), bool(valid)) for error, valid in numbers]
+        numbers = zip(self.displacement, self.valid, self.unjudged or [""] * len(self.valid), strict=True)
+        return [check_text(float(error), bool(valid), unjudged) for error, valid, unjudged in numbers]
 
     def __str__(self) -> str:
         if not self.times.size:
@@ -87,6 +98,9 @@ class Bars:
             error = f"beyond {100.0 * LARGEST_BAR:.0f} %" if large else f"up to {share_as_text(self.largest)}"
             parts.append(f"{error} from DS" + ", found on a coarse shell" * (self.on == "coarse"))
         if self.void_from is not None:
-            first = int(np.flatnonzero(~self.valid)[0])
-            parts.append(f"void from {self.void_from:.4g} s on (stability margin {self.margin[first]:.2f} there)")
+            margin = self.margin[self._void[0]]
+            parts.append(f"void from {self.void_from:.4g} s on (stability margin {margin:.2f} there)")
+        for reason in dict.fromkeys(filter(None, self.unjudged)):
+            count = self.unjudged.count(reason)
+            parts.append(f"void in {count} frame{'s' * (count > 1)}: {reason}")
         return ", ".join(parts)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -11,15 +12,19 @@ from modalshell.core.checks import checked_count
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.models.base.bars import check_bar
+from modalshell.models.base.bars import check_bar, no_coarse_contacts
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.error_bars import coarse_of
-from modalshell.models.motion_check import MotionCheck
+from modalshell.models.motion_check import MotionCheck, touching_frames
 from modalshell.motion.bars import Bars
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
+
+if TYPE_CHECKING:
+    from modalshell.contact import Contact  # motions without contacts do not import it
+    from modalshell.contact.motion_bar import TouchingFrames
 
 _FEWEST = 6.0
 """Frames in a period below which accelerations by their differences are a tenth too small, and less sure yet."""
@@ -28,19 +33,31 @@ _SLIGHT = 0.05
 
 
 class WantedBars(TypedDict):
-    """How often bars are found, and on which shell."""
+    """How often bars are found, on which shell, and with which contacts."""
 
     every: int
     coarse: CoarseDiscreteShell | None
+    touching: TouchingFrames | None
 
 
-def wanted_bars(bars: int | tuple[int, str | Shell], model: Model, *, constrained: bool, touching: bool) -> WantedBars:
+def wanted_bars(
+    bars: int | tuple[int, str | Shell],
+    model: Model,
+    contacts: Sequence[Contact],
+    dt: float,
+    supports: SupportPath | None,
+    *,
+    constrained: bool,
+) -> WantedBars:
     """What ``bars`` of :func:`modalshell.simulate` asks for; OptionError where that cannot be had."""
     every, on = bars if isinstance(bars, tuple) and len(bars) == 2 else (bars, "shell")
     every = checked_count("bars", every)
-    check_bar(model.true_shell, constrained=constrained, touching=touching)
-    coarse = None if isinstance(on, str) and on == "shell" else coarse_of(model, model.true_shell, on)
-    return {"every": every, "coarse": coarse}
+    check_bar(model.true_shell, constrained=constrained, contacts=contacts)
+    if isinstance(on, str) and on == "shell":
+        return {"every": every, "coarse": None, "touching": touching_frames(model, contacts, dt, supports)}
+    if contacts:
+        raise no_coarse_contacts()
+    return {"every": every, "coarse": coarse_of(model, model.true_shell, on), "touching": None}
 
 
 def with_bars(
@@ -52,11 +69,12 @@ def with_bars(
     coarse: CoarseDiscreteShell | None = None,
     damping: Damping | None = None,
     supports: SupportPath | None = None,
+    touching: TouchingFrames | None = None,
 ) -> Trajectory:
     """The motion with the error bars of some frames.
 
-    Positions alone enter, so that a motion that was stopped and resumed has the same bars. The message says where
-    frames are too far apart for accelerations.
+    Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
+    the same bars. The message says where frames are too far apart for accelerations.
 
     Parameters
     ----------
@@ -74,30 +92,34 @@ def with_bars(
         Its damping.
     supports : SupportPath, optional
         How its supports moved.
+    touching : TouchingFrames, optional
+        Its contacts.
 
     Raises
     ------
     OptionError
         For a shell that its supports do not hold.
     """
-    check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse)
+    check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse, touching=touching)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
-    rows, largest, seen, held = [], 0.0, 0, True
+    rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))
     for place, k in enumerate(chosen):
         for frame in range(seen, k + 1):
             largest = max(largest, check.moved(check.own(float(run.times[frame]), run.positions[frame])))
         seen = k + 1
         frames = np.asarray(run.positions[k - 1 : k + 2], dtype=np.float64)
-        bar = check.bar(run.times[k - 1 : k + 2], frames)
+        bar = check.bar(run.times[k - 1 : k + 2], frames, run.contact_forces[k - 1 : k + 2] if touching else None)
         own = [check.own(float(time), frame) for time, frame in zip(run.times[k - 1 : k + 2], frames, strict=True)]
         swings[:, place] = check.norm(own[2] - 2.0 * own[1] + own[0]), 0.5 * check.norm(own[2] - own[0])
         off = check.off(bar, own[1])
         holds = bar.valid and (held or model.follows_snaps)
-        held = held and bar.valid
+        held = held and (bar.valid or bool(check.unjudged))
+        unjudged.append(check.unjudged)
         rows.append((off / largest if largest > 0.0 else float(off > 0.0), bar.margin, holds))
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
+    bars = replace(bars, unjudged=tuple(unjudged)) if touching else bars
     told, far = run.message, _too_far_apart(swings, largest)
     if far and far not in told:
         told = "; ".join(filter(None, [told, far]))

@@ -98,7 +98,9 @@ def simulate(
         margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of
         a model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
         differences. Lags of phase that add up do not show. With ``on``, "coarse" or a coarse shell, bars are found
-        there, in milliseconds, as those of :func:`modalshell.error_bar`.
+        there, in milliseconds, as those of :func:`modalshell.error_bar`. With contacts they are found on the shell, by
+        the colliders where they are then and the friction of the frame; where something strikes one just then, the bar
+        is void and says so, and those after it hold.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -113,8 +115,8 @@ def simulate(
     ------
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
-        bars under constraints or contacts or of a shell that its supports do not hold, or contacts of a model that
-        takes none, that begin inside the shell, or move too fast for the step.
+        bars under constraints or self-contact, on a coarse shell with contacts, or of a shell that its supports do not
+        hold, or contacts of a model that takes none, that begin inside the shell, or move too fast for the step.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError
@@ -127,12 +129,11 @@ def simulate(
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
-    if bars is None:
-        wanted = None
-    else:
-        wanted = wanted_bars(bars, model, constrained=bool(constraints), touching=bool(contacts))
     if integrator is not None:
         model = model.stepped_by(integrator)
+    wanted = None
+    if bars is not None:
+        wanted = wanted_bars(bars, model, tuple(contacts or ()), dt, supports, constrained=bool(constraints))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),

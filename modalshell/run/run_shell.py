@@ -169,6 +169,7 @@ class ShellRun(SceneRun[SceneResult]):
         ended: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
         if run.bars is not None:
             bars = {name: getattr(run.bars, name).tolist() for name in ("times", "displacement", "margin", "valid")}
+            bars |= {"unjudged": list(run.bars.unjudged)} if run.bars.unjudged else {}
             ended["bars"] = bars | {"summary": str(run.bars)}
         return ended | {"units": units, "look": self._look.plain()}
 

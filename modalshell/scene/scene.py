@@ -28,7 +28,7 @@ from modalshell.models import Equilibrium, Model
 from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory, SolveModes
 from modalshell.motion import Motion, SupportPath, Trajectory
-from modalshell.motion.motion_check import with_bars
+from modalshell.motion.motion_check import wanted_bars, with_bars
 from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
@@ -236,12 +236,15 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
+        contacts = self.build_contacts(shell.mesh)
         if self.bar:
             try:
-                check_bar(shell, constrained=bool(constraints), touching=bool(self.contacts and self.motion))
+                check_bar(shell, constrained=bool(constraints), contacts=contacts)
+                if self.motion is not None:
+                    wanted_bars(BARS_EVERY, model, contacts, self.motion.dt, path, constrained=False)
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
-        return BuiltScene(self, shell, model, force, loads, path, constraints, self.build_contacts(shell.mesh))
+        return BuiltScene(self, shell, model, force, loads, path, constraints, contacts)
 
     def build_contacts(self, mesh: TriangleMesh | None = None) -> list[Any]:
         """The contacts; SceneError where a table is refused, or selects no vertex of a mesh."""
@@ -379,11 +382,10 @@ class BuiltScene:
 
     def with_bars(self, run: Trajectory) -> Trajectory:
         """A motion of the scene with error bars, where the scene asks for them."""
-        if not self.scene.bar or self.scene.motion is None:
+        if not self.scene.bar or (table := self.scene.motion) is None:
             return run
-        damping = build_damping(self.scene.motion)
-        options: dict[str, Any] = {"every": BARS_EVERY, "damping": damping, "supports": self.path}
-        return with_bars(run, self.model, self.loading(), **options)
+        wanted = wanted_bars(BARS_EVERY, self.model, self.contacts, table.dt, self.path, constrained=False)
+        return with_bars(run, self.model, self.loading(), **wanted, damping=build_damping(table), supports=self.path)
 
     def loading(self) -> Loading:
         """All loads together."""
@@ -392,8 +394,7 @@ class BuiltScene:
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
-        if self.scene.bar:
-            options["bar"] = True
+        options |= {"bar": True} if self.scene.bar else {}
         options |= {"contacts": self.contacts} if self.contacts else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

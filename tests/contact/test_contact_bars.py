@@ -106,9 +106,11 @@ def test_bars_that_cannot_be_are_refused_or_void_by_name(shell):
         ms.error_bar(shell, state, contacts=[FLOOR])
     with pytest.raises(ms.OptionError, match='take on="shell"'):
         ms.error_bar(shell, state, on=strip((10, 2)))
-    with pytest.raises(ms.OptionError, match="static answers alone have an error bar"):
-        ms.simulate(ms.DiscreteShell(shell), duration=0.1, bars=2, contacts=[FLOOR])
-    with pytest.raises(ms.OptionError, match="static answers alone have an error bar"):
+    with pytest.raises(ms.OptionError, match='take on="shell"'):
+        ms.simulate(ms.DiscreteShell(shell), duration=0.1, bars=(2, strip((10, 2))), contacts=[FLOOR])
+    with pytest.raises(ms.OptionError, match="an error bar under self-contact is not known"):
+        ms.simulate(ms.DiscreteShell(shell), duration=0.1, bars=2, contacts=[ms.SelfContact(gap=1e-3)])
+    with pytest.raises(ms.OptionError, match="positions alone have an error bar"):
         ms.quantity_bars(shell, state)
     wild = shell.rest_positions + np.random.default_rng(0).normal(size=shell.rest_positions.shape)
     found = ms.error_bar(shell, wild, gravity=GRAVITY, contacts=[FLOOR])

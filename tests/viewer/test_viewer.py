@@ -10,9 +10,11 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.models.registry import MODELS
+from modalshell.motion import Motion
 from modalshell.render.backend import RENDERER_VARIABLE
 from modalshell.run import RunFollower
 from modalshell.viewer import ViewSession
+from modalshell.viewer.live_bar import LiveBar
 from modalshell.viewer.session import FRAME_SECONDS
 
 BEAM = (
@@ -48,8 +50,13 @@ def test_session_follows_the_scene_frame_by_frame(session, scene_file):
     np.testing.assert_array_equal(session.positions, motion.positions())
 
 
-def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path):
-    file = scene_file(*BEAM, ("duration = 4.0", "duration = 1.6"))
+FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.04\nfriction = 0.2\n'
+
+
+@pytest.mark.parametrize("more", ["", FLOOR], ids=["free", "on a floor"])
+def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path, more):
+    model = [("mwts", "ds")] if more else []
+    file = scene_file(*BEAM, ("duration = 4.0", "duration = 1.6"), *model, more=more)
     file.write_text(f"bar = true\n{file.read_text()}")
     run = ms.run_scene(file, out=tmp_path).trajectory
     session = ViewSession(ms.load_scene(file))
@@ -63,6 +70,24 @@ def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp
         k = round(time / FRAME_SECONDS)  # a bar is known one frame later
         assert said[k] == text
     assert "from DS" not in said[5]
+
+
+@pytest.mark.parametrize("far", [0.0, 200.0])
+def test_live_bars_of_a_shell_far_away_are_those_of_its_run(far):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    mesh = ms.TriangleMesh(np.add(mesh.vertices, [far, 0.0, 0.0]), mesh.faces)
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-3, 100.0), clamped=mesh.vertices[:, 0] < far + 1e-6)
+    model, contact = ms.DiscreteShell(shell), ms.Contact(ms.Sphere((far + 0.8, 0.0, -0.23), 0.2))
+    options = {"dt": 1 / 60, "damping": (2.0, 1e-3), "contacts": [contact]}
+    motion = Motion(model, shell.loading((0.0, 0.0, -2.0)), **options)
+    live = LiveBar(motion)
+    for _ in range(32):
+        motion.advance()
+        live.see(motion)
+    run = ms.simulate(model, duration=0.6, gravity=(0.0, 0.0, -2.0), bars=15, **options)
+    assert run.in_contact[30].any()
+    assert run.bars.valid.all()
+    assert live.text == run.bars.texts()[1]
 
 
 def test_nothing_moves_before_play_and_in_pause(session):

@@ -11,8 +11,9 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
-LACKS_LOAD, LACKS_START = 1.0, 2.0
-"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts."""
+LACKS_LOAD, LACKS_START, STRIKES = 1.0, 2.0, 3.0
+"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; and for
+a strike on a collider that is ahead."""
 _LITTLE = 1e-4
 """Share of the energy that a switch may change untold."""
 
@@ -23,7 +24,7 @@ def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, 
     That is of kinetic and elastic energy, less what a ``force`` (n, 3) [N] does on the way between their positions.
     """
     both = [
-        stepper.model.kinetic_energy(state) + stepper.model.elastic_energy(state)
+        stepper.model.kinetic_energy(state) + stepper.model.elastic_energy(state) + stepper.further_energy(state)
         for stepper, state in zip(steppers, states, strict=True)
     ]
     before, after = (stepper.own_positions(state) for stepper, state in zip(steppers, states, strict=True))
@@ -54,6 +55,8 @@ def told(state: MotionState, names: Sequence[str]) -> str:
             reason = f"the modes are {share_as_text(bar)} off the start"
         elif mark == LACKS_LOAD:
             reason = f"the modes lack {share_as_text(bar)} of the linear answer to the load"
+        elif mark == STRIKES:
+            reason = "it is about to strike a collider"
         elif int(level) == 0 or margin <= LEAST_MARGIN:
             reason = f"stability margin {margin:.2f}"
         else:

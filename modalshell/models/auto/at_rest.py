@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple, final
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
@@ -46,6 +47,26 @@ class AtRest:
         self._model, self._check, self._loads = model, check, loads
         self._kept: list[_Answer] = []
         self._largest: tuple[Array, Array, _Answer | None] | None = None
+
+    def near(self, level: Level, force: Array, start: Array | None, time: float) -> Equilibrium | None:
+        """Where a level rests under a force (n, 3) [N], from ``start`` (n, 3) [m], outside the colliders at a time [s].
+
+        None from a start inside one.
+        """
+        if not self._check.contacts:
+            return level.still.equilibrium(force=force, start=start)
+        from modalshell.contact.contact import stopped  # not without contacts
+
+        try:
+            contacts = [stopped(contact, time) for contact in self._check.contacts]
+            return level.still.equilibrium(force=force, start=start, contacts=contacts)
+        except OptionError:
+            return None
+
+    def touching(self, level: Level, force: Array, time: float) -> tuple[Equilibrium, ErrorBar] | None:
+        """The same from rest, and its bar."""
+        found = self.near(level, force, None, time)
+        return None if found is None else (found, self._check.static(found.positions, force, time))
 
     def of(self, level: Level, force: Array, dead: Array, allowed: float) -> tuple[Equilibrium, ErrorBar]:
         """Where a level rests under a force (n, 3) [N], one of motions under a dead load (n, 3) [N], and its bar.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,16 +14,15 @@ from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers
-from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck
+from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.auto.stepper import AutoStepper
-from modalshell.models.base.bars import bar_on_shell, check_bar
+from modalshell.models.base.bars import bar_on_shell
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -31,10 +31,10 @@ from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse.profile_step import quick_check
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.motion_check import touching_frames
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.warping import consistent_warping
 from modalshell.modes import model_basis
-from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
@@ -76,6 +76,14 @@ class Auto(Model):
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
+
+    With contacts bars are found with what touches, by the colliders where they are, and statics outside them; every
+    five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
+    that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
+    otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
+    these are far from where the motion is; DS from modes after three short steps from rest, as it would throw off the
+    stretch that modes have. Contacts have no friction, no restitution and no ``push_out`` then, and there is no level
+    of coarse DS.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -203,8 +211,10 @@ class Auto(Model):
         return self.levels[-1].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
-        """The error of motions, which take no contacts."""
-        return OptionError(f"{self.name} takes contacts in equilibrium alone: take DS, or another model, to move")
+        """The error of motions of free parts, and with a coarse shell, which take no contacts."""
+        if self._free is not None:
+            return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
+        return OptionError(f"{self.name} has no coarse level in contact: leave out coarse and triangles")
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """That of DS at the answer."""
@@ -214,6 +224,9 @@ class Auto(Model):
 
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
+        touching = touching_frames(self, setup.contacts, setup.dt)
+        if touching is not None:
+            return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching)
         if self._free is None:
             estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
             sampled = None if coarse is None else SampledCheck(*coarse)
@@ -290,14 +303,25 @@ class Auto(Model):
         """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
         level = 0 if positions is None else len(self.levels) - 1
         model = self.levels[level].model
-        inner = model.start_motion(positions)
+        inner = self._templates[level] if positions is None else model.start_motion(positions)
         return self.on_level(level, inner, model.positions(inner))
+
+    def packed(self, level: int, inner: MotionState) -> Array:
+        """A level's own state in one array."""
+        return self.levels[level].packed(self._templates[level], inner, self.room)
+
+    def of_states(self, templates: Sequence[MotionState]) -> Auto:
+        """The same model for motions in which the levels' own states are like ``templates``."""
+        model = copy.copy(self)
+        model._templates, model._unpacked = list(templates), (None, None)
+        model.__dict__.pop("room", None)
+        return model
 
     def on_level(self, level: int, inner: MotionState, x: Array) -> MotionState:
         """State at rest of a level's own one, at x (n, 3) [m] in the world."""
         memory = AutoStepper.memory(x, len(self.levels))
         memory["level"][0] = level
-        memory["inner"] = self.levels[level].packed(inner, self.room)
+        memory["inner"] = self.packed(level, inner)
         return MotionState(x, np.zeros_like(x), memory)
 
     def inner(self, state: MotionState) -> tuple[int, MotionState]:
@@ -357,22 +381,6 @@ class Auto(Model):
         """Refuse what any level refuses."""
         for level in self.levels:
             level.model.check_step(dt, damping)
-
-
-def free_parts_of(shell: Shell) -> FreeParts | None:
-    """The parts that no support holds; None without any, OptionError where a part is held in part, or has creases."""
-    loose = left_free(shell)
-    if not loose:
-        check_bar(shell)
-        return None
-    shell.refuse_creases("an error bar")
-    parts = FreeParts.of(shell)
-    if parts is None or rigid_motions(shell).shape[1] != 6 * len(parts.parts):
-        raise OptionError(
-            f"parts of a shell must be held by their supports, or have none, but {loose}: auto has no error bar for "
-            "these; hold more vertices, or leave all supports out"
-        )
-    return parts
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crossed, inertia_of
 from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
+from modalshell.models.base.bars import check_bar
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import Pin, Roller, Support
+
+if TYPE_CHECKING:
+    from modalshell.contact.motion_bar import TouchingFrames
 
 _ROUNDING = 1e-12
 """Share of a load that is rounding where the rest of it moves a part as a rigid body."""
@@ -34,6 +40,8 @@ class HeldCheck:
         Displacement in the norm of the mass [kg^(1/2) m] that errors are shares of at least.
     sampled : SampledCheck or None
         What finds bars of modal states on a coarse shell.
+    contacts : tuple of Contact
+        Its contacts.
     """
 
     least = 0.0
@@ -43,12 +51,23 @@ class HeldCheck:
         shell: Shell,
         loading: Loading,
         damping: Damping,
-        estimator: ErrorEstimator,
+        estimator: ErrorEstimator | None,
         sampled: SampledCheck | None = None,
+        touching: TouchingFrames | None = None,
     ) -> None:
-        self._check = MotionCheck(shell, loading, damping, estimator=estimator)
+        self._check = MotionCheck(shell, loading, damping, estimator=estimator, touching=touching)
+        self._touching, self.contacts = touching, () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
         self.sampled = sampled
+
+    def refuse_inside(self, x: Array) -> None:
+        """OptionError where a vertex begins inside a collider at positions x (n, 3) [m]."""
+        if self._touching is not None:
+            self._touching.refuse_inside(x)
+
+    def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
+        """Speed [kg^(1/2) m/s] that colliders take in the next ``dt`` [s] of what goes on from x (n, 3) at v (n, 3)."""
+        return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
@@ -74,9 +93,14 @@ class HeldCheck:
         """That load alone."""
         return self._check.load_under(times, frames, dead)
 
-    def static(self, x: Array, load: Array) -> ErrorBar:
-        """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
-        return self._check.static(x, load)
+    @property
+    def unjudged(self) -> str:
+        """Why the last bar of a frame could not be found, where contacts alone prevent it; "" elsewhere."""
+        return self._check.unjudged
+
+    def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
+        """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N] at ``time`` [s]."""
+        return self._check.static(x, load, time)
 
     def off(self, bar: ErrorBar, x: Array) -> float:
         """Distance [kg^(1/2) m] of positions from those that a bar corrects them to."""
@@ -93,6 +117,8 @@ class FlownCheck:
     """
 
     sampled = None
+    contacts = ()
+    unjudged = ""
 
     def __init__(self, shell: Shell, parts: FreeParts, loading: Loading, damping: Damping) -> None:
         self._shell, self._loading, self._damping = shell, loading, damping
@@ -105,6 +131,13 @@ class FlownCheck:
             supports += [Pin(corners[:1]), Roller(corners[1:2], tuple(axes[0])), _Across(corners[2:], axes[2])]
         self._estimator = ErrorEstimator(shell.also_supported(supports))
         self.least = _STILL * shell.mesh.extent * float(np.sqrt(shell.mass.sum()))
+
+    def refuse_inside(self, x: Array) -> None:
+        """See :meth:`HeldCheck.refuse_inside`; there are no contacts."""
+
+    def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
+        """See :meth:`HeldCheck.strike_ahead`."""
+        return 0.0
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames, which fit the shape at rest best."""
@@ -147,7 +180,7 @@ class FlownCheck:
         felt = self._felt(now.positions, load)
         return self._bar(self.local(now.positions), felt), felt
 
-    def static(self, x: Array, load: Array) -> ErrorBar:
+    def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
         return self._bar(self.local(x), self._felt(x, load))
 
@@ -169,6 +202,22 @@ class FlownCheck:
 
 
 Check = HeldCheck | FlownCheck
+
+
+def free_parts_of(shell: Shell) -> FreeParts | None:
+    """The parts that no support holds; None without any, OptionError where a part is held in part, or has creases."""
+    loose = left_free(shell)
+    if not loose:
+        check_bar(shell)
+        return None
+    shell.refuse_creases("an error bar")
+    parts = FreeParts.of(shell)
+    if parts is None or rigid_motions(shell).shape[1] != 6 * len(parts.parts):
+        raise OptionError(
+            f"parts of a shell must be held by their supports, or have none, but {loose}: auto has no error bar for "
+            "these; hold more vertices, or leave all supports out"
+        )
+    return parts
 
 
 @final

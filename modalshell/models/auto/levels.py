@@ -58,11 +58,12 @@ class Level(ABC):
 
     def velocities(self, stepper: Stepper, state: MotionState, dt: float) -> Array:
         """Velocities (n, 3) [m/s] of a state after a step of ``dt`` [s]."""
-        return np.array(stepper.model.velocities(state, stepper.own_positions(state), LEAD * dt))
+        return np.array(stepper.velocities(state, LEAD * dt))
 
-    def packed(self, state: MotionState, room: int) -> Array:
-        """All numbers of a state in one array, filled up with zeros to ``room``."""
-        numbers, parts = np.zeros(room), [part.ravel() for part in state.arrays().values()]
+    def packed(self, template: MotionState, state: MotionState, room: int) -> Array:
+        """All numbers of a state like a ``template`` in one array, filled up with zeros to ``room``."""
+        arrays, numbers = state.arrays(), np.zeros(room)
+        parts = [arrays[name].ravel() for name in template.arrays()]
         np.concatenate(parts, out=numbers[: sum(part.size for part in parts)])
         return numbers
 
@@ -80,7 +81,8 @@ class FullLevel(Level):
     """DS: positions and velocities are its own.
 
     Steps of a small shell are compiled: those of coarse DS on the shell's own mesh, by the rule of DS and to its
-    tolerance. They take loads as they are expected at the end of a step, which those are that depend on time alone.
+    tolerance. They take loads as they are expected at the end of a step, which those are that depend on time alone,
+    and no contacts.
     """
 
     model: DiscreteShell
@@ -90,7 +92,7 @@ class FullLevel(Level):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
-        by_time = all(load.constant is not None for load in setup.loading.live)
+        by_time = not setup.contacts and all(load.constant is not None for load in setup.loading.live)
         return (self._compiled or self.model if by_time else self.model).stepper(setup)
 
     @cached_property
@@ -109,7 +111,7 @@ class FullLevel(Level):
         state = stepper.state_at(x, time)
         rates = self.model.shell.unknowns.project(v)
         rates[self.model.shell.clamped] = 0.0
-        return MotionState(state.coordinates, rates, state.memory)
+        return stepper.outside(MotionState(state.coordinates, rates, state.memory), time)
 
 
 @final
@@ -163,7 +165,7 @@ class ModalLevel(Level):
         rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
         rates = np.linalg.lstsq(rows, (root * v).ravel(), rcond=None)[0]
         state = modal.integrator.at_rest(q)
-        return MotionState(q, rates, state.memory)
+        return stepper.outside(MotionState(q, rates, state.memory), time)
 
     def resting_load(self, stepper: Stepper, state: MotionState) -> Array:
         """Load (n, 3) [N] under which a state without free parts rests: nearly the least, in accelerations it gives."""

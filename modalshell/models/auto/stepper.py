@@ -10,16 +10,16 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, cost_of, energy_change
+from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, STRIKES, cost_of, energy_change
 from modalshell.models.auto.checks import Check
+from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import SELDOM, KnownStates
 from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN
 
 _EARLY = 1.0
@@ -33,8 +33,6 @@ _AHEAD = 2.0
 _STRAIGHT = 0.2
 """Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
 rungs of modes move alike."""
-_TRY_EVERY = 6
-"""Steps of a full rung from one attempt to hand back to the next."""
 _RARER = 1.2
 """Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
 _IN_A_ROW = 2
@@ -42,13 +40,17 @@ _IN_A_ROW = 2
 _SOON, _PATIENCE = 4, 4.0
 """Checks within which a modal rung that has come back must not fail, and the factor on the steps to the next attempt
 where it does."""
-_MOST_TOLD = 24
-"""Switches that are remembered with their reasons; all are counted."""
+_STRIKING = 4.0
+"""Swing that a strike takes, over the bar from which a rung is left: modes err by a part of it."""
+_INSIDE = 1e-8
+"""Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 _LARGE = 1e9
+Switch = tuple[float, int, float, float, float]
+"""Time [s], level, bar, margin and mark of a switch."""
 
 
 @final
-class AutoStepper(Stepper):
+class AutoStepper(LeveledStepper):
     """Takes each step by the present level, and switches levels after it.
 
     A state's coordinates and rates are the positions and velocities of every vertex. Its memory holds the level
@@ -66,49 +68,12 @@ class AutoStepper(Stepper):
             raise model.no_constraints()
         if setup.supports is not None:
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
-        super().__init__(model, setup)
-        self._levels = levels
-        self._made = {0: levels[0].stepper(setup)}
+        super().__init__(model, levels, setup)
         self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
         self._mass = model.shell.mass[:, None]
-
-    def _stepper(self, level: int) -> Stepper:
-        """What takes the steps of a level; those beyond the first are made when they are wanted."""
-        if level not in self._made:
-            self._made[level] = self._levels[level].stepper(self.setup)
-        return self._made[level]
-
-    @staticmethod
-    def memory(x: Array, levels: int) -> dict[str, Array]:
-        """What the memory holds at the start at x (n, 3) [m] for some levels, but for the state of one."""
-        return {
-            "level": np.zeros(1),
-            "since": np.zeros(1),
-            "before": x.copy(),
-            "step": np.zeros(1),
-            COST: np.zeros(3),
-            "frames": np.zeros(1),
-            "largest": np.zeros(1),
-            "checked": np.zeros(1),
-            "looked": np.zeros(1),
-            "known": KnownStates.nothing(0),
-            "seldom": np.full(1, float(SELDOM)),
-            "barred": np.zeros(levels),
-            "wait": np.full(1, float(_TRY_EVERY)),
-            "again": np.full(1, float(_TRY_EVERY)),
-            "ready": np.zeros(1),
-            "steps": np.zeros(levels),
-            "pushed": np.zeros_like(x),
-            "dead": np.zeros_like(x),
-            "answer": np.zeros(2),
-            "ahead": np.zeros(1),
-            "felt": np.zeros(1),
-            "log": np.zeros((_MOST_TOLD, 6)),
-            "switches": np.zeros(1),
-        }
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
@@ -118,7 +83,9 @@ class AutoStepper(Stepper):
         is asked alone, and whether it comes near.
         """
         if positions is None:
+            self._check.refuse_inside(self.shell.rest_positions)
             return self._watch.fitted(super().start(positions))
+        self._check.refuse_inside(positions)
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
@@ -160,14 +127,14 @@ class AutoStepper(Stepper):
         memory, time = state.memory.copy(), begin + dt  # its arrays are replaced, never written into
         self._watch.fit(memory, load)
         while self._levels[level].quadratic:
-            switch = self._foreseen(level, state, memory, (begin, time, load))
+            switch = self._ahead(level, state, memory, (begin, time, load))
             if switch is None:
                 break
-            inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
-            level = switch[1]
+            level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
+        ended = level, after
         x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
         steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
         steps[level] += 1.0
@@ -188,18 +155,19 @@ class AutoStepper(Stepper):
             memory["frames"] = np.ones(1)
         moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
         self.model.keep(moving, level, after)
+        self._last = (moving, *ended) if self.setup.contacts else None
         return moving, solved
 
     def _found(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
         """Velocities (n, 3) [m/s], and a level's own state in the memory."""
-        return rates(), {"inner": self._levels[level].packed(inner, self.model.room)}
+        return rates(), {"inner": self.model.packed(level, inner)}
 
     def _moved(self, level: int, after: MotionState, x: Array, largest: float) -> tuple[float, float]:
         """How far a state at x (n, 3) has moved [kg^(1/2) m], of held modal levels by their modes; and the largest.
 
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
-        modal = level == 0 and not self._check.least
+        modal = level == 0 and not (self._check.least or self._check.contacts)
         moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
@@ -217,6 +185,8 @@ class AutoStepper(Stepper):
             back = since == FRAMES and level == 0 and memory["switches"][0] > 0.0 and not self._check.least
             if back or self._watch.due(step, memory):
                 seen = self._watch.checked(step, memory)
+                if seen.unjudged == STRUCK:
+                    return level, step.after
                 fails = seen.alarm or seen.bar > (_EARLY if back else SWITCH) * self.model.error
                 stays = fails and not (seen.alarm or back) and self._moves_alike(step, seen, memory)
                 if not stays:
@@ -226,7 +196,7 @@ class AutoStepper(Stepper):
                     wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
                 elif not fails and level > 0:
                     wanted = self._below(step, seen, memory)
-        elif since % _TRY_EVERY == 0:
+        elif since % TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._watch.seen(step, memory)
                 if seen.alarm:  # a coarse shell snaps under another load
@@ -244,9 +214,8 @@ class AutoStepper(Stepper):
                     wanted = 0
         if wanted == level or seen is None:
             return level, step.after
-        switch = step.time, wanted, seen.bar, seen.margin, 0.0
-        x, v = step.frames[2], step.velocities()
-        return wanted, self._taken_over(step.after, (x, v), memory, (step.time, step.load), switch)
+        switch, motion = (step.time, wanted, seen.bar, seen.margin, 0.0), (step.frames[2], step.velocities())
+        return self._taken_over(step.after, motion, memory, (step.time, step.load), switch)
 
     def _taken_over(
         self,
@@ -254,24 +223,41 @@ class AutoStepper(Stepper):
         motion: tuple[Array, Array],
         memory: dict[str, Array],
         now: tuple[float, Array],
-        switch: tuple[float, int, float, float, float],
-    ) -> MotionState:
-        """The state of the level that takes over from the present one's, at positions and velocities (n, 3)."""
+        switch: Switch,
+    ) -> tuple[int, MotionState]:
+        """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
+
+        With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
+        A full one takes over from modes without the stretch that these have, which DS would throw off.
+        """
         (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
-        after, loading = self._levels[new].entered(self._stepper(new), x, v, time), self.setup.loading
+        far, loading = SWITCH * self.model.error * float(memory["largest"][0]), self.setup.loading
+        after = self._levels[new].entered(self._stepper(new), x, v, time)
+        while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
+            new += 1
+            after = self._levels[new].entered(self._stepper(new), x, v, time)
+        if self._check.contacts and self._levels[old].quadratic and not self._levels[new].quadratic:
+            after = self._slack(new, after, time)
+        switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
         gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
         self._note(memory, switch, gained)
-        return after
+        return new, after
+
+    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
+        """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
+        stepper = self._stepper(level)
+        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
+        return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
 
     def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
         level = self._levels[number]
         if not level.quadratic or self._check.least:
             return False
-        answer = level.still.equilibrium(force=seen.load, start=seen.corrected)
-        gap = self._length(answer.positions - seen.corrected)
-        return not (answer.converged and gap <= SWITCH * self.model.error * float(memory["largest"][0]))
+        answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
+        allowed = SWITCH * self.model.error * float(memory["largest"][0])
+        return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
 
     def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
@@ -286,21 +272,31 @@ class AutoStepper(Stepper):
         alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
         return alike and not self._errs_alike(0, seen, memory)
 
-    def _note(
-        self, memory: dict[str, Array], switch: tuple[float, int, float, float, float], gained: float = 0.0
-    ) -> None:
+    def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
-        if place < _MOST_TOLD:
+        if place < MOST_TOLD:
             memory["log"] = memory["log"].copy()
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
         memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
         memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
         self._watch.forget(memory)
 
+    def _ahead(
+        self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
+    ) -> Switch | None:
+        """As :meth:`_foreseen`, and where a strike on a collider is ahead: DS takes that."""
+        begin, time, _ = now
+        largest = float(memory["largest"][0])
+        if self._check.contacts:
+            lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
+            if lost * float(self.model.periods[0]) > _STRIKING * SWITCH * self.model.error * largest:
+                return begin, self._above(level, memory, snapping=True), 0.0, 1.0, STRIKES
+        return self._foreseen(level, state, memory, now)
+
     def _foreseen(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
-    ) -> tuple[float, int, float, float, float] | None:
+    ) -> Switch | None:
         """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
 
         It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
@@ -331,7 +327,7 @@ class AutoStepper(Stepper):
         if answer.whole <= _AHEAD * memory["ahead"][0]:
             return None
         load = Coming(self._loads.force(state, time, dead), answer.whole, self._loads.factors(time))
-        bar = self._watch.first_bar(self._levels[level], dead, load, memory)
+        bar = self._watch.first_bar(self._levels[level], dead, load, memory, time)
         if bar is None:
             return None
         return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
@@ -349,7 +345,7 @@ class AutoStepper(Stepper):
             if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
         )
         again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._watch.every
-        wait = _PATIENCE * max(memory["again"][0], _TRY_EVERY) if again else float(_TRY_EVERY)
+        wait = _PATIENCE * max(memory["again"][0], TRY_EVERY) if again else float(TRY_EVERY)
         memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
@@ -370,8 +366,8 @@ class AutoStepper(Stepper):
         memory["ready"] = memory["ready"] + 1.0 if right else np.zeros(1)
         if not (memory["ready"][0] >= _IN_A_ROW and memory["since"][0] >= memory["wait"][0]):
             return step.level
-        answer = first.still.equilibrium(force=seen.load, start=step.frames[1])
-        return 0 if answer.converged and near(answer.positions) else step.level
+        answer = self._watch.rests.near(first, seen.load, step.frames[1], seen.time)
+        return 0 if answer is not None and answer.converged and near(answer.positions) else step.level
 
     def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
@@ -389,11 +385,13 @@ class AutoStepper(Stepper):
         seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = lowest.still.equilibrium(force=seen.load, start=self._check.local(middle))
-        near = answer.converged and self._check.apart(answer.positions, middle) <= allowed
-        now = step.time, step.time, step.load
+        answer = self._watch.rests.near(lowest, seen.load, self._check.local(middle), seen.time)
+        if answer is None or not answer.converged:
+            return None
+        near = self._check.apart(answer.positions, middle) <= allowed
+        now = step.time, step.time + step.dt * bool(self._check.contacts), step.load
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
-        stays = near and self._foreseen(0, MotionState(x, v), entering, now) is None
+        stays = near and self._ahead(0, MotionState(x, v), entering, now) is None
         return seen if stays else None
 
     def _length(self, displacement: Array) -> float:

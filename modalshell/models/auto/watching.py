@@ -50,14 +50,16 @@ class Step(NamedTuple):
 class Seen(NamedTuple):
     """What a check found.
 
-    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, and the positions (n, 3) [m] that
-    the bar's steps lead to.
+    The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, the positions (n, 3) [m] that
+    the bar's steps lead to, the time [s], and why contacts keep it from being found, if they do.
     """
 
     bar: float
     margin: float
     load: Array
     corrected: Array
+    time: float
+    unjudged: str = ""
 
     @property
     def alarm(self) -> bool:
@@ -84,6 +86,8 @@ class Watch:
     ----------
     every : int
         Steps from one check to the next where states are new.
+    rests : AtRest
+        What finds where levels rest.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check, loads: LoadsAhead) -> None:
@@ -91,10 +95,11 @@ class Watch:
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
         every = EVERY if model.check_every is None else model.check_every
         self.every = min(every, FRAMES) if check.least else every
-        self._fixed = bool(check.least or model.check_every is not None)
+        self._touches = bool(check.contacts)  # what touches decides of the bar, too: no state vouches for others
+        self._fixed = bool(check.least or model.check_every is not None or self._touches)
         self._states = KnownStates(len(setup.loading.live))
         self._size = 2 * model.count + len(setup.loading.live)
-        self._rests = AtRest(model, check, loads)
+        self.rests = AtRest(model, check, loads)
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
     @property
@@ -134,6 +139,8 @@ class Watch:
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
         since = memory["since"].item()
+        if self._touches and since - memory["looked"].item() >= self.every:
+            return True
         if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
             sudden = self._loads.change and not self._fixed
             return sudden and self._states.is_sudden(memory["known"], self._loads.values(step.time))
@@ -151,7 +158,8 @@ class Watch:
             return self._sampled(self._check, step, times, memory, largest)
         bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
         off = self._check.off(bar, step.frames[1])
-        return Seen(off / largest if largest > 0.0 else float(off > 0.0), bar.margin, load, bar.corrected)
+        share = off / largest if largest > 0.0 else float(off > 0.0)
+        return Seen(share, bar.margin, load, bar.corrected, middle, self._check.unjudged)
 
     def _sampled(self, check: HeldCheck, step: Step, times: Array, memory: dict[str, Array], largest: float) -> Seen:
         """The same of a modal level, on the coarse shell where that serves: where its bar leaves room at its worst."""
@@ -163,15 +171,17 @@ class Watch:
             off, margin = sampled.surely(found, known)
             if off <= allowed and margin > LEAST_MARGIN:
                 memory["agreed"] = known + np.array([0.0, 0.0, 1.0])
-                return Seen(off / largest, margin, load, x + found.added)
+                return Seen(off / largest, margin, load, x + found.added, times[1])
         bar = check.static(x, load)
         memory["agreed"] = sampled.compared(found, bar, x, step.moved, allowed, known)
-        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected)
+        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected, times[1])
 
     def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of a modal level; :meth:`learn` says what it tells of states."""
-        memory["checked"], memory["looked"] = np.array([step.moved]), memory["since"]
-        return self.seen(step, memory)
+        seen = self.seen(step, memory)
+        if not seen.unjudged:  # else it is looked at again in the next step
+            memory["checked"], memory["looked"] = np.array([step.moved]), memory["since"]
+        return seen
 
     def learn(self, step: Step, seen: Seen, memory: dict[str, Array]) -> None:
         """Know the state of a modal level's check from then on if it has room; else know none as large."""
@@ -190,7 +200,9 @@ class Watch:
             memory["seldom"] = RARER * memory["seldom"]
         memory["known"] = self._states.grown(memory["known"], z, wider, largest)
 
-    def first_bar(self, level: Level, dead: Array, load: Coming, memory: dict[str, Array]) -> ErrorBar | None:
+    def first_bar(
+        self, level: Level, dead: Array, load: Coming, memory: dict[str, Array], time: float
+    ) -> ErrorBar | None:
         """The bar of a modal level's statics under a load, where that is void or too large; None where it holds.
 
         The first time the largest loads that are known to come are taken, if their statics hold with some room. A bar
@@ -207,17 +219,28 @@ class Watch:
             if load.whole < most < math.inf and all(self._bar(level, one, memory, ROOMY) is None for one in coming):
                 memory["ahead"] = np.array([most])
                 return None
-        return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0)
+        return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0, time)
 
     def _linear(self, load: Coming) -> Array:
         """The state of rest of the modes' linear answer to a load."""
         coordinates = self._model.answered_by_modes(load.force)
         return np.concatenate([coordinates, np.zeros_like(coordinates), load.factors])
 
-    def _bar(self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0) -> ErrorBar | None:
-        """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known."""
+    def _bar(
+        self, level: Level, load: Coming, memory: dict[str, Array], least: float = 0.0, time: float = 0.0
+    ) -> ErrorBar | None:
+        """The same of one load, whose statics must leave ``least`` room; if that is some, its state is known.
+
+        With contacts it rests outside the colliders as they are at ``time`` [s], unless they are where the shell was.
+        """
         memory["ahead"] = np.array([load.whole])
-        found, bar = self._rests.of(level, load.force, memory["dead"], self._allowed)
+        if self._touches:
+            answer = self.rests.touching(level, load.force, time)
+            if answer is None:
+                return None
+            found, bar = answer
+        else:
+            found, bar = self.rests.of(level, load.force, memory["dead"], self._allowed)
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar

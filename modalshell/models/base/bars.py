@@ -21,16 +21,21 @@ if TYPE_CHECKING:
 def check_bar(
     shell: Shell, *, constrained: bool = False, touching: bool = False, contacts: Sequence[Contact] | None = None
 ) -> None:
-    """OptionError where answers on a shell have no error bar; ``touching`` where no contacts allow one."""
+    """OptionError where answers on a shell have no error bar; ``touching`` of quantities, which contacts allow none."""
     shell.refuse_creases("an error bar")
     if constrained:
         raise OptionError("error bars under position or orientation constraints are not known: drop one")
     if touching:
-        raise OptionError("under contacts static answers alone have an error bar: take equilibrium(..., bar=True)")
+        raise OptionError("under contacts positions alone have an error bar: take ms.error_bar, or leave contacts out")
     if any(not getattr(contact, "has_surface", True) for contact in contacts or ()):
         raise OptionError("an error bar under self-contact is not known: leave out the bar, or the self-contact")
     if loose := left_free(shell):
         raise OptionError(f"an error bar needs a shell that its supports hold, but {loose}: hold more vertices")
+
+
+def no_coarse_contacts() -> OptionError:
+    """The error of bars on a coarse shell, which take no contacts."""
+    return OptionError('under contacts a bar is found on the shell itself: take on="shell"')
 
 
 def bar_on_shell(

@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.steps import TouchingSteps
-from modalshell.contact.touching import parted
+from modalshell.contact.touching import parted, put_out
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
@@ -142,6 +142,12 @@ class ContactMotion:
         if not self.steps.rubs:
             return state
         return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
+
+    def put_out(self, state: MotionState, time: float) -> MotionState:
+        """A state with what lies inside colliders at ``time`` [s] put onto them."""
+        touching = self.steps.now.at(time)
+        x = put_out(touching, state.coordinates, np.ones(len(touching.contacts), dtype=bool))
+        return self._kept(MotionState(x, state.rates, state.memory))
 
     def begin(self, state: MotionState, x: Array | None = None) -> MotionState:
         """A start at x (n, 3) [m], by default its coordinates, refused inside a collider."""

@@ -89,6 +89,10 @@ class FullStepper(Stepper):
             state.coordinates = positions - self.origin
         return self._begun(state)
 
+    def outside(self, state: MotionState, time: float) -> MotionState:
+        """A state that another motion's was put into at ``time`` [s], its vertices put out of the colliders."""
+        return state if self.contacts is None else self.contacts.put_out(state, time)
+
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
         return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)

@@ -279,6 +279,11 @@ class ModalStepper(ContactStepper):
         state = super().state_at(positions, time)
         return state if self._contacts is None else self._contacts.clear(state)
 
+    def outside(self, state: MotionState, time: float) -> MotionState:
+        """A state that another motion's was put into at ``time`` [s], pressed out of the colliders."""
+        self._steady = None
+        return state if self._contacts is None else self._contacts.entered(state, time)
+
     def load_work(self, load: Array, state: MotionState) -> float:
         """Work [J] of a dead load (n, 3) [N] from rest to a state, by its coordinates where these tell it at once."""
         if self._dead is not None and load is self._seen and self._dead.work is not None:

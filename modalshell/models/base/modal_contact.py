@@ -263,6 +263,20 @@ class ModalContactMotion(ModalPressedMotion):
         kept[PUSHES], kept[BEYOND] = pushes, energy
         return MotionState(after.coordinates, after.rates, kept)
 
+    def entered(self, state: MotionState, time: float) -> MotionState:
+        """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
+        pressing, q, clear = self._pressing, state.coordinates, self.clear(state)
+        pressing.at(time)
+        base = pressing.positions(q)
+        gaps = pressing.gaps(base)
+        if not pressing.touched(gaps):
+            return clear
+        memory = clear.memory
+        kept = memory[LOCAL], memory[PUSHES], memory.get(TAKEN)
+        pressed = pressing.press(q, 1.0 / self._model.basis.eigenvalues, (q, q, base), gaps, kept)
+        taken = {} if pressed.at is None else {TAKEN: pressed.at}
+        return MotionState(pressed.q, state.rates, memory | self._memory(pressed) | taken)
+
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:

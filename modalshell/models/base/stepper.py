@@ -111,6 +111,14 @@ class Stepper(ABC):
         """Positions (n, 3) [m] in the world."""
         return self.in_world(self.own_positions(state), time)
 
+    def velocities(self, state: MotionState, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state in its frame, by where it was a short time ``lead`` [s] before."""
+        return np.asarray(self.model.velocities(state, self.own_positions(state), lead))
+
+    def outside(self, state: MotionState, time: float) -> MotionState:
+        """A state that another motion's was put into at ``time`` [s], with what lies inside colliders put out."""
+        return state
+
     def in_world(self, own: Array, time: float) -> Array:
         """Positions (n, 3) [m] in the world of ``own`` ones in the frame of the states."""
         if self._frame is not None:
@@ -224,6 +232,10 @@ class ContactStepper(Stepper):
     def loaded_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
         return super().own_positions(state)
+
+    def velocities(self, state: MotionState, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state, without those of what contacts press in."""
+        return np.asarray(self.model.velocities(state, self.loaded_positions(state), lead))
 
     def further_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of what contacts press in."""
