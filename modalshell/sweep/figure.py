@@ -155,7 +155,8 @@ def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], pa
             color = spec.color if spec else _COLORS[number]
             curves.append(Curve([x for x, _ in points], [y for _, y in points], name, color))
         if crossed:
-            curves.append(Curve(*zip(*crossed, strict=True), _MISSED, "black", marker="x", joined=False))
+            at, values = np.transpose(crossed)
+            curves.append(Curve(at, values, _MISSED, "black", marker="x", joined=False))
         drawn.append(
             Panel(
                 curves,
