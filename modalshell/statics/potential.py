@@ -150,7 +150,7 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("assembly"):
             _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
-            total, matrix = gradient + self._outer(x)[1], self._matrix(x, data, geometric)
+            total, matrix = gradient + self._outer(x)[1], self.matrix(x, data, geometric)
             if self.live is not None:
                 total -= self.live.force(x)
             if led is not None and led.any():
@@ -170,11 +170,11 @@ class Potential(Problem[sps.csc_array]):
 
         def hessian() -> sps.csc_array:
             with self.costs.part("assembly"):
-                return self._matrix(x, self.shell.hessian(x, geometric, stresses), geometric)
+                return self.matrix(x, self.shell.hessian(x, geometric, stresses), geometric)
 
         return gradient, hessian
 
-    def _matrix(self, x: Array, data: Array, geometric: int) -> sps.csc_array:
+    def matrix(self, x: Array, data: Array, geometric: int) -> sps.csc_array:
         """Hessian by the entries ``data`` of the energy's, to which those of all else are added."""
         if self.quadratic is not None:
             data += self.quadratic
