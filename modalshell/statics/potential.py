@@ -17,10 +17,11 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
+from modalshell.modes.unsymmetric import general_factor, symmetric_half
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
-from modalshell.statics.live_loads import LiveLoads, oscillates, symmetric_half
+from modalshell.statics.live_loads import LiveLoads, oscillates
 from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 from modalshell.statics.warped import descent_length, sized_way, turned_axes, warped_step
 
@@ -201,9 +202,8 @@ class Potential(Problem[sps.csc_array]):
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
-            if self.unsymmetric:
-                return self._condensed(self.factoriser.general(hessian))
-            return self._condensed(self.factoriser_of(hessian).symmetric(hessian))
+            of = self.factoriser_of(hessian)
+            return self._condensed(general_factor(hessian, of) if self.unsymmetric else of.symmetric(hessian))
 
     def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:
         """What factorises a Hessian."""
@@ -221,7 +221,7 @@ class Potential(Problem[sps.csc_array]):
                 if factor.is_definite():
                     return self._condensed(factor)
                 if self.unsymmetric:
-                    whole = self._condensed(self.factoriser.general(hessian))
+                    whole = self._condensed(general_factor(hessian, self.factoriser_of(hessian)))
                     if oscillates(whole, self.shell.unknowns.masses(self.shell.mass)):
                         return whole
             except SolverError:
