@@ -20,7 +20,7 @@ from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.shell import Material, Orthotropic, Sheet, Shell
-from modalshell.shell.energies_of import ANY_SIGN, material_constants, with_constants
+from modalshell.shell.energies_of import ANY_SIGN, material_constants, size_of_constant, with_constants
 
 if TYPE_CHECKING:
     import scipy.optimize
@@ -36,7 +36,7 @@ _EXPLAINED, _UNEXPLAINED = 1e-6, 0.05
 _ORDERS, _LOWER = 8, 0.9
 """Minima that are left for another at most, and the sum of squares there over that here."""
 _WITHIN = 0.99
-"""Share of the Poisson's ratio at which some strain has no stiffness that is looked up to."""
+"""Share of the Poisson's ratio, or coupling, at which some strain has no stiffness that is looked up to."""
 
 
 @final
@@ -56,8 +56,8 @@ class Fit:
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
-        Whether the least squares converged: not at the end of the range of Poisson's ratio, nor where they go down on
-        but the shell has gone to another branch of equilibria.
+        Whether the least squares converged: not at the end of the range of Poisson's ratio or a coupling, nor where
+        they go down on but the shell has gone to another branch of equilibria.
     residual : float
         Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
@@ -89,10 +89,11 @@ def fit(
 ) -> Fit:
     """Recover constants of a shell's material from measured positions, a load-deflection curve, or frequencies.
 
-    Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, Poisson's
-    ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`.
-    Frequencies are known by their order alone, so that there is a minimum for each order of the modes: from where a
-    search ends, those that linear theory expects to be deeper are searched too.
+    Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, those of
+    any sign as they are (Poisson's ratio, a direction, the couplings of a :class:`Fabric`), with the Jacobians of
+    :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`. Frequencies are known by their order
+    alone, so that there is a minimum for each order of the modes: from where a search ends, those that linear theory
+    expects to be deeper are searched too.
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ def fit(
 
 @final
 class _Misfit:
-    """Differences from measured numbers by parameters (p,): logarithms of the constants, Poisson's ratio as it is.
+    """Differences from measured numbers by parameters (p,): logarithms of constants, those of any sign over a size.
 
     ``material``, ``state`` and ``evaluations`` are those of the last parameters; ``size`` is what relative ones are
     taken over.
@@ -193,30 +194,36 @@ class _Misfit:
     def __init__(self, shell: Shell, names: list[str], measured: Measurements) -> None:
         self._shell, self._names, self._measured = shell, names, measured
         self._logarithmic = np.array([name not in ANY_SIGN for name in names])
-        self._ratios = np.array([name == "poisson" for name in names])
+        self._ratios = np.array([name in ANY_SIGN and name != "direction" for name in names])
+        self._sizes = np.array([size_of_constant(shell.material, shell.mesh, name) for name in names])
         self._parameters, self._differences = np.empty(0), np.empty(0)
         self.material, self.size = shell.material, 1.0
         self.state: Equilibrium | None = None
         self.evaluations = 0
 
     def bounds(self, guess: Array) -> tuple[Array, Array]:
-        """Least and largest parameters: Poisson's ratio is limited, by the moduli of the guess where these are two."""
-        material, least, most = self._shell.material, -1.0, 0.5
-        if isinstance(material, Orthotropic):
-            first, second = (np.asarray(e, dtype=np.float64) for e in material.on(self._shell.mesh).young)
-            most = float(np.sqrt(np.min(first / second)))
-            least = -most
+        """Least and largest parameters: Poisson's ratio and couplings are limited, by the guess's other stiffnesses."""
+        material, most = self._shell.material, np.ones_like(guess)
+        least = -most
+        for k in np.flatnonzero([name == "poisson" for name in self._names]):
+            if isinstance(material, Orthotropic):
+                first, second = (np.asarray(e, dtype=np.float64) for e in material.on(self._shell.mesh).young)
+                most[k] = float(np.sqrt(np.min(first / second)))
+                least[k] = -most[k]
+            else:
+                most[k] = 0.5
         low, high = np.minimum(_WITHIN * least, guess), np.maximum(_WITHIN * most, guess)
         return np.where(self._ratios, low, -np.inf), np.where(self._ratios, high, np.inf)
 
     def parameters(self, constants: Array) -> Array:
         """The parameters that stand for constants."""
-        return np.where(self._logarithmic, np.log(np.where(self._logarithmic, constants, 1.0)), constants)
+        return np.where(self._logarithmic, np.log(np.where(self._logarithmic, constants, 1.0)), constants / self._sizes)
 
     def constants(self, parameters: Array) -> Array:
         """The constants that parameters stand for."""
         with np.errstate(over="ignore"):  # bounds of what is not determined
-            return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, parameters, 0.0)), parameters)
+            grown = np.exp(np.where(self._logarithmic, parameters, 0.0))
+            return np.where(self._logarithmic, grown, parameters * self._sizes)
 
     def at(self, parameters: Array, *, exact: bool = False) -> Array:
         """The differences (k,); a shell is solved where the parameters are new, or the last balance was loose."""
@@ -238,7 +245,11 @@ class _Misfit:
     def jacobian(self, parameters: Array) -> Array:
         """Derivatives (k, p) of the differences."""
         self.at(parameters)
-        return self._measured.slopes(self._names) * np.where(self._logarithmic, self.constants(parameters), 1.0)
+        return self._measured.slopes(self._names) * self._scale(parameters)
+
+    def _scale(self, parameters: Array) -> Array:
+        """Derivative (p,) of each constant by its parameter."""
+        return np.where(self._logarithmic, self.constants(parameters), self._sizes)
 
     def relative(self, parameters: Array) -> Array:
         """The differences over the size."""
@@ -255,8 +266,7 @@ class _Misfit:
     def deeper(self, parameters: Array) -> list[Array]:
         """Parameters that may lie near deeper least squares than these, the deepest first."""
         self.at(parameters)
-        scale = np.where(self._logarithmic, self.constants(parameters), 1.0)
-        shell = self._shell.with_material(self.material)
+        shell, scale = self._shell.with_material(self.material), self._scale(parameters)
         return [parameters + step for step in self._measured.deeper(shell, self._names, scale)]
 
 

@@ -20,8 +20,8 @@ from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import Basis, solve_modes
-from modalshell.shell import Material, Sheet, Shell
-from modalshell.shell.energies_of import ANY_SIGN, material_constants
+from modalshell.shell import Shell
+from modalshell.shell.energies_of import ANY_SIGN, material_constants, size_of_constant
 from modalshell.statics.mixed_newton import GOAL
 
 _FRACTION, _LOOSE = 1e-3, 1e-3
@@ -183,7 +183,7 @@ class MeasuredPositions(Measurements):
         """Differences of coordinates [m], level after level; while constants change by much a looser balance serves."""
         body, known = DiscreteShell(shell), list[KnownEquilibrium]()
         body.factoriser = self._body.factoriser  # of one pattern: it is analysed once
-        steps = _steps(names, self._body.shell.material, shell.material)
+        steps = _steps(names, self._body.shell, shell)
         change = float(np.abs(steps[:, 1]).max())
         self._goal = GOAL if exact or not self._known else min(_LOOSE, max(GOAL, _FRACTION * change))
         for index in range(len(self._levels)):
@@ -245,15 +245,16 @@ def _linearised(basis: Basis, names: list[str]) -> tuple[Array, Array]:
     return np.log(elastic), np.stack(columns, axis=1)
 
 
-def _steps(names: list[str], old: Material | Sheet, new: Material | Sheet) -> Array:
-    """Changes of constants (k, 2): to the first order in logarithms, and as shares; of Poisson's ratio as they are."""
-    before, after = (material_constants(material) for material in (old, new))
-    pairs = [(before[name], after[name]) for name in names]
-    changes = [
-        new - old if name in ANY_SIGN else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
-    ]
-    sizes = [1.0 if name in ANY_SIGN else old for name, (old, _) in zip(names, pairs, strict=True)]
-    return np.stack([np.multiply(sizes, changes), changes], axis=1)
+def _steps(names: list[str], old: Shell, new: Shell) -> Array:
+    """Changes of constants (k, 2): to the first order in logarithms, and as shares; of any sign as they are."""
+    before, after = (material_constants(shell.material) for shell in (old, new))
+    steps = []
+    for name in names:
+        any_sign = name in ANY_SIGN
+        size = size_of_constant(old.material, old.mesh, name) if any_sign else before[name]
+        change = (after[name] - before[name]) / size if any_sign else np.log(after[name] / before[name])
+        steps.append((size * change, change))
+    return np.array(steps)
 
 
 def checked_factors(factors: ArrayLike) -> Array:

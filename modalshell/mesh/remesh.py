@@ -74,19 +74,23 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0, keep: Ar
         raise OptionError("remeshing needs pymeshlab, which is not installed: pip install 'modalshell[remesh]'")
     edges = _kept_edges(mesh, keep)
     length = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area / asked))
-    made = _of_length(mesh, length, angle, edges)
+    made, after = _of_length(mesh, length, angle, edges), 0.0
     for _ in range(_PASSES - 1):
         if abs(len(made.faces) / asked - 1.0) <= _NEAR:
             break
-        length *= float(np.sqrt(len(made.faces) / asked))
-        other = _of_length(mesh, length, angle, edges)
-        if abs(len(other.faces) - asked) >= abs(len(made.faces) - asked):
+        after = after or length * float(np.sqrt(len(made.faces) / asked))
+        other = _of_length(mesh, after, angle, edges)
+        if abs(len(other.faces) - asked) < abs(len(made.faces) - asked):
+            made, length, after = other, after, 0.0
+        elif (len(other.faces) - asked) * (len(made.faces) - asked) < 0:
+            after = float(np.sqrt(length * after))  # the number leaps between the two
+        else:
             break
-        made = other
     if abs(len(made.faces) / asked - 1.0) > _FAR:
+        few = len(made.faces) < asked
+        why = "next to this the number leaps" if few else "with so few it would leave its surface or lose a boundary"
         warnings.warn(
-            f"the mesh has {len(made.faces)} triangles, not {asked}: with so few it would leave its surface or lose a "
-            "boundary",
+            f"the mesh has {len(made.faces)} triangles, not {asked}: {why}",
             ModalShellWarning,
             stacklevel=2,
         )

@@ -1,8 +1,9 @@
 """Error bars of what engineers read: stresses, reactions, displacements, frequencies.
 
 The corrected answer of a bar still stretches the membrane a little, which stresses and reactions feel. A third step
-with the factor that the margin has left, ``K_1(x_2) d_2 = -g(x_2)``, takes that away: for a quantity J it is, to first
-order, ``J(x_2) - z . g(x_2)`` with the adjoint ``K_1(x_2) z = dJ/dx``, and one solve serves all quantities at once.
+takes that away, ``K d_2 = -g(x_2)``: with the factor of K_1(x_2) that the margin has left, where the step is short,
+else with K_M(x_2, s_2). For a quantity J it is, to first order, ``J(x_2) - z . g(x_2)`` with the adjoint
+``K z = dJ/dx``, and one solve serves all quantities at once.
 """
 
 from __future__ import annotations

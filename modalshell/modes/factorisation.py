@@ -210,22 +210,6 @@ class _Axes(Factor):
         return int((self._columns.pivots < 0.0).sum())
 
 
-class _GeneralLU(Factor):
-    """SciPy's SuperLU with pivots off the diagonal, of a matrix that need not be symmetric."""
-
-    backend = "superlu"
-
-    def __init__(self, matrix: sps.csc_array) -> None:
-        self._factor = _lu(sps.csc_matrix(matrix))
-
-    def _solve(self, right_side: Array) -> Array:
-        return self._factor.solve(np.ascontiguousarray(right_side))
-
-    def is_definite(self) -> bool:
-        """False: unknown."""
-        return False
-
-
 class _Cholesky(Factor):
     """Multifrontal Cholesky factorisation of 3 x 3 blocks: see :mod:`modalshell.linalg`."""
 
@@ -359,12 +343,6 @@ class Factoriser:
                 return _Signed(self._multifrontal(matrix, signed=True))
             except NotPositiveDefiniteError:  # a pivot vanishes: SuperLU looks for another one off the diagonal
                 return self._superlu(matrix)
-
-    def general(self, matrix: sps.csc_array) -> Factor:
-        """Factor of a matrix that need not be symmetric; SolverError if it is singular."""
-        _check_finite(matrix)
-        count_factorisation(matrix.shape[0])
-        return _GeneralLU(matrix)
 
     def _way(self, matrix: sps.csc_array, slender: float = _SLENDER) -> str:
         """Which factorisation takes a positive definite matrix; a profile one up to ``slender`` multiplications."""

@@ -20,6 +20,7 @@ from modalshell.modes.derivatives import VibrationModes
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver
+from modalshell.modes.unsymmetric import general_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.pattern import SparsePattern
 
@@ -148,7 +149,7 @@ def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[
     """
     matrix = sps.csc_array(shell.pattern.free_matrix(data).T)  # its arrays are those of CSR
     internal = shell.pattern.internal
-    factor = condensed_factor(Factoriser().general(matrix), 0 if internal is None else internal.count)
+    factor = condensed_factor(general_factor(matrix, Factoriser()), 0 if internal is None else internal.count)
     root = np.sqrt(mass)
 
     def inverse(vector: Array) -> Array:

@@ -19,8 +19,8 @@ from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
-ANY_SIGN = ("poisson", "direction")
-"""Constants that need not be above zero."""
+ANY_SIGN = ("poisson", "direction", "stretch_4", "bending_4")
+"""Constants that need not be above zero: with a Poisson's ratio and an angle the couplings of a fabric."""
 
 
 def energy_of(
@@ -65,6 +65,16 @@ def unit_of_constant(material: Material | Sheet, name: str) -> str:
     first = {"density": "kg/m^2" if per_area else "kg/m^3", "direction": "deg", "thickness": "m", "young": "Pa"}
     first |= {"stretch": "N/m", "bending": "N m", "flexure": "N m", "shear": "N" if per_area else "Pa"}
     return first.get(name.split("_")[0], "")
+
+
+def size_of_constant(material: Material | Sheet, mesh: TriangleMesh, name: str) -> float:
+    """What a change of a constant of any sign is measured by: for a coupling where it leaves a strain no stiffness."""
+    whole, _, place = name.rpartition("_")
+    if place != "4":
+        return 1.0
+    assert isinstance(material, Sheet)
+    first, second = getattr(material.on(mesh), whole)[:2]
+    return float(np.sqrt(np.min(np.multiply(first, second))))
 
 
 def with_constants(material: Material | Sheet, values: dict[str, float]) -> Material | Sheet:

@@ -17,6 +17,7 @@ margin alone is blind to modes that an answer lacks.
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -43,6 +44,8 @@ QuickCheck = Callable[[Array, Array], tuple[Array, float] | None]
 _STEPS = 2
 _NOTHING = 1e-14
 """Displacement, in sizes of the shell, that is none."""
+_SLIGHT = 1e-3
+"""Third step, as a share of the displacement, that any factor may take."""
 _FEEBLE = 0.1
 """What the stresses take of the stiffness up to which no critical load is foretold."""
 
@@ -228,11 +231,24 @@ class Estimator(ABC):
         return force
 
     def refined(self) -> Array:
-        """Positions (n, 3) [m] after a third step from the last bar's, by the factor that its margin has left."""
+        """Positions (n, 3) [m] after a third step from the last bar's.
+
+        By the factor that its margin has left, where that is short; else by the mixed Hessian there, whose stresses
+        may make the shell far stiffer, or softer, than without them, and where that is no little step by a fourth.
+        """
         last = self._last()
+        problem, moved = last.problem, self.length(last.x - self.shell.rest_positions)
         with np.errstate(over="ignore", invalid="ignore"):
-            direction = -last.factor.solve(last.problem.residual(last.x))
-            return np.asarray(last.problem.moved(last.x, direction)[0] + self.origin)
+            gradient = problem.residual(last.x)
+            x = problem.moved(last.x, problem.step(last.factor, gradient))[0]
+            if not self.length(x - last.x) <= _SLIGHT * moved:
+                with contextlib.suppress(SolverError):
+                    factor = problem.factor(problem.matrix(last.x, last.stressed.copy(), MIXED))
+                    x, stresses, _ = problem.moved(last.x, problem.step(factor, gradient))
+                    if not self.length(x - last.x) <= LITTLE_STEP * moved:
+                        gradient, hessian = problem.linearise(x, MIXED, stresses)
+                        x = problem.moved(x, problem.step(problem.factor(hessian), gradient))[0]
+            return np.asarray(x + self.origin)
 
     def lowest_eigenvalue(self) -> float:
         """Lowest squared angular frequency [1/s^2] of small motion of DS about the positions of :meth:`refined`."""

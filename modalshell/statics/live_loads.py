@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
-import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 from modalshell.core.errors import OptionError
@@ -102,14 +101,6 @@ def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
     axis = np.arange(3)
     places = corner[:, :, None, :, None] + axis[:, None, None] * pattern.strides[at][:, :, None, :, None] + axis
     return np.asarray(places.ravel())
-
-
-def symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
-    """Half the sum of a matrix and its transpose, on its own pattern, which is symmetric."""
-    matrix.sort_indices()
-    other = sps.csc_array(matrix.T)
-    other.sort_indices()
-    return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def oscillates(factor: Factor, mass: Array) -> bool:

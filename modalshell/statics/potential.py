@@ -17,10 +17,11 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
+from modalshell.modes.unsymmetric import general_factor, symmetric_half
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
-from modalshell.statics.live_loads import LiveLoads, oscillates, symmetric_half
+from modalshell.statics.live_loads import LiveLoads, oscillates
 from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 from modalshell.statics.warped import descent_length, sized_way, turned_axes, warped_step
 
@@ -150,7 +151,7 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("assembly"):
             _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
-            total, matrix = gradient + self._outer(x)[1], self._matrix(x, data, geometric)
+            total, matrix = gradient + self._outer(x)[1], self.matrix(x, data, geometric)
             if self.live is not None:
                 total -= self.live.force(x)
             if led is not None and led.any():
@@ -170,11 +171,11 @@ class Potential(Problem[sps.csc_array]):
 
         def hessian() -> sps.csc_array:
             with self.costs.part("assembly"):
-                return self._matrix(x, self.shell.hessian(x, geometric, stresses), geometric)
+                return self.matrix(x, self.shell.hessian(x, geometric, stresses), geometric)
 
         return gradient, hessian
 
-    def _matrix(self, x: Array, data: Array, geometric: int) -> sps.csc_array:
+    def matrix(self, x: Array, data: Array, geometric: int) -> sps.csc_array:
         """Hessian by the entries ``data`` of the energy's, to which those of all else are added."""
         if self.quadratic is not None:
             data += self.quadratic
@@ -201,9 +202,8 @@ class Potential(Problem[sps.csc_array]):
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
-            if self.unsymmetric:
-                return self._condensed(self.factoriser.general(hessian))
-            return self._condensed(self.factoriser_of(hessian).symmetric(hessian))
+            of = self.factoriser_of(hessian)
+            return self._condensed(general_factor(hessian, of) if self.unsymmetric else of.symmetric(hessian))
 
     def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:
         """What factorises a Hessian."""
@@ -221,7 +221,7 @@ class Potential(Problem[sps.csc_array]):
                 if factor.is_definite():
                     return self._condensed(factor)
                 if self.unsymmetric:
-                    whole = self._condensed(self.factoriser.general(hessian))
+                    whole = self._condensed(general_factor(hessian, self.factoriser_of(hessian)))
                     if oscillates(whole, self.shell.unknowns.masses(self.shell.mass)):
                         return whole
             except SolverError:

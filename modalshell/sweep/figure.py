@@ -4,7 +4,7 @@ Rule: an axis of numbers, or of vectors that differ only by a factor (represente
 Two such axes of four values or more become a map of the sixths that the value falls in, one panel for each combination
 of the other axes. Otherwise there are curves along the axis with the most values, one for each combination of the
 others; where those are too many, one panel for each value of the first of the others. Cases without the value are left
-out of curves and grey in maps.
+out of curves and grey in maps; what has not converged is crossed out in curves, and dark in maps.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from modalshell.core.checks import shortened
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.models.registry import models
@@ -39,28 +40,39 @@ _LABELS = {
 }
 _COLORS = ("#2b5fc8", "#c8322b", "#2f9e44", "#d98200", "#7b2d8e", "#17a2b8", "#8c564b", "#777777")
 _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
-_NONE, _NONE_COLOR = "no value", "#cccccc"
+_NONE, _MISSED = "no value", "not converged"
+_GREYS = {_NONE: "#cccccc", _MISSED: "#555555"}
 _CURVES, _PANELS = len(_COLORS), 12
 _TICKS = 8
 """Largest number of axis values that each get a tick."""
 _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
+_LETTERS = 32
+"""Letters of a value's text that leave room for others in a legend."""
 
 
 @dataclass(frozen=True)
 class _Summary:
-    """A column of a sweep's summary over its axes."""
+    """A column of a sweep's summary over its axes; ``missed`` are the places of cases that have not converged."""
 
     axes: Sequence[Axis]
     cells: Mapping[tuple[int, ...], Any]
+    missed: frozenset[tuple[int, ...]]
     label: str
     title: str
     units: Mapping[str, str]
 
     def at(self, chosen: Chosen) -> float | None:
         """The value at the chosen values of all axes."""
-        cell = self.cells[tuple(chosen[place] for place in range(len(self.axes)))]
+        cell = self.cells[self._place(chosen)]
         return None if cell is None else float(cell)
+
+    def is_missed(self, chosen: Chosen) -> bool:
+        """Whether the case at the chosen values of all axes has not converged."""
+        return self._place(chosen) in self.missed
+
+    def _place(self, chosen: Chosen) -> tuple[int, ...]:
+        return tuple(chosen[place] for place in range(len(self.axes)))
 
     @property
     def known(self) -> list[float]:
@@ -74,9 +86,7 @@ class _Summary:
 
     def name(self, chosen: Chosen, between: str = ", ") -> str:
         """The chosen values as text."""
-        parts = (
-            f"{self.axes[place].key} = {axis_text(self.axes[place].values[index])}" for place, index in chosen.items()
-        )
+        parts = (f"{self.axes[place].key} = {_short_texts(self.axes[place])[index]}" for place, index in chosen.items())
         return between.join(parts)
 
     def along(self, place: int) -> str:
@@ -107,8 +117,10 @@ def draw_summary(
         "", or why there is no picture.
     """
     places = itertools.product(*(range(len(axis.values)) for axis in axes))
-    cells = {choice: row[value] for choice, row in zip(places, rows, strict=True)}
-    summary = _Summary(axes, cells, _label(value, units), title, units)
+    at = dict(zip(places, rows, strict=True))
+    missed = frozenset(place for place, row in at.items() if row.get("converged") is False)
+    cells = {place: row[value] for place, row in at.items()}
+    summary = _Summary(axes, cells, missed, _label(value, units), title, units)
     if not summary.known:
         return f"no picture: no case has a value of {value!r}"
     numeric = {place: along for place, axis in enumerate(axes) if (along := _numbers(axis)) is not None}
@@ -131,14 +143,20 @@ def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], pa
         return f"no picture: {count} curves are too many for a picture; plot the table instead"
     drawn = []
     for fixed in panels:
-        curves = []
+        curves: list[Curve] = []
+        crossed: list[tuple[float, float]] = []
         for number, chosen in enumerate(curves_each):
-            values = [summary.at(fixed | chosen | {place: index}) for index in range(len(along))]
-            points = [(x, y) for x, y in zip(along, values, strict=True) if y is not None]
+            cases = [fixed | chosen | {place: index} for index in range(len(along))]
+            places = [(float(x), case, summary.at(case)) for x, case in zip(along, cases, strict=True)]
+            points = [(x, y) for x, _, y in places if y is not None]
+            crossed += [(x, y) for x, case, y in places if y is not None and summary.is_missed(case)]
             name = summary.name(chosen) or summary.label
             spec = models().get(name.rpartition("= ")[2])
             color = spec.color if spec else _COLORS[number]
             curves.append(Curve([x for x, _ in points], [y for _, y in points], name, color))
+        if crossed:
+            at, values = np.transpose(crossed)
+            curves.append(Curve(at, values, _MISSED, "black", marker="x", joined=False))
         drawn.append(
             Panel(
                 curves,
@@ -147,7 +165,7 @@ def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], pa
                 summary.label,
                 log=_is_wide(summary.known),
                 log_x=not named and _is_geometric(along),
-                x_ticks=dict(zip(along, map(axis_text, axis.values), strict=True)) if named else _ticks(along),
+                x_ticks=dict(zip(along, _short_texts(axis), strict=True)) if named else _ticks(along),
             )
         )
     draw_curves(drawn, path, columns=min(columns, len(drawn)), share_y=True)
@@ -164,22 +182,23 @@ def _draw_map(
     x, y = numeric[x_place], numeric[y_place]
     x_order, y_order = np.argsort(x), np.argsort(y)
 
-    def named(value: float | None) -> str:
-        if value is None:
-            return _NONE
+    def named(case: Chosen) -> str:
+        value = summary.at(case)
+        if value is None or summary.is_missed(case):
+            return _NONE if value is None else _MISSED
         return names[int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(names) - 1))]
 
     scale: Literal["log", "linear"] = "log" if _is_geometric(x) else "linear"
     labels = summary.along(x_place), summary.along(y_place)
     drawn = []
     for chosen in panels:
-        classes = [[named(summary.at(chosen | {x_place: int(i), y_place: int(j)})) for i in x_order] for j in y_order]
+        classes = [[named(chosen | {x_place: int(i), y_place: int(j)}) for i in x_order] for j in y_order]
         title = f"{summary.heading(chosen)}\n{summary.label}"
         drawn.append(MapPanel(x[x_order], y[y_order], classes, title, *labels, x_scale=scale, x_ticks=_ticks(x)))
     picked = np.linspace(0, len(_RANGES) - 1, len(names)).round().astype(int)
     colors = {name: _RANGES[k] for name, k in zip(names, picked, strict=True)}
-    if None in summary.cells.values():
-        colors[_NONE] = _NONE_COLOR
+    found = {name for panel in drawn for row in panel.classes for name in row}
+    colors |= {name: grey for name, grey in _GREYS.items() if name in found}
     draw_maps(drawn, colors, path, columns=min(columns, len(drawn)))
     return ""
 
@@ -229,6 +248,20 @@ def axis_text(value: Any) -> str:
     if isinstance(value, list):
         return "(" + ", ".join(map(axis_text, value)) + ")"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _short_texts(axis: Axis) -> list[str]:
+    """The values of an axis as texts for a legend: tables without what all of them share, numbered where cut alike."""
+    values, own = axis.values, axis.values
+    if all(isinstance(value, dict) for value in values):
+        own = tuple(
+            {key: part for key, part in value.items() if any(other.get(key) != part for other in values)}
+            for value in values
+        )
+    whole = (axis_text(part) or axis_text(value) for part, value in zip(own, values, strict=True))
+    texts = [shortened(text, _LETTERS) for text in whole]
+    alike = len(set(texts)) < len(texts)
+    return [f"{text} ({number})" if alike else text for number, text in enumerate(texts, start=1)]
 
 
 def _label(value: str, units: Mapping[str, str]) -> str:

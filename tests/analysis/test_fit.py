@@ -216,6 +216,21 @@ def test_poissons_ratio_is_found_wherever_the_sheet_is_stable(sheet, guess):
     assert found.values["poisson"] == pytest.approx(sheet.poisson, abs=1e-4)
 
 
+@pytest.mark.parametrize(("coupling", "guess"), [(-1e-3, 1e-3), (1e-3, 0.0)])
+def test_couplings_of_a_fabric_may_have_any_sign(coupling, guess):
+    """Of the other sign nothing was found, and from none, the usual guess, none was allowed."""
+
+    def fabric(coupling):
+        stiffness = {"stretch": (1e5, 5e4, 1e4, 2e3), "bending": (1e-2, 5e-3, 2e-3, coupling)}
+        return ms.Fabric(**stiffness, density=0.3, direction=30.0)
+
+    shell = ms.Shell(ms.flat_beam(length=0.5, width=0.2, cells=(6, 4)), fabric(coupling), "x < 0.01")
+    seen = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -2.0)).positions
+    found = ms.fit(shell.with_material(fabric(guess)), "bending_4", seen, gravity=(0.0, 0.0, -2.0))
+    assert found.converged
+    assert found.values["bending_4"] == pytest.approx(coupling, rel=1e-6)
+
+
 def test_constants_of_hinges_are_found_too():
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
     shell = ms.Shell(mesh, PLAIN, mesh.vertices[:, 0] < 0.1)

@@ -63,6 +63,22 @@ def test_a_count_out_of_reach_is_told():
 
 
 @pytest.mark.usefixtures("meshlab")
+@pytest.mark.parametrize("asked", [1200, 5000])
+def test_where_the_count_leaps_what_lies_between_is_tried(asked):
+    """The better of two counts far above and below was taken, here 834 of 1200."""
+    plate = ms.flat_beam(length=1.0, width=0.4, cells=(10, 4), family="right")
+    x, z = np.meshgrid(np.linspace(0.0, 1.0, 11), -0.075 * np.arange(3.0), indexing="ij")
+    points = np.stack([x, np.zeros_like(x), z], axis=2).reshape(-1, 3)
+    low = (3 * np.arange(10)[:, None] + np.arange(2)).ravel()
+    rib = np.vstack([np.stack([low, low + 3, low + 4], axis=1), np.stack([low, low + 4, low + 1], axis=1)])
+    tee = ms.repair(np.vstack([plate.vertices, points]), np.vstack([plate.faces, rib + len(plate.vertices)]))[0]
+    assert len(tee.junctions) == 10
+    made = ms.remesh(tee, asked)
+    assert abs(len(made.faces) / asked - 1.0) < 0.16
+    assert made.area == pytest.approx(tee.area)
+
+
+@pytest.mark.usefixtures("meshlab")
 def test_the_command_line_meshes_anew(tmp_path, capsys):
     source, out = tmp_path / "beam.ply", tmp_path / "coarse.ply"
     ms.save_mesh(ms.v_beam(cells=(40, 8)), source)

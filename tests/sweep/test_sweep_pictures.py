@@ -71,3 +71,48 @@ def test_axes_of_numbers_have_their_units(tmp_path, monkeypatch, values, label):
     axes = [Axis("mesh.length", values)]
     figure.draw_summary(rows, axes, "error", tmp_path / "p.png", "title", {"mesh.length": "mm", "error": "1"})
     assert panels[0].x_label == label
+
+
+def _panels(tmp_path, monkeypatch, name, *given):
+    from modalshell.sweep import figure
+
+    drawn = []
+    draw = getattr(figure, name)
+    monkeypatch.setattr(figure, name, lambda panels, *a, **o: (drawn.extend(panels), draw(panels, *a, **o)))
+    assert figure.draw_summary(*given, "displacement", tmp_path / "p.png", "title", {}) == ""
+    return drawn
+
+
+def test_what_has_not_converged_is_crossed_out(tmp_path, monkeypatch):
+    """It stood in the picture as an answer like the others."""
+    from modalshell.sweep.grid import Axis
+
+    axes = [Axis("loads.pressure.0.p", (1.0, 2.0)), Axis("supports.0.kind", ("clamp", "pin"))]
+    rows = [{"displacement": 0.1 * k, "converged": k != 2} for k in range(4)]
+    (panel,) = _panels(tmp_path, monkeypatch, "draw_curves", rows, axes)
+    crosses = panel.curves[-1]
+    assert (crosses.label, crosses.marker, crosses.joined) == ("not converged", "x", False)
+    assert list(zip(crosses.x, crosses.y, strict=True)) == [(2.0, 0.2)]
+    axes = [Axis(key, tuple(float(k) for k in range(4))) for key in ("a", "b")]
+    rows = [{"displacement": None if k == 0 else 0.1 * k, "converged": k != 7} for k in range(16)]
+    (panel,) = _panels(tmp_path, monkeypatch, "draw_maps", rows, axes)
+    assert [panel.classes[3][1], panel.classes[0][0]] == ["not converged", "no value"]
+
+
+def test_tables_as_values_have_short_names(tmp_path, monkeypatch):
+    """Whole tables in a legend hid the curves, and left the axes no room."""
+    from modalshell.sweep.grid import Axis
+
+    ply = {"young": [1e8, 1e8], "shear": 4e7, "poisson": 0.3, "density": 100.0, "angle": 0.0, "thickness": 1e-3}
+    plies = [[ply] * 3, [ply | {"angle": 30.0}] * 3]
+    materials = ({"kind": "card", "name": "denim"}, *({"kind": "laminate", "plies": stack} for stack in plies))
+    axes = [Axis("loads.pressure.0.p", (1.0, 2.0)), Axis("material", materials)]
+    rows = [{"displacement": 0.1 * k, "converged": True} for k in range(6)]
+    (panel,) = _panels(tmp_path, monkeypatch, "draw_curves", rows, axes)
+    names = [curve.label for curve in panel.curves]
+    assert names[0].startswith("material = kind card, denim")
+    assert len(set(names)) == 3
+    assert max(map(len, names)) < 50
+    sheets = tuple({"young": young, "poisson": 0.3, "thickness": 1e-3} for young in (1e7, 1e8))
+    (panel,) = _panels(tmp_path, monkeypatch, "draw_curves", rows[:4], [axes[0], Axis("material", sheets)])
+    assert [curve.label for curve in panel.curves] == ["material = young 1e+07", "material = young 1e+08"]

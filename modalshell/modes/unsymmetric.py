@@ -1,0 +1,118 @@
+"""Factors of matrices that need not be symmetric, as stiffnesses are not under loads that follow a free edge.
+
+They differ from their symmetric half by a matrix that is small, as it comes from the edges alone. The half is
+factorised, 15 times as fast as the whole, and GMRES, preconditioned by it, adds what it leaves out in some six steps
+[saad1986]. Where the other half is large, and for small matrices, SciPy's SuperLU serves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+
+from modalshell.core.cost import count_factorisation
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
+from modalshell.modes.factorisation import Factor, Factoriser
+
+_SMALL = 3000
+"""Unknowns below which SuperLU is fast enough."""
+_MOST = 24
+"""Steps of GMRES at most."""
+_EXACT = 1e-12
+"""Residual of GMRES, preconditioned, as a share of the right side's."""
+
+
+def general_factor(matrix: sps.csc_array, factoriser: Factoriser) -> Factor:
+    """Factor of a matrix (N, N) that need not be symmetric; SolverError if it is singular.
+
+    ``factoriser`` takes its symmetric half.
+    """
+    if not np.isfinite(matrix.data).all():
+        raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) has entries that are not finite")
+    if matrix.shape[0] >= _SMALL:
+        try:
+            return _NearlySymmetric(matrix, factoriser.symmetric(symmetric_half(matrix)))
+        except SolverError:  # the half may be singular where the whole is not
+            pass
+    return _GeneralLU(matrix)
+
+
+def symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
+    """Half the sum of a matrix and its transpose, on its own pattern, which is symmetric."""
+    matrix.sort_indices()
+    other = sps.csc_array(matrix.T)
+    other.sort_indices()
+    return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+class _GeneralLU(Factor):
+    """SciPy's SuperLU with pivots off the diagonal."""
+
+    backend = "superlu"
+
+    def __init__(self, matrix: sps.csc_array) -> None:
+        count_factorisation(matrix.shape[0])
+        try:
+            self._factor = spla.splu(sps.csc_matrix(matrix))
+        except RuntimeError as error:
+            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+
+    def _solve(self, right_side: Array) -> Array:
+        return self._factor.solve(np.ascontiguousarray(right_side))
+
+    def is_definite(self) -> bool:
+        """False: unknown."""
+        return False
+
+
+class _NearlySymmetric(Factor):
+    """A matrix and the factor of its symmetric half; SuperLU's of the whole where GMRES does not get there."""
+
+    def __init__(self, matrix: sps.csc_array, half: Factor) -> None:
+        self._matrix, self._half = matrix, half
+        self.backend = half.backend
+        self._whole: Factor | None = None
+
+    def _solve(self, right_side: Array) -> Array:
+        sides = right_side.reshape(len(right_side), -1)
+        return np.stack([self._solution(side) for side in sides.T], axis=1).reshape(right_side.shape)
+
+    def _solution(self, side: Array) -> Array:
+        """The solution for one right side (N,)."""
+        found = None if self._whole is not None else self._by_steps(side)
+        if found is None:
+            self._whole = self._whole or _GeneralLU(self._matrix)
+            found = self._whole.solve(side)
+        return found
+
+    def _by_steps(self, side: Array) -> Array | None:
+        """The same by GMRES; None where it takes too many steps."""
+        first = self._half.solve(side)
+        length = float(np.linalg.norm(first))
+        if not length > 0.0:
+            return first if length == 0.0 else None
+        basis = np.empty((_MOST + 1, side.size))
+        basis[0] = first / length
+        seen = np.zeros((_MOST + 1, _MOST))
+        for k in range(_MOST):
+            image = self._half.solve(self._matrix @ basis[k])
+            for _ in range(2):  # twice is enough
+                parts = basis[: k + 1] @ image
+                image -= parts @ basis[: k + 1]
+                seen[: k + 1, k] += parts
+            seen[k + 1, k] = np.linalg.norm(image)
+            if not np.isfinite(seen[k + 1, k]):
+                return None
+            goal = np.zeros(k + 2)
+            goal[0] = length
+            shares = np.linalg.lstsq(seen[: k + 2, : k + 1], goal, rcond=None)[0]
+            if np.linalg.norm(seen[: k + 2, : k + 1] @ shares - goal) <= _EXACT * length:
+                return np.asarray(shares @ basis[: k + 1])
+            basis[k + 1] = image / seen[k + 1, k]
+        return None
+
+    def is_definite(self) -> bool:
+        """False: unknown."""
+        return False
