@@ -88,7 +88,10 @@ class _NearlySymmetric(Factor):
         return found
 
     def _by_steps(self, side: Array) -> Array | None:
-        """The same by GMRES; None where it takes too many steps."""
+        """The same by GMRES; None where it takes too many steps.
+
+        SciPy's asks for the true residual at its end, which rounding in thin shells' factors keeps above any tolerance.
+        """
         first = self._half.solve(side)
         length = float(np.linalg.norm(first))
         if not length > 0.0:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import functools
 
+import numpy as np
+
 import modalshell as ms
 from modalshell.statics.error_bar import LARGEST_BAR, LEAST_MARGIN
+from studies.theory.touching_frames import bars_over_errors
 
 BEFORE, PAST, MODES = (0.5, 1.0, 2.0, 3.0), 15.0, 8
 """Gravity [m/s^2] before the snap, and past it."""
@@ -41,12 +44,17 @@ def statements() -> list[str]:
         foretold.append(gravity * bar.critical_load)
     error, bar = found(PAST)
     about = [100.0 * found(gravity)[0] for gravity in BRACKET]
+    ratios, left_out = bars_over_errors()
+    ranks = (5, 50, 95)
+    spread = " | ".join(f"{one:.3f}" for one in np.percentile(ratios, ranks))
     return [
         *rows,
         f"exceeds {LEAST_MARGIN}. Below, it is void. Above a bar of {LARGEST_BAR}",
         f"at {PAST:g} m/s^2 RSW is {100 * error:.0f} % off, and two steps alone read {100 * bar.displacement:.1f} %",
         f"The margin there is {bar.margin:.1f}",
         f"foretell the end of the branch at {min(foretold):.2f} to {max(foretold):.2f} m/s^2",
+        "bar over error, " + " | ".join(f"{rank} %" for rank in ranks),
+        f"| {len(ratios)} | {spread} | {left_out} |",
         f"RSW is {about[0]:.0f} % off at {BRACKET[0]:g} m/s^2 and {about[1]:.0f} % at {BRACKET[1]:g}",
     ]
 

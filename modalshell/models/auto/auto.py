@@ -54,7 +54,8 @@ class Auto(Model):
     (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
     at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
     bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. A bar and a margin that leave room vouch for coordinates, rates and factors of the loads up to a
+    under another load. DS takes over after three short steps from rest without a load, as it would throw off the
+    stretch that modes have. A bar and a margin that leave room vouch for coordinates, rates and factors of the loads up to a
     factor on those seen, 1.25 to 2, in an ellipsoid about rest (:class:`modalshell.models.auto.trusted.KnownStates`),
     and so do those of statics, of the largest load that is known to come at first, and for vibrations as large as its
     answer; those that leave little room vouch for states like their own. Such states are checked again after 40 steps,
@@ -81,9 +82,8 @@ class Auto(Model):
     five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
     that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
     otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is; DS from modes after three short steps from rest, as it would throw off the
-    stretch that modes have. Contacts have no friction, no restitution and no ``push_out`` then, and there is no level
-    of coarse DS.
+    these are far from where the motion is. Contacts have no friction, no restitution and no ``push_out`` then, and
+    there is no level of coarse DS.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -114,8 +115,12 @@ class LeveledStepper(Stepper):
         return self._stepper(level).further_energy(inner)
 
     def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
-        """A full level's state after short steps from rest, with its rates: without the stretch that modes have."""
-        stepper, dt = self._stepper(level), _SHORT * self.setup.dt
+        """A full level's state after short steps from rest, with its rates: without the stretch that modes have.
+
+        No load pushes in these steps.
+        """
+        stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading()))
+        dt = _SHORT * self.setup.dt
         x, none = inner.coordinates, np.zeros_like(inner.rates)
         for _ in range(_SLACKENED):
             x = stepper.advance(time - dt, dt, MotionState(x, none, inner.memory), none)[0].coordinates

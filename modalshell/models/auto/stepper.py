@@ -236,7 +236,8 @@ class AutoStepper(LeveledStepper):
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
-        if self._check.contacts and self._levels[old].quadratic and not self._levels[new].quadratic:
+        stretched = self._levels[old].quadratic and not (self._levels[new].quadratic or self._check.least)
+        if stretched and float(memory["largest"][0]) > 0.0:
             after = self._slack(new, after, time)
         switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
