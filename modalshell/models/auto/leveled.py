@@ -121,7 +121,7 @@ class LeveledStepper(Stepper):
         """
         stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading()))
         dt = _SHORT * self.setup.dt
-        x, none = inner.coordinates, np.zeros_like(inner.rates)
+        x, still, load = inner.coordinates, np.zeros_like(inner.rates), np.zeros_like(self.shell.rest_positions)
         for _ in range(_SLACKENED):
-            x = stepper.advance(time - dt, dt, MotionState(x, none, inner.memory), none)[0].coordinates
+            x = stepper.advance(time - dt, dt, MotionState(x, still, inner.memory), load)[0].coordinates
         return MotionState(x, inner.rates, inner.memory)
