@@ -54,9 +54,9 @@ class Auto(Model):
     (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
     at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
     bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. DS takes over after three short steps from rest without a load, as it would throw off the
-    stretch that modes have. A bar and a margin that leave room vouch for coordinates, rates and factors of the loads up
-    to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
+    under another load. Levels of DS take over from those of modes after three short steps from rest without a load, as
+    they would throw off the stretch that modes have. A bar and a margin that leave room vouch for coordinates, rates
+    and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
     (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load that is known
     to come at first, and for vibrations as large as its answer; those that leave little room vouch for states like
     their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less takes from what
