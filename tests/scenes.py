@@ -49,6 +49,12 @@ def strip(cells=(6, 2), below=None):
     return held(ms.flat_beam(cells=cells), below)
 
 
+def sheet_strip(cells=(16, 2)):
+    """A strip of shell theory 1 m long, clamped at an end, that bends far under its weight."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)
+    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+
+
 def leaf(cells=(8, 6), clamped=None):
     """A leaf, free unless some vertices are ``clamped``."""
     return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)

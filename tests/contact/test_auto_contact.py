@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import stopped_and_resumed
+from scenes import sheet_strip, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
@@ -15,8 +15,7 @@ FLOOR = ms.Contact(ms.Plane((0, 0, 1), -0.15))
 
 @pytest.fixture(scope="module")
 def shell():
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
-    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    return sheet_strip((20, 4))
 
 
 @pytest.mark.parametrize(("error", "name"), [(0.1, "MWTS"), (1e-3, "DS")])
@@ -62,8 +61,7 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def small():
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 2))
-    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    return sheet_strip()
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scenes import sheet_strip, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.core.touched import PUSHED_OUT, STRUCK
@@ -31,8 +32,7 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def shell():
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 2))
-    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    return sheet_strip()
 
 
 @pytest.fixture(scope="module")
@@ -175,15 +175,8 @@ def test_a_scene_has_them_and_a_resumed_one_the_same(scene_file, tmp_path):
     floor = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
     scene = scene_file(more=floor)
     scene.write_text(f"bar = true\n{scene.read_text()}")
-    whole = ms.run_scene(scene, out=tmp_path / "whole").trajectory
-
-    def stop(done, _):
-        if done == 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
-    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
+    first, resumed = stopped_and_resumed(scene, tmp_path, 20)
+    whole = first.trajectory
     assert resumed.resumed > 1
     assert whole.in_contact[-1].any()
     assert whole.bars.times.size

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import sheet_strip
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
@@ -21,8 +22,7 @@ COLLIDERS = {
 
 @pytest.fixture(scope="module")
 def shell():
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 2))
-    return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    return sheet_strip()
 
 
 @pytest.fixture(scope="module")

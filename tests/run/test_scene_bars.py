@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from scenes import stiff_beam_text
+from scenes import stiff_beam_text, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -43,16 +43,9 @@ def test_an_equilibrium_says_its_bar_and_keeps_it(gravity, said, tmp_path, capsy
 def test_a_motion_has_bars_and_a_resumed_one_the_same(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE % ("true", -20.0) + "[motion]\nduration = 1.5\n")
-    whole = ms.run_scene(scene, out=tmp_path / "out").trajectory
+    first, resumed = stopped_and_resumed(scene, tmp_path, 30)
+    whole = first.trajectory
     assert whole.bars.times == pytest.approx([0.5, 1.0])
-
-    def stop(done, _):
-        if done == 30:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop)
-    resumed = ms.run_scene(scene, out=tmp_path / "stopped")
     assert resumed.resumed > 1
     assert np.array_equal(resumed.trajectory.bars.displacement, whole.bars.displacement)
     assert np.array_equal(resumed.trajectory.bars.margin, whole.bars.margin)
