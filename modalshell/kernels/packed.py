@@ -274,6 +274,16 @@ def total(typing, value):  # type: ignore[no-untyped-def]
     return value.scalar(value), code
 
 
+@_intrinsic
+def fused(typing, first, second, third):  # type: ignore[no-untyped-def]
+    """``first second + third`` of float64, rounded once, where nothing else may be fused."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), code
+
+
 @njit(error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)
 def dot(a, i, b, j, count):  # type: ignore[no-untyped-def]
     """Sum of the products of ``count`` numbers of two flat arrays of float64, from ``i`` and from ``j`` on.

@@ -9,15 +9,12 @@ that it was made for. Which of both NumPy does here is asked once, and where it 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.packed import fused
 
 _MANY = 200_000
 """Matrices in all from which the kernel is worth being compiled."""
@@ -27,18 +24,6 @@ _SAMPLES = 64
 """Matrices at which NumPy's bits are asked for."""
 _SMALLEST, _LARGEST = 1e-300, 1e300
 """Pivots within which LAPACK multiplies by their reciprocals."""
-
-_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument of the call
-
-
-@_intrinsic
-def _fused(typing, a, b, c):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """``a b + c``, rounded once."""
-
-    def generate(context, builder: ir.IRBuilder, signature, arguments):  # type: ignore[no-untyped-def]  # noqa: ARG001
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
@@ -50,7 +35,7 @@ def _factorise(size, a, swaps, reciprocals, once):  # type: ignore[no-untyped-de
         for i in range(1, size):
             value = 0.0
             for k in range(min(i, j)):
-                value = _fused(a[i, k], a[k, j], value) if once else value + a[i, k] * a[k, j]
+                value = fused(a[i, k], a[k, j], value) if once else value + a[i, k] * a[k, j]
             a[i, j] -= value
         pivot = j
         for i in range(j + 1, size):
@@ -75,12 +60,12 @@ def _solve(size, a, reciprocals, x, once):  # type: ignore[no-untyped-def]
     for i in range(block):
         for k in range(i + 1, block):
             for c in range(size):
-                x[k, c] = _fused(-x[i, c], a[k, i], x[k, c]) if once else x[k, c] - x[i, c] * a[k, i]
+                x[k, c] = fused(-x[i, c], a[k, i], x[k, c]) if once else x[k, c] - x[i, c] * a[k, i]
     if not once:
         for c in range(size):
             value = 0.0
             for k in range(last):
-                value = _fused(a[last, k], x[k, c], value)
+                value = fused(a[last, k], x[k, c], value)
             x[last, c] -= value
     for i in range(last, -1, -1):
         for c in range(size):
@@ -88,7 +73,7 @@ def _solve(size, a, reciprocals, x, once):  # type: ignore[no-untyped-def]
         for k in range(i):
             for c in range(size):
                 if once and i < last:
-                    x[k, c] = _fused(-x[i, c], a[k, i], x[k, c])
+                    x[k, c] = fused(-x[i, c], a[k, i], x[k, c])
                 else:
                     x[k, c] -= x[i, c] * a[k, i]
 
