@@ -38,10 +38,8 @@ _ON = 1e-14
 """Gap, as a share of the shell's size, at which a vertex is on its surface."""
 
 
-def checked_contacts(contacts: Sequence[Contact] | None, frame: SupportPath | None = None) -> tuple[Contact, ...]:
-    """The contacts as a tuple, as they are seen from a ``frame`` that moves; OptionError if one is not a contact."""
-    if contacts is None:
-        return ()
+def listed_contacts(contacts: Sequence[Contact | SelfContact]) -> tuple[Contact | SelfContact, ...]:
+    """The contacts as a tuple; OptionError for what is no list of contacts."""
     if isinstance(contacts, Contact | SelfContact):
         kind = type(contacts).__name__
         raise OptionError(f"contacts must be a list of contacts (got one {kind}: write contacts=[contact])")
@@ -49,11 +47,22 @@ def checked_contacts(contacts: Sequence[Contact] | None, frame: SupportPath | No
         given = tuple(contacts)
     except TypeError as error:
         raise OptionError(f"contacts must be a list of contacts (got {shown(contacts)})") from error
-    if any(isinstance(contact, SelfContact) for contact in given):
-        raise OptionError(
-            "self-contact is for DS with implicit steps alone (got SelfContact): take DS, or leave it out"
-        )
-    return tuple(checked_kind("each of contacts", contact, Contact).seen_from(frame) for contact in given)
+    for contact in given:
+        if not isinstance(contact, SelfContact):
+            checked_kind("each of contacts", contact, Contact)
+    return given
+
+
+def checked_contacts(contacts: Sequence[Contact] | None, frame: SupportPath | None = None) -> tuple[Contact, ...]:
+    """The contacts as a tuple, as they are seen from a ``frame`` that moves; OptionError for self-contact."""
+    seen = []
+    for contact in () if contacts is None else listed_contacts(contacts):
+        if isinstance(contact, SelfContact):
+            raise OptionError(
+                "self-contact is for DS with implicit steps alone (got SelfContact): take DS, or leave it out"
+            )
+        seen.append(contact.seen_from(frame))
+    return tuple(seen)
 
 
 def refuse_friction(contacts: Sequence[Contact], name: str) -> None:
@@ -339,12 +348,11 @@ def parted(
     contacts: Sequence[Contact | SelfContact] | None, frame: SupportPath | None = None
 ) -> tuple[tuple[Contact, ...], SelfContact | None]:
     """The contacts with colliders, seen from a ``frame``, and the self-contact; OptionError for two of these."""
-    if contacts is None or isinstance(contacts, Contact | SelfContact):
-        return checked_contacts(contacts, frame), None
-    own = [contact for contact in contacts if isinstance(contact, SelfContact)]
+    given = () if contacts is None else listed_contacts(contacts)
+    own = [contact for contact in given if isinstance(contact, SelfContact)]
     if len(own) > 1:
         raise OptionError(f"contacts must have one SelfContact at most (got {len(own)})")
-    others = [contact for contact in contacts if not isinstance(contact, SelfContact)]
+    others = [contact for contact in given if not isinstance(contact, SelfContact)]
     return checked_contacts(others, frame), own[0] if own else None
 
 

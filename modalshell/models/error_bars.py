@@ -15,6 +15,7 @@ from modalshell.loads import Load, Loading
 from modalshell.models.base.bars import bar_on_shell, check_bar, no_coarse_contacts
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
+from modalshell.models.base.setup import given_contacts
 from modalshell.models.coarse.coarse_shell import coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
@@ -80,12 +81,12 @@ def error_bar(
     """
     shell = shell_of(model_or_shell)
     given = any(part is not None for part in (gravity, force, loads))
-    loading, constrained, touching = None, False, contacts
+    loading, constrained, touching = None, False, given_contacts(contacts)
     if isinstance(answer, Equilibrium):
         loading, constrained = answer.loading, answer.constraint_residuals.size > 0
         if answer.contacts and contacts is not None:
             raise OptionError("the equilibrium knows its contacts: leave them out, or give its positions")
-        touching = answer.contacts or contacts
+        touching = answer.contacts or touching
     if loading is not None and given:
         raise OptionError("the equilibrium knows its load: leave out gravity, force and loads, or give its positions")
     if loading is None:

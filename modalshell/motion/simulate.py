@@ -14,6 +14,7 @@ from modalshell.core.memory import demand_memory
 from modalshell.core.typing import Progress
 from modalshell.loads import Load
 from modalshell.models import Model
+from modalshell.models.base.setup import given_contacts
 from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
 from modalshell.motion.motion_check import wanted_bars, with_bars
 from modalshell.motion.recorder import Recorder, step_count
@@ -131,9 +132,9 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     if integrator is not None:
         model = model.stepped_by(integrator)
-    wanted = None
+    wanted, touching = None, given_contacts(contacts)
     if bars is not None:
-        wanted = wanted_bars(bars, model, tuple(contacts or ()), dt, supports, constrained=bool(constraints))
+        wanted = wanted_bars(bars, model, touching, dt, supports, constrained=bool(constraints))
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),
@@ -142,7 +143,7 @@ def simulate(
         start=start,
         supports=supports,
         constraints=constraints,
-        contacts=contacts,
+        contacts=touching,
         tolerance=None if tolerance is None else Tolerance(tolerance, duration),
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every, precision=dtype)
@@ -150,7 +151,7 @@ def simulate(
     run = with_stretch_remark(
         with_fields(recorder.trajectory(positions), model.shell, chosen, supports), model.shell, supports
     )
-    run = replace(run, contacts=tuple(contacts or ()))
+    run = replace(run, contacts=touching)
     if wanted is None:
         return run
     setup = motion.setup

@@ -190,3 +190,23 @@ def test_friction_of_explicit_steps_is_refused(shell):
     model = ms.DiscreteShell(shell, integrator="explicit")
     with pytest.raises(ms.OptionError, match="bars of motions with friction take implicit steps"):
         move(model, ms.Contact(FLOOR, friction=0.3), dt=1e-6, duration=2e-6)
+
+
+@pytest.mark.parametrize("given", ["motion", "statics"])
+def test_contacts_of_any_kind_of_list_are_heeded_with_bars(warping, given):
+    """An iterator was read by the bars, and the motion went through the floor; what is no list was no clear error."""
+
+    def answer(contacts):
+        if given == "statics":
+            return warping.equilibrium(gravity=GRAVITY, contacts=contacts, bar=True)
+        return ms.simulate(warping, duration=0.4, dt=DT, gravity=GRAVITY, contacts=contacts, bars=EVERY)
+
+    floor = ms.Contact(FLOOR)
+    assert answer(iter([floor])).in_contact.any()
+    for wrong, words in (
+        (floor, "write contacts="),
+        ([3], "each of contacts must be a Contact"),
+        (3, "must be a list"),
+    ):
+        with pytest.raises(ms.OptionError, match=words):
+            answer(wrong)

@@ -21,7 +21,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
-from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.setup import MotionSetup, given_contacts
 from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
@@ -107,11 +107,11 @@ class Model(ABC):
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        wanted = checked_constraints(constraints, self.shell.unknowns)
+        wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts)
         if checked_kind("bar", bar, bool):
-            check_bar(self.true_shell, constrained=bool(wanted), contacts=contacts)
-        if contacts:
-            found = self._solve_touching(loading, begin, contacts, wanted)
+            check_bar(self.true_shell, constrained=bool(wanted), contacts=touching)
+        if touching:
+            found = self._solve_touching(loading, begin, touching, wanted)
         elif wanted:
             found = self._solve_constrained(loading, begin, wanted)
         else:
@@ -119,13 +119,13 @@ class Model(ABC):
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
-        if not (wanted or contacts) and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
+        if not (wanted or touching) and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
         found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
-        if contacts:
-            found = replace(found, contacts=tuple(contacts))
+        if touching:
+            found = replace(found, contacts=touching)
         if not bar:
             return found
         return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading, found.contacts))

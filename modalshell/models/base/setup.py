@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 from modalshell.loads import Loading
 from modalshell.shell.damping import Damping
@@ -14,6 +14,15 @@ from modalshell.supports.constraints import Constraint
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
     from modalshell.integrators.full import FullIntegrator
+
+
+def given_contacts(contacts: Sequence[Contact] | None) -> tuple[Any, ...]:
+    """The contacts that a caller gives, as a tuple; OptionError for what is no list of contacts."""
+    if not contacts:
+        return ()
+    from modalshell.contact.touching import listed_contacts  # not without contacts
+
+    return listed_contacts(contacts)
 
 
 @final
