@@ -80,7 +80,7 @@ def _solve(size, a, reciprocals, x, once):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
 def _inverses(size, matrices, once, out):  # type: ignore[no-untyped-def]
-    """As above, of a size that the compiler knows."""
+    """As :func:`small_inverses`, of a size that the compiler knows."""
     a, swaps, reciprocals = np.empty((size, size)), np.empty(size, np.int64), np.empty(size)
     for place in range(len(matrices)):
         x = out[place]

@@ -146,7 +146,8 @@ class _Ordering:
         return sps.csc_matrix((matrix.data[pattern.data - 1], pattern.indices, pattern.indptr), shape=matrix.shape)
 
 
-def _lu(matrix: sps.csc_matrix, **options: Any) -> Any:
+def sparse_lu(matrix: sps.csc_matrix, **options: Any) -> Any:
+    """SciPy's SuperLU of a matrix; SolverError if it is singular."""
     try:
         return spla.splu(matrix, **options)
     except RuntimeError as error:
@@ -161,7 +162,7 @@ class _SuperLU(Factor):
     def __init__(self, matrix: sps.csc_array, ordering: _Ordering | None = None) -> None:
         order = "MMD_AT_PLUS_A" if ordering is None else "NATURAL"
         permuted = sps.csc_matrix(matrix) if ordering is None else ordering.apply(matrix)
-        self._factor = _lu(permuted, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        self._factor = sparse_lu(permuted, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         self._order = None if ordering is None else ordering.order
 
     def _solve(self, right_side: Array) -> Array:
@@ -304,7 +305,7 @@ class Factoriser:
 
         SuperLU and profile factors accept other matrices silently: check ``is_definite`` if that matters.
         """
-        _check_finite(matrix)
+        check_finite(matrix)
         count_factorisation(matrix.shape[0])
         way = self._way(matrix)
         if way == "cholesky":
@@ -317,7 +318,7 @@ class Factoriser:
         It takes half the memory of another one, and half its time. Small matrices have none, nor do those whose lowest
         eigenvalues are lost in the rounding of the largest.
         """
-        _check_finite(matrix)
+        check_finite(matrix)
         if self._way(matrix, _ROUGH) != "cholesky":
             return None
         count_factorisation(matrix.shape[0])
@@ -373,6 +374,7 @@ class Factoriser:
         return factor if columns is None else _Axes(columns)
 
 
-def _check_finite(matrix: sps.csc_array) -> None:
+def check_finite(matrix: sps.csc_array) -> None:
+    """Raise SolverError for entries that are not finite."""
     if not np.isfinite(matrix.data).all():
         raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) has entries that are not finite")

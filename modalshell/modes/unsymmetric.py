@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 
 from modalshell.core.cost import count_factorisation
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
-from modalshell.modes.factorisation import Factor, Factoriser
+from modalshell.modes.factorisation import Factor, Factoriser, check_finite, sparse_lu
 
 _SMALL = 3000
 """Unknowns below which SuperLU is fast enough."""
@@ -29,8 +28,7 @@ def general_factor(matrix: sps.csc_array, factoriser: Factoriser) -> Factor:
 
     ``factoriser`` takes its symmetric half.
     """
-    if not np.isfinite(matrix.data).all():
-        raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) has entries that are not finite")
+    check_finite(matrix)
     if matrix.shape[0] >= _SMALL:
         try:
             return _NearlySymmetric(matrix, factoriser.symmetric(symmetric_half(matrix)))
@@ -54,10 +52,7 @@ class _GeneralLU(Factor):
 
     def __init__(self, matrix: sps.csc_array) -> None:
         count_factorisation(matrix.shape[0])
-        try:
-            self._factor = spla.splu(sps.csc_matrix(matrix))
-        except RuntimeError as error:
-            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+        self._factor = sparse_lu(sps.csc_matrix(matrix))
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(np.ascontiguousarray(right_side))

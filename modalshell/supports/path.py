@@ -240,23 +240,24 @@ class SupportPath:
         inside = min(max(time, first), last)
         rounding = _ROUNDING * max(abs(first), abs(last))  # frames may miss an end by so much
         moving = abs(time - inside) <= rounding
-        none = _NONE
-        rotation, rate, turning = _NO_TURN, none, none
         place, velocity, acceleration = _with_derivatives(self.times, self._translation, inside)
-        if self._rotation is None:
-            pass
-        elif isinstance(self._rotation, RotationSpline):
-            rotation = self._rotation(inside).as_matrix()
-            if moving:
-                rate, turning = self._rotation(inside, 1), self._rotation(inside, 2)
-        else:
-            vector, slope, bend = _with_derivatives(self.times, self._rotation, inside)
-            rotation = Rotation.from_rotvec(vector).as_matrix()
-            if moving:
-                rate, turning = turn_rates(vector, slope, bend)
+        rotation, rate, turning = self._turned(inside, moving=moving)
         share = self._share_of_jump(inside, rounding, side)
-        acceleration, turning = share * (acceleration @ rotation if moving else none), share * turning
-        return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity if moving else none)
+        acceleration, turning = share * (acceleration @ rotation if moving else _NONE), share * turning
+        return Pose(rotation, place, self.pivot, acceleration, rate, turning, velocity if moving else _NONE)
+
+    def _turned(self, inside: float, *, moving: bool) -> tuple[Array, Array, Array]:
+        """Rotation (3, 3) at a time [s] within the path, and where it is ``moving`` its rate and acceleration (3,)."""
+        if self._rotation is None:
+            return _NO_TURN, _NONE, _NONE
+        if isinstance(self._rotation, RotationSpline):
+            rotation = self._rotation(inside).as_matrix()
+            return (
+                (rotation, self._rotation(inside, 1), self._rotation(inside, 2)) if moving else (rotation, _NONE, _NONE)
+            )
+        vector, first, second = _with_derivatives(self.times, self._rotation, inside)
+        rates = turn_rates(vector, first, second) if moving else (_NONE, _NONE)
+        return Rotation.from_rotvec(vector).as_matrix(), *rates
 
     def _share_of_jump(self, time: float, rounding: float, side: Side | None) -> float:
         """How much of its acceleration a path has on a side of a time [s] within it."""

@@ -51,7 +51,7 @@ def bars_over_errors() -> tuple[Array, int]:
             load = check.load_under(run.times[k - 1 : k + 2], frames[k - 1 : k + 2])
             still = [stopped(contact, float(time))]
             rest = truth.equilibrium(force=load, contacts=still, start=frames[k])
-            off = check.moved(shell.rest_positions + rest.positions - frames[k])
+            off = check.norm(rest.positions - frames[k])
             ratios.append(bar * moved[k] / off)
     return np.array(ratios), left_out
 

@@ -13,6 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.levels import FullLevel, Level, ModalLevel
 from modalshell.models.auto.trusted import SELDOM, KnownStates
+from modalshell.models.auto.watching import SWITCH
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 
@@ -90,6 +91,10 @@ class LeveledStepper(Stepper):
             "log": np.zeros((MOST_TOLD, 6)),
             "switches": np.zeros(1),
         }
+
+    def _allowed(self, memory: dict[str, Array]) -> float:
+        """Displacement [kg^(1/2) m] off by which a level is left."""
+        return float(SWITCH * self.model.error * float(memory["largest"][0]))
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], by the level that took the step to it."""

@@ -231,7 +231,7 @@ class AutoStepper(LeveledStepper):
         A full one takes over from modes without the stretch that these have, which DS would throw off.
         """
         (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
-        far, loading = SWITCH * self.model.error * float(memory["largest"][0]), self.setup.loading
+        far, loading = self._allowed(memory), self.setup.loading
         after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
@@ -257,7 +257,7 @@ class AutoStepper(LeveledStepper):
         if not level.quadratic or self._check.least:
             return False
         answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
-        allowed = SWITCH * self.model.error * float(memory["largest"][0])
+        allowed = self._allowed(memory)
         return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
 
     def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
@@ -270,7 +270,7 @@ class AutoStepper(LeveledStepper):
         if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
             return False
         bent = first.still.warped(q) - (first.still.basis.modes @ q).reshape(-1, 3)
-        alike = self._length(bent) <= _STRAIGHT * SWITCH * self.model.error * float(memory["largest"][0])
+        alike = self._length(bent) <= _STRAIGHT * self._allowed(memory)
         return alike and not self._errs_alike(0, seen, memory)
 
     def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
@@ -288,10 +288,9 @@ class AutoStepper(LeveledStepper):
     ) -> Switch | None:
         """As :meth:`_foreseen`, and where a strike on a collider is ahead: DS takes that."""
         begin, time, _ = now
-        largest = float(memory["largest"][0])
         if self._check.contacts:
             lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
-            if lost * float(self.model.periods[0]) > _STRIKING * SWITCH * self.model.error * largest:
+            if lost * float(self.model.periods[0]) > _STRIKING * self._allowed(memory):
                 return begin, self._above(level, memory, snapping=True), 0.0, 1.0, STRIKES
         return self._foreseen(level, state, memory, now)
 
