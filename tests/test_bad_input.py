@@ -179,6 +179,7 @@ def test_answers_that_leave_the_finite_numbers_are_refused():
         ms.solve_modes(ms.Shell(ms.TriangleMesh(points() * 1e-99, shell().mesh.faces), light), 2)
 
 
+@pytest.mark.slow
 def test_a_target_far_out_of_reach_takes_no_more_than_seconds(basis):
     for target in ([-0.1, 0.0, 1.0], [1e12, 0.0, 0.0]):
         answer = ms.ModalWarping(basis).equilibrium(

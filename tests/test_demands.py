@@ -50,6 +50,7 @@ def test_rigid_motions_of_many_parts_are_counted(little):
         ms.solve_modes(shell, 4)
 
 
+@pytest.mark.slow
 def test_a_trajectory_that_does_not_fit_is_refused_before_its_first_step(shell, little):
     model = ms.LinearModal(ms.solve_modes(shell, 2))
 

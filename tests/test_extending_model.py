@@ -30,6 +30,7 @@ def command(*arguments):
     assert end.value.code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_a_model_of_another_package_runs_by_scene_and_stands_on_the_ladder(scene_file, tmp_path):
     file = scene_file(TOY, STILL, WEAK)

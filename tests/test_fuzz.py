@@ -64,6 +64,7 @@ def attempts(surface, count, folder, seed=None):
     assert counts["refused"] >= 0.1 * count
 
 
+@pytest.mark.by_default("arrays", "scenes", "outputs", "properties")
 @pytest.mark.parametrize("surface", SURFACES)
 def test_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -310,6 +311,14 @@ def test_a_part_in_which_bugs_are_searched_is_in_the_whole(module, part, tmp_pat
     find(module.make(tmp_path), lambda drawn: drawn is mark, settings=settings(max_examples=500, database=None))
 
 
+@pytest.mark.by_default(
+    "crash-mesh_files-UncaughtException",
+    "short_message-mesh_files-UselessMessage",
+    "evaluated-scenes-kinds9",
+    "traceback_at_the_command_line-command_line-kinds10",
+    "memory_error_escapes-properties-UncaughtException",
+    "clips_unchecked-saved-kinds19",
+)
 @pytest.mark.parametrize(
     ("plant", "surface", "kinds"),
     [

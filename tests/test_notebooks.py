@@ -49,6 +49,7 @@ def objects(v_basis):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_reprs_are_one_short_line(objects):
     long = {type(one).__name__: repr(one) for one in objects if len(repr(one)) > LONGEST or "\n" in repr(one)}
     assert not long

@@ -82,6 +82,7 @@ def test_nearest_takes_finite_points(text):
 SCENES = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
 
 
+@pytest.mark.by_default("flock")
 @pytest.mark.parametrize("file", SCENES, ids=lambda file: file.stem)
 def test_scenes_pickle_and_copy(file):
     scene = ms.load_scene(file)

@@ -49,6 +49,7 @@ def test_young_is_found_from_a_small_move_too(strip):
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
     drop = np.abs(measured[:, 2]).max()
     guess = strip.with_material(replace(SHEET, young=3e6))
@@ -95,7 +96,7 @@ def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
-@pytest.mark.by_default("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_frequencies_give_young_and_thickness_goes_with_it(free):
     """On a strip so wide that twist does not change places with bending as Poisson's ratio moves."""
@@ -249,6 +250,7 @@ def test_a_search_that_leaves_the_stable_sheets_says_where():
         ms.fit(guess, ["young_1", "poisson"], seen, loads=loads)
 
 
+@pytest.mark.slow
 def test_frequencies_that_cross_on_the_way_are_told_apart():
     """From this guess the third mode is the fourth of the shell that was measured: the fit ended 20 % or more off."""
     mesh = ms.flat_beam(length=1.0, width=0.64, cells=(8, 5))
@@ -275,6 +277,7 @@ def test_modes_above_the_measured_ones_may_share_an_eigenvalue():
     assert found.values["young"] == pytest.approx(1e6, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_fit_that_explains_little_says_so(strip, measured):
     other = measured.copy()
     other[:, 1] += 0.4 * measured[:, 2]
@@ -285,6 +288,7 @@ def test_a_fit_that_explains_little_says_so(strip, measured):
         assert ms.fit(strip, "young", frequencies=seen).converged
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")
 def test_poissons_ratio_stays_within_its_bounds_where_other_orders_are_tried():
     """Frequencies that no sheet has: starts of further searches may lie beyond 0.495."""

@@ -26,7 +26,7 @@ LOADS = {
 }
 
 
-@pytest.mark.by_default("0.0-follower pressure without a potential", "0.0-wind", "10000.0-weight")
+@pytest.mark.by_default("0.0-follower pressure without a potential")
 @pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
 @pytest.mark.parametrize("offset", [0.0, 1e4])
 def test_an_equilibrium_near_a_known_one_is_that_of_the_model(loads, offset):

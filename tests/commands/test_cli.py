@@ -36,6 +36,7 @@ def run(capsys, *arguments):
     return status or 0, captured.out, captured.err
 
 
+@pytest.mark.by_default("ds")
 @pytest.mark.parametrize("model", ["lma", "mwts", "ds"])
 def test_simulate_writes_a_film_and_the_positions(capsys, tmp_path, leaf, model):
     options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-9.81", "--model", model, "--duration", "0.2"]
@@ -56,6 +57,7 @@ def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
     assert (tmp_path / "leaf_mwts.png").exists()
 
 
+@pytest.mark.by_default("False")
 @pytest.mark.parametrize("static", [True, False])
 def test_work_that_does_not_succeed_ends_with_status_1(capsys, tmp_path, leaf, static):
     options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-1e6", "--thickness", "1e-4", "--out", str(tmp_path)]
@@ -163,6 +165,7 @@ def test_bundled_meshes_and_scenes_are_found_from_any_folder(capsys, tmp_path, m
     assert (tmp_path / "studies" / "scenes" / "leaf.html").is_file()  # outputs go where they were asked for
 
 
+@pytest.mark.slow
 def test_debug_shows_the_traceback():
     command = [sys.executable, "-m", "modalshell", "simulate", "no_such_file.obj"]
     plain = subprocess.run(command, capture_output=True, text=True)

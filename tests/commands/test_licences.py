@@ -55,6 +55,7 @@ def test_copyleft_is_seen(licence, expected):
     assert Licence("toy", licence, (), "").copyleft is expected
 
 
+@pytest.mark.slow
 def test_a_package_without_a_word_ends_the_command_with_one(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main(["licences"])

@@ -61,6 +61,7 @@ def told(out):
     return float(re.search(r"young = (\S+),", out).group(1))
 
 
+@pytest.mark.by_default("npz")
 @pytest.mark.parametrize("kind", ["csv", "json", "npz"])
 def test_young_is_found_from_a_tip_curve(capsys, tmp_path, curve, kind):
     positions, file = curve[0], tmp_path / f"tip.{kind}"

@@ -48,6 +48,7 @@ def torn(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_mesh_that_is_refused_makes_a_film_with_repair(capsys, torn, tmp_path):
     status, out, err = run(capsys, "simulate", torn, "--out", tmp_path)
     assert status == 2
@@ -101,6 +102,7 @@ def test_scenes_repair(torn, scene_file):
         assert scene("\nsplit = true").build_mesh().area == pytest.approx(0.3)
 
 
+@pytest.mark.by_default("1000.0")
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_without_flags_a_mesh_of_any_size_sags_alike(capsys, tmp_path, size):
     mesh = ms.cylinder_panel(length=size, radius=0.6 * size, cells=(6, 6))
@@ -116,6 +118,7 @@ def test_without_flags_a_mesh_of_any_size_sags_alike(capsys, tmp_path, size):
     assert moved == pytest.approx(SAG, rel=0.06)
 
 
+@pytest.mark.slow
 def test_what_is_named_is_not_chosen(capsys, tmp_path):
     ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(8, 3)), tmp_path / "sheet.ply")
     command = ("simulate", tmp_path / "sheet.ply", "--out", tmp_path, "--duration", "0.1")
@@ -282,6 +285,7 @@ def test_a_killed_command_goes_on_where_it_was(capsys, tmp_path):
     assert names == {f"strip 1_ds.{kind}" for kind in ("npz", "json", "mp4")}
 
 
+@pytest.mark.slow
 def test_results_are_computed_again_where_something_changed(capsys, tmp_path):
     mesh, out = tmp_path / "strip.obj", tmp_path / "out"
     ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
@@ -317,6 +321,7 @@ def test_results_are_computed_again_where_something_changed(capsys, tmp_path):
     assert "earlier run" not in changed("--static")[0]
 
 
+@pytest.mark.slow
 def test_frames_of_a_run_with_other_options_are_kept(capsys, tmp_path, monkeypatch):
     mesh = tmp_path / "strip.obj"
     ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
@@ -333,6 +338,7 @@ def test_frames_of_a_run_with_other_options_are_kept(capsys, tmp_path, monkeypat
     assert not (tmp_path / "strip_mwts.frames").exists()
 
 
+@pytest.mark.slow
 def test_auto_is_not_told_to_take_what_it_took(capsys, tmp_path, monkeypatch):
     """Frames that show a motion too fast for them give a bar, even of DS, that says nothing of it."""
     ms.save_mesh(ms.cylinder_panel(length=0.4, radius=0.08, angle=300.0, cells=(8, 12)), tmp_path / "tube.obj")

@@ -73,6 +73,11 @@ def test_an_engine_that_meets_the_closed_forms_counts(adapter):
     assert found.frame_ms == pytest.approx(1e3 / (2.0 * 4.0 * STEPS[0]))
 
 
+@pytest.mark.by_default(
+    "found['positions'] = [bent(1.2)]-conversion check failed: small drop +20 %",
+    "found['taken'] = [1]-not at rest after 9 s a load",
+    "del found['positions']-no step down to",
+)
 @pytest.mark.parametrize(
     ("change", "outcome"),
     [

@@ -23,7 +23,7 @@ def _without_opengl(monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
-@pytest.mark.by_default("rigid", "lma", "mwts", "mwts-consistent", "reduced-rsw", "rsw", "md-rom", "coarse-ds", "ds")
+@pytest.mark.by_default("rigid")
 @pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_runs_by_the_table_that_the_advice_prints(key, scene_file, tmp_path):
     file = scene_file(STILL, WEAK)

@@ -53,6 +53,7 @@ def snapping():
     return ms.tradeoff(shell, gravity=(0, 0, -90), modes=(4,))
 
 
+@pytest.mark.slow
 def test_rows_agree_with_direct_calls(bent):
     shell, load = bent.case.shell, bent.case.load
     exact = ms.DiscreteShell(shell).equilibrium(force=load)
@@ -258,6 +259,7 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.SpringSheet(ms.Shell(mesh, sheet, "x < 1e-9"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compare", [ms.tradeoff, pytest.param(ms.advise, marks=pytest.mark.slow)])
 def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
     with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
@@ -343,6 +345,7 @@ def run(capsys, *arguments):
     return capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_commands_write_tables_and_pictures(scene_text, tmp_path, capsys):
     file = tmp_path / "bent.toml"
     file.write_text(scene_text(FLAT, WEAK, DISCRETE, STILL))

@@ -25,6 +25,7 @@ def pushed():
     return ms.tradeoff(shell, gravity=(0, 0, -320), modes=(6, 8))
 
 
+@pytest.mark.slow
 def test_the_snap_of_a_panel_pushed_through_is_located(pushed):
     path, shell = pushed.path, pushed.case.shell
     moves = [np.abs(b.positions - a.positions).max() for a, b in zip(path.answers[:-1], path.answers[1:], strict=True)]

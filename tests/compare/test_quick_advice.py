@@ -116,6 +116,7 @@ def test_engines_are_not_asked_quickly(shell):
         ms.tradeoff(shell, gravity=(0.0, 0.0, -1.0), engines=True, quick=True)
 
 
+@pytest.mark.slow
 def test_the_quick_command_writes_table_and_pictures(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE % -15.0)

@@ -78,7 +78,7 @@ def norm(shell, displacement):
     return np.sqrt(np.sum(shell.mass[:, None] * displacement**2, axis=(1, 2)))
 
 
-@pytest.mark.by_default("dropped on a table")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_motions_stay_within_the_error(small, auto, name):
     contact, gravity = SCENES[name]
@@ -95,6 +95,7 @@ def test_motions_stay_within_the_error(small, auto, name):
     assert both[0] == pytest.approx(both[1], rel=0.1)
 
 
+@pytest.mark.slow
 def test_levels_hand_over_outside_colliders_and_without_energy(auto):
     """The table under a strip: from modes to DS and back, with states that touch it."""
     run = move(auto, *SCENES["on a rising table"], duration=1.2)
@@ -110,6 +111,7 @@ def test_levels_hand_over_outside_colliders_and_without_energy(auto):
     assert np.abs(elastic[switched] - elastic[switched - 1]).max() < 0.1 * put_in
 
 
+@pytest.mark.slow
 def test_strikes_are_taken_by_discrete_shells(small, auto):
     """Modes alone are 6 % off after this one; what is about to strike is handed over before, with its energy."""
     contact, gravity = SCENES["dropped on a table"]
@@ -139,6 +141,7 @@ def test_a_level_whose_shapes_are_far_off_does_not_take_over(auto, monkeypatch):
     assert run.levels[-1] == "DS"
 
 
+@pytest.mark.slow
 def test_a_motion_resumes_with_the_same_bits_wherever_it_stopped(small):
     contact, gravity = SCENES["on a rising table"]
 
@@ -166,6 +169,7 @@ def test_a_motion_resumes_with_the_same_bits_wherever_it_stopped(small):
             assert all(np.array_equal(a, b) for a, b in zip(found, expected[:3], strict=True)), stop
 
 
+@pytest.mark.slow
 def test_a_scene_of_it_resumes(scene_file, tmp_path):
     floor = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.06\n'
     scene = scene_file(("mwts", "auto"), more=floor)

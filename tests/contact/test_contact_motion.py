@@ -31,6 +31,7 @@ def rise(run):
     return np.diff(run.energies.sum(axis=1)).max() / np.ptp(run.energies[:, 2])
 
 
+@pytest.mark.by_default("implicit-0.01")
 @pytest.mark.parametrize(
     ("integrator", "thickness"),
     [
@@ -240,6 +241,7 @@ def test_momentum_changes_by_the_contact_forces_on_curved_bodies(body):
     assert touched > 5
 
 
+@pytest.mark.by_default("bdf2-0.0-0.02", "implicit-0.6-None")
 @pytest.mark.parametrize("tolerance", [None, 0.02])
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 @pytest.mark.parametrize("integrator", ["bdf2", "implicit"])
@@ -337,6 +339,7 @@ def test_a_thin_shelf_is_not_passed_in_a_step():
     assert run.in_contact.any()
 
 
+@pytest.mark.slow
 def test_energy_that_steps_on_contacts_add_is_told():
     """Linearised implicit Euler on a ball ended as completed, at a hundred times the energy of the weight."""
     mesh = ms.sheet(length=0.5, width=0.5, cells=(6, 6))

@@ -117,6 +117,7 @@ def test_bad_tables_are_refused_by_their_keys(scene_file, table, said):
     assert said in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_run_with_contacts_is_drawn(scene_file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = scene_file(("duration = 1", "duration = 0.5\ndt = 0.05"), more=FLOOR)

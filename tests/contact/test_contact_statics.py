@@ -215,7 +215,7 @@ def test_derivatives_of_answers_with_contacts_are_refused():
         model.sensitivity(state, "young")
 
 
-@pytest.mark.by_default("300000000.0-10")
+@pytest.mark.slow
 @pytest.mark.parametrize(("young", "touching"), [(3e8, 10), (5e7, 16)])
 def test_a_strip_that_could_hang_behind_a_cylinder_rests_on_it_as_under_a_growing_load(young, touching):
     mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))

@@ -40,7 +40,7 @@ def falling(model, contact, **given):
     return Motion(model, model.shell.loading(GRAVITY, None, None), contacts=[contact], **({"dt": DT} | given))
 
 
-@pytest.mark.by_default("LMA-ball", "MWTS-floor", "RSW-ball", "reduced RSW-ball")
+@pytest.mark.by_default("LMA-ball")
 @pytest.mark.parametrize("contact", [FLOOR, BALL], ids=["floor", "ball"])
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "reduced RSW"])
 def test_momenta_change_by_the_impulses_of_contact_and_gravity(shell, models, name, contact):
@@ -99,7 +99,7 @@ def test_a_hybrid_in_flight_changes_its_momentum_by_the_impulses_of_a_ball_and_f
     assert motion.state.coordinates.ndim == 1  # the hybrid's own again
 
 
-@pytest.mark.by_default("MWTS")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW"])
 def test_a_panel_falls_on_its_corner_as_its_discrete_shell(shell, models, name):
     given = {"duration": 0.5, "dt": 1 / 120, "gravity": GRAVITY, "damping": (1.0, 0.0), "contacts": [FLOOR]}
@@ -122,7 +122,7 @@ def test_a_flat_fall_is_that_of_a_point(models):
     np.testing.assert_allclose(run.positions[first:, :, 2], -0.2, atol=1e-12)
 
 
-@pytest.mark.by_default("0.3")
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.3, 0.9])
 def test_a_rod_strikes_the_floor_with_the_impulse_of_a_rigid_one(angle):
     """``m v / (1 + 3 cos^2 a)``, and the spin ``6 cos a (v / L) / (1 + 3 cos^2 a)``."""

@@ -28,7 +28,7 @@ def floor(**given):
     return ms.Contact(FLOOR.collider, **given)
 
 
-@pytest.mark.by_default("MWTS-0.9", "MWTS-1.5")
+@pytest.mark.by_default("MWTS-1.5")
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.5])
 @pytest.mark.parametrize("name", ["MWTS", "RSW"])
 def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, share):
@@ -153,6 +153,7 @@ def test_a_panel_on_its_corner_gains_no_energy_by_restitution(shell, basis, cont
     assert struck > 3
 
 
+@pytest.mark.slow
 def test_a_panel_that_falls_into_a_rough_corner_gains_no_energy_and_solves_its_steps(basis, shell):
     """Steps went round between ends, and were given up: 4 of these, with 4 % more energy."""
     start = tilted(shell, (0.5, 0.3, 0.2))
@@ -166,6 +167,7 @@ def test_a_panel_that_falls_into_a_rough_corner_gains_no_energy_and_solves_its_s
     assert (run.contact_forces.sum(axis=(0, 1)) > 0.0).all()
 
 
+@pytest.mark.by_default("MWTS")
 @pytest.mark.parametrize("rung", ["MWTS", "DS"])
 def test_a_panel_that_keeps_its_speed_keeps_its_height(basis, shell, rung):
     """Each rebound lost what the load had given within its step: after seven of them half of the energy was left."""
@@ -179,6 +181,7 @@ def test_a_panel_that_keeps_its_speed_keeps_its_height(basis, shell, rung):
     assert peaks.max() <= height
 
 
+@pytest.mark.slow
 def test_the_error_of_steps_counts_rebounds_as_that_of_discrete_shells_does(basis, shell):
     """Modal models stated 1/20 of it: a step's error was that of one without contacts."""
     given = {"duration": 0.4, "dt": DT, "gravity": GRAVITY, "contacts": [ms.Contact(ms.Plane((0, 0, 1), -0.05))]}

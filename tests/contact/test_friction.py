@@ -57,6 +57,7 @@ def test_a_falling_strip_with_friction_gains_no_energy():
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-10 * np.ptp(run.energies[:, 2])
 
 
+@pytest.mark.slow
 def test_a_moving_floor_drags_a_strip_along():
     path = ms.SupportPath([0.0, 0.5, 1.0], [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0)])
     contact = ms.Contact(ms.Plane(), friction=1.0, motion=path)
@@ -108,7 +109,7 @@ def test_a_resumed_motion_with_friction_has_the_same_bits():
     assert whole.positions().tobytes() == second.positions().tobytes()
 
 
-@pytest.mark.by_default("full")
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", ["modal", "full"])
 def test_what_sticks_to_a_turning_table_or_drum_turns_with_it(rung, monkeypatch):
     """In a circle, not along its tangents: it leaves it by no more than it creeps. Newton's steps find that."""
@@ -144,6 +145,7 @@ def test_what_sticks_to_a_turning_table_or_drum_turns_with_it(rung, monkeypatch)
     assert len(slow) <= 10  # of 72 steps
 
 
+@pytest.mark.by_default("mwts-0.0503-0.5")
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 @pytest.mark.parametrize("height", [0.05, 0.0503, 0.0511])
 @pytest.mark.parametrize("kind", ["ds", "mwts"])

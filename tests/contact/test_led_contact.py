@@ -41,6 +41,7 @@ def test_a_free_sheet_is_dragged_over_a_table(move):
     assert np.abs(found.constraint_reactions[0, :2]).max() <= 1e-7 * weight  # a smooth table bears no drag
 
 
+@pytest.mark.slow
 def test_it_is_where_damped_motion_comes_to_rest():
     shell, end = sheet(clamped="x < 1e-9")
     found = led(ms.DiscreteShell(shell), end, (-0.02, 0.0, 0.15))
@@ -59,6 +60,7 @@ def test_it_is_where_damped_motion_comes_to_rest():
     np.testing.assert_array_equal(run.in_contact[-1], found.in_contact)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_buckles_on_the_way_reaches_a_minimum():
     shell, end = sheet(clamped="x < 1e-9")
     found = led(ms.DiscreteShell(shell), end, (-0.05, 0.0, 0.15))
@@ -82,6 +84,7 @@ def test_a_table_out_of_reach_changes_nothing():
     np.testing.assert_allclose(found.constraint_reactions, free.constraint_reactions, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.by_default("SpringSheet")
 @pytest.mark.parametrize("kind", [ms.DiscreteShell, ms.SpringSheet])
 def test_a_turned_end_is_led_over_a_cylinder_far_from_the_origin(kind):
     away = np.array([64.0, -32.0, 16.0])
@@ -103,6 +106,7 @@ def test_a_turned_end_is_led_over_a_cylinder_far_from_the_origin(kind):
     assert found.constraint_residuals[1] <= 1e-12  # rad, of coordinates rounded 74 m from the origin
 
 
+@pytest.mark.by_default("move0")
 @pytest.mark.parametrize("move", [(0.1, 0.0, 0.0), (0.05, 0.2, 0.05)])
 def test_a_rough_table_drags_by_coulombs_law(move):
     shell, end = sheet()
@@ -138,6 +142,7 @@ def test_of_a_short_pull_a_part_slips_as_in_a_bar_with_friction():
     np.testing.assert_allclose(found.constraint_reactions[0, 0], friction * slipped, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_a_sheet_pushed_against_its_friction_until_it_snaps_has_no_answer():
     shell, end = sheet()
     rough = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.4)
@@ -164,6 +169,7 @@ def test_what_does_not_go_together_is_refused():
     assert led(model, end, (-0.05, 0.0, -0.02), [others]).deepest <= 1e-9
 
 
+@pytest.mark.slow
 def test_supports_along_one_axis_and_two_colliders():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(24, 4))
     x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
@@ -182,6 +188,7 @@ def test_supports_along_one_axis_and_two_colliders():
     np.testing.assert_array_equal(again.positions, found.positions)
 
 
+@pytest.mark.by_default("False-0.02")
 @pytest.mark.parametrize("height", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("corner", [False, True])
 def test_a_free_sheet_is_lifted_by_one_vertex(height, corner):
@@ -216,6 +223,7 @@ def test_a_turn_that_a_start_has_made_is_kept():
     np.testing.assert_allclose(found.positions, turned, rtol=0, atol=1e-6)
 
 
+@pytest.mark.by_default("move1-False")
 @pytest.mark.parametrize("hinged", [False, True])
 @pytest.mark.parametrize("move", [(0.0, 0.0, 0.1), (0.2, 0.3, 0.1)])
 def test_a_free_sheet_without_load_goes_along_without_stress(move, hinged):

@@ -85,7 +85,7 @@ def ratios(shell, run, contact, gravity):
     return np.array(found)
 
 
-@pytest.mark.by_default("ball", "rising")
+@pytest.mark.by_default("rising")
 @pytest.mark.parametrize("name", SCENES)
 def test_they_are_the_distance_from_rest_under_the_load_in_balance(shell, warping, name):
     contact, gravity = SCENES[name]
@@ -99,6 +99,7 @@ def test_they_are_the_distance_from_rest_under_the_load_in_balance(shell, warpin
     assert np.median(found) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_friction_is_a_load_of_its_frame(shell):
     """A floor drags the strip along: DS itself is right by its bar, which is off without friction."""
     contact = ms.Contact(FLOOR, friction=0.4, motion=along(1, [0, 0.4, 1.4], [0, 0, 0.3]))

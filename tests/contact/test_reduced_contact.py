@@ -89,6 +89,7 @@ def test_loads_that_change_and_starts(shell, model, truth):
     np.testing.assert_allclose(again.positions, state.positions, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["bdf2", pytest.param("implicit", marks=pytest.mark.slow)])
 def test_motion_falls_on_the_table_and_rests_there(shell, model, truth, integrator):
     run = ms.simulate(model, duration=1.0, contacts=[FLOOR], integrator=integrator, **GIVEN)
@@ -112,6 +113,7 @@ def test_undamped_motion_on_a_ball_never_gains_energy(model):
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-8 * np.ptp(run.energies[:, 2])
 
 
+@pytest.mark.slow
 def test_supports_and_a_roller_move(shell, model, truth):
     turned = ms.SupportPath([0.0, 0.5], [(0.0, 0.0, 0.0), (0.0, 0.2, 0.0)], [(0.0, 0.0, 0.0), (0.3, 0.0, 0.6)])
     path = ms.SupportPath([0.0, 0.4], [(0, 0, 0), (0, 0, -0.1)])

@@ -38,6 +38,7 @@ def resting(one):
     return bool(np.isfinite(one.state.memory[REST]).all())
 
 
+@pytest.mark.by_default("reduced-contacts0")
 @pytest.mark.parametrize("contacts", [(TABLE,), BODIES])
 @pytest.mark.parametrize("name", ["lma", "mwts", "rsw", "reduced"])
 def test_frames_at_rest_are_whole_frames(monkeypatch, shell, models, name, contacts):

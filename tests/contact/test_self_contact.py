@@ -106,6 +106,7 @@ def test_a_fold_rests_on_itself(rest):
     assert np.abs(left[~shell.clamped]).max() <= 1e-7 * np.abs(answer.contact_forces).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["sdirk2", pytest.param("bdf2", marks=pytest.mark.slow)])
 def test_a_closing_fold_neither_crosses_nor_gains_energy(integrator):
     shell = folded((6, 6))
@@ -123,6 +124,7 @@ def test_a_closing_fold_neither_crosses_nor_gains_energy(integrator):
     assert run.contact_forces[touching].any(axis=(1, 2)).all()
 
 
+@pytest.mark.slow
 def test_friction_holds_a_sheet_on_a_slope():
     shell = two_sheets(5e-3, shift=0.013)
     slope = 0.2
@@ -149,6 +151,7 @@ def test_a_fall_on_a_table_and_on_itself():
     assert run.self_contact.min() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_step_on_whose_straight_ways_layers_would_meet_is_solved():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(48, 8))
     along = mesh.vertices[:, 0]
@@ -169,6 +172,7 @@ def test_a_step_on_whose_straight_ways_layers_would_meet_is_solved():
     assert motion.touched().self_contact == pytest.approx(2e-3)  # it turned past itself without touching
 
 
+@pytest.mark.slow
 def test_a_resumed_motion_has_the_same_bits():
     def motion():
         shell = folded((6, 6))
@@ -219,6 +223,7 @@ def test_a_missing_library_is_named(rest, monkeypatch):
         ms.DiscreteShell(rest[0]).equilibrium(gravity=PULL, contacts=[ms.SelfContact()])
 
 
+@pytest.mark.slow
 def test_nothing_else_imports_the_library():
     code = (
         "import sys, modalshell as ms, modalshell.models.base.touching, modalshell.models.base.contact_motion\n"

@@ -28,6 +28,7 @@ def deepest(bodies, positions):
     return -min(float(body.distance(points).min()) for body in bodies)
 
 
+@pytest.mark.by_default("floor above")
 @pytest.mark.parametrize("name", PAIRS)
 def test_ds_enters_neither_at_rest_nor_in_motion(name):
     shell = sheet(ms.Isotropic(young=5e7, poisson=0.3, thickness=2e-3, density=1e3), held=True)
@@ -42,6 +43,7 @@ def test_ds_enters_neither_at_rest_nor_in_motion(name):
     assert deepest(PAIRS[name], run.positions) < 1e-12
 
 
+@pytest.mark.by_default("floor above-explicit")
 @pytest.mark.parametrize("integrator", ["explicit", "verlet"])
 @pytest.mark.parametrize("name", ["floor above", "floor below", "tangent ball"])
 def test_explicit_steps_put_out_what_is_in_both(name, integrator):

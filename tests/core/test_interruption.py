@@ -24,6 +24,7 @@ def test_an_interrupted_import_is_one_line(tmp_path):
     assert found.stderr == "modalshell: stopped\n"
 
 
+@pytest.mark.slow
 def test_other_programs_keep_their_traceback(tmp_path):
     assert "Traceback" in interrupted(tmp_path, "-c", "import modalshell").stderr
 

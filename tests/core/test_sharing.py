@@ -46,6 +46,7 @@ def restless():
     sys.setswitchinterval(before)
 
 
+@pytest.mark.by_default("rigid")
 @pytest.mark.parametrize("name", model_names())
 @pytest.mark.usefixtures("restless")
 def test_threads_share_a_model(name):

@@ -148,6 +148,7 @@ def test_bad_input(basis):
         DeviceCrowd(basis, 2, device="cpu").positions(out=np.empty((2, 3)))
 
 
+@pytest.mark.slow
 def test_the_source_compiles_for_gpus(tmp_path):
     """By the compiler for GPUs that Warp brings, which needs none: all kernels, those of forces in float64."""
     from modalshell.crowd.kernels import device_flock

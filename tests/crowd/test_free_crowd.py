@@ -65,7 +65,7 @@ def flown(crowd, q, v, gravity):
     return crowd.positions()
 
 
-@pytest.mark.by_default("one-1", "two-2", "held beside-2")
+@pytest.mark.by_default("held beside-2")
 @pytest.mark.parametrize("level", MODELS)
 def test_a_batch_is_its_single_runs(basis, level):
     q, v = started(basis, 3)
@@ -122,7 +122,7 @@ def test_forcing_of_rigid_modes_is_force_and_torque():
     np.testing.assert_allclose(turn.as_rotvec(), [0.0, 0.5 * 0.1 / inertia * time**2, 0.0], rtol=0, atol=1e-2)
 
 
-@pytest.mark.by_default("held beside")
+@pytest.mark.slow
 def test_threads_poses_and_precisions(basis):
     q, v = started(basis, 70)
     levels = np.arange(70) % 3
@@ -155,6 +155,7 @@ def test_no_switch_shows_more_than_is_allowed(basis):
     assert (errors <= angle * distances).all()
 
 
+@pytest.mark.by_default("one-float64-cpu", "held beside-float32-cpu")
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_device_flies_them_as_the_kernels_do(basis, device, dtype):

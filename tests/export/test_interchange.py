@@ -257,6 +257,7 @@ def test_a_stopped_export_leaves_no_file(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.by_default(".pc2")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="the process that is killed is a fork")
 @pytest.mark.parametrize("suffix", [".npz", ".clip", ".usdc", ".glb", ".pc2", ".mdd", ".vtkhdf", ".html"])
 def test_a_killed_export_leaves_the_file_as_it_was(run, tmp_path, suffix):

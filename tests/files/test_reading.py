@@ -160,6 +160,7 @@ def test_work_that_does_not_fit_is_refused_before_it_starts(monkeypatch, tmp_pat
     assert re.fullmatch(r"modalshell: .*a shell of 3000003 vertices needs about .*\n", capsys.readouterr().err)
 
 
+@pytest.mark.slow
 def test_long_work_is_announced():
     with pytest.warns(ms.ModalShellWarning, match=r"160000 x 2 cells and a shell on it take about 5 s and 0\.864 GB"):
         ms.flat_beam(cells=(160_000, 2))

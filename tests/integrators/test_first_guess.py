@@ -63,6 +63,7 @@ def test_the_first_guess_leaves_the_answer_alone(monkeypatch, rule, limit):
     assert np.abs(usual - shell.rest_positions).max() > 0.1
 
 
+@pytest.mark.slow
 def test_both_stages_of_sdirk2_share_a_factor(monkeypatch):
     mesh = ms.flat_beam(length=1.0, width=0.3, cells=(40, 12))
     shell = ms.Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)

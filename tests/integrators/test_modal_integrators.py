@@ -77,6 +77,7 @@ def test_free_motion_of_a_rigid_mode_does_not_decay():
         assert rule.decay_rate(np.array([0.0, 5.0]), np.array([3.0, 3.0]), STEP) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.by_default("rule1-1.0")
 @pytest.mark.parametrize(("rule", "order"), [(Exponential(), 2.0), (ImplicitEuler(), 1.0), (ImplicitMidpoint(), 2.0)])
 def test_order_under_a_force_that_couples_the_modes(rule, order):
     stiffness, damp = np.array([4.0, 9.0]), np.array([0.3, 0.5])

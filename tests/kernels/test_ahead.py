@@ -101,6 +101,7 @@ def second_process(tmp_path, names):
     return subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, env=environment), lock
 
 
+@pytest.mark.slow
 def test_the_process_fills_the_cache_and_removes_the_lock(tmp_path):
     process, lock = second_process(tmp_path, r"'\nkernels.rotations.largest_angle d2\n'")
     with process:

@@ -49,6 +49,7 @@ def used(temporary="/dev/null/nowhere", head=ALONE, **variables):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/null").exists(), reason="no place that nobody can write to")
 def test_the_package_works_where_nothing_can_be_written():
     assert used(head="", NUMBA_CACHE_DIR="/dev/null/nowhere").stdout == "None\n"
@@ -77,12 +78,14 @@ def test_kernels_leave_nothing_in_the_package():
     assert cache_folder() is None or not cache_folder().is_relative_to(Path(njit.__code__.co_filename).parent)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", ["0", pytest.param("-3", marks=pytest.mark.slow)])
 def test_a_number_of_threads_that_numba_refuses_is_ignored(count, tmp_path):
     answer = used(tmp_path, NUMBA_NUM_THREADS=count)
     assert f"NUMBA_NUM_THREADS must be a positive integer (got '{count}')" in answer.stderr
 
 
+@pytest.mark.slow
 def test_a_notice_tells_of_kernels_that_are_compiled_and_not_of_cached_ones(tmp_path):
     first = used(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)).stderr
     assert re.fullmatch(r"modalshell: compiling kernels, once, up to about \d+ s\n", first)
@@ -239,6 +242,7 @@ def _doubled(x):
     return 2.0 * x
 
 
+@pytest.mark.slow
 def test_a_kernel_is_compiled_again_where_one_that_it_calls_has_changed(tmp_path):
     """Numba looks at the file of a kernel alone, and would run what it had made of both."""
     package = tmp_path / "leaves"
@@ -262,6 +266,7 @@ def test_a_kernel_is_compiled_again_where_one_that_it_calls_has_changed(tmp_path
     assert printed == ["7.0 0", "7.0 1", "16.0 0"]
 
 
+@pytest.mark.slow
 def test_copies_of_the_package_share_what_is_compiled_of_the_same_sources(tmp_path):
     root = Path(compiler.__file__).parents[2]
     copy = tmp_path / "copy"

@@ -59,6 +59,7 @@ def rounding(dtype, count, positions):
     return 0.5 * count * (count + 1) * np.finfo(dtype).eps * np.ptp(positions)
 
 
+@pytest.mark.by_default("float64-cpu")
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_device_takes_the_steps_of_the_springs_one_by_one(device, dtype):
@@ -137,6 +138,7 @@ def test_bad_input():
         DeviceVerlet(sheet(spring_damping=1e-3), device="cpu")
 
 
+@pytest.mark.slow
 def test_warp_is_silent():
     script = "from modalshell.kernels.device import devices; print(devices())"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -56,6 +56,7 @@ def calls_by_python(module):
             yield f"{module.__name__}:{node.lineno}: {ast.unparse(node.func)}"
 
 
+@pytest.mark.slow
 def test_python_calls_no_function_that_has_no_code_of_its_own():
     seen = [value for module in modules() for value in vars(module).values() if is_linked(value)]
     assert len(seen) > 100  # the walk finds them

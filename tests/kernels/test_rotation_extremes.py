@@ -216,7 +216,7 @@ def exact_triangle(w, strain, adjoint):
         return (columns - np.eye(3, dtype=int)[:, :2]).T.ravel(), value, np.array(gradient, dtype=object), hessian
 
 
-@pytest.mark.by_default("0.0", "1e-300", "1e-08", "0.999999999", "3.141592653589793", "6.283185307179586", "1000.0")
+@pytest.mark.by_default("0.0")
 @pytest.mark.parametrize("angle", ANGLES)
 def test_turned_triangles_keep_their_stated_error(angle):
     """F as it is; potential, gradient and Hessian over |g|, as the largest over all loads of that size have it."""
@@ -232,15 +232,7 @@ def test_turned_triangles_keep_their_stated_error(angle):
 # ---- rotation vectors from rotations
 
 
-@pytest.mark.by_default(
-    "1e-08",
-    "0.999999999",
-    "3.141592653589793",
-    "6.283185307179586",
-    "1000.0",
-    "3.141592653590793",
-    "28.274333882308138",
-)
+@pytest.mark.by_default("0.999999999")
 @pytest.mark.parametrize("angle", [a for a in ANGLES if a > 1e-100] + [math.pi + 1e-12, math.pi - 1e-12, 9.0 * math.pi])
 def test_the_nearest_branch_keeps_its_digits(angle):
     """The rotation meant, to rounding of the longest vector (the target's counts beyond a turn), also at half turns."""

@@ -32,6 +32,7 @@ print(*log)
 """
 
 
+@pytest.mark.slow
 def test_kernels_are_compiled_by_one_of_processes_that_begin_at_once(tmp_path):
     command, pipe = [sys.executable, "-c", ALONE + TOGETHER], subprocess.PIPE
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}

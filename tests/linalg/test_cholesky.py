@@ -44,6 +44,7 @@ def residual(matrix, solution, right_side):
     return np.linalg.norm(matrix @ solution - right_side) / np.linalg.norm(right_side)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 40), st.floats(0.0, 0.5), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
 def test_random_matrices_are_solved(size, density, seed, block):
@@ -187,6 +188,7 @@ def test_nothing_at_all_is_solved():
     assert CholeskyAnalysis(empty).factorise(empty).solve(np.empty(0)).shape == (0,)
 
 
+@pytest.mark.by_default("narrow")
 @pytest.mark.parametrize("sizes", [(0, 1), (12, 30), (90, 90), (60, 450)], ids=["single", "narrow", "wide", "panels"])
 def test_updates_wider_than_their_buffer_are_formed_behind_the_panel(sizes):
     # Two parts touch 400 unknowns each of the 800 that are dense among themselves: updates of 400 x 400 numbers. Each

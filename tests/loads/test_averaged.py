@@ -76,6 +76,7 @@ def test_a_free_shell_gets_the_impulse_of_a_push_that_ends_with_a_frame(mesh, ki
     assert momentum == pytest.approx([0.0, 0.0, 0.09 * 0.10005], rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.by_default("times0")
 @pytest.mark.parametrize("times", [[0.0, 0.1, 0.1001], [0.0, 0.1, 0.1 + 1e-9], [0.0, 0.09, 0.0905]])
 def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_the_error_says_so(mesh, times):
     model, loads = ms.ModalWarping(ms.solve_modes(shell(mesh, clamped=True), count=6)), pushed(times, [1, 1, 0])
@@ -92,6 +93,7 @@ def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_th
     assert errors[1] < 0.45 * errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "times"),
     [

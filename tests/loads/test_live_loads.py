@@ -346,6 +346,7 @@ def test_rungs_answer_mild_loads_as_discrete_shells_do(cantilever, rung, load):
     assert error < (0.12 if rung in ("LMA", "MD-ROM") else 0.05)
 
 
+@pytest.mark.by_default("LMA")
 @pytest.mark.parametrize("rung", [*RUNGS, pytest.param("DS", marks=pytest.mark.slow)])
 def test_light_sheets_come_to_rest_in_the_wind(rung):
     coarse = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
@@ -439,6 +440,7 @@ def test_moments_on_all_edges_of_a_plate_are_met_to_first_order(family):
     assert errors[1] < 0.75 * errors[0]
 
 
+@pytest.mark.by_default("load1-ModalWarping")
 @pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 @pytest.mark.parametrize("load", [ms.Wind((2.0, 0.7, 1.5)), ms.Pressure(3.0)])
 def test_the_numbers_of_vertices_and_triangles_do_not_matter(kind, load):

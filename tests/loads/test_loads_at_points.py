@@ -40,15 +40,7 @@ SPREAD = {
 }
 
 
-@pytest.mark.by_default(
-    "LMA-wind",
-    "LMA-weight",
-    "MWTS-gust",
-    "MWTS-moment",
-    "consistent MWTS-pressure",
-    "RSW-frame",
-    "reduced RSW-follower force",
-)
+@pytest.mark.by_default("reduced RSW-follower force")
 @pytest.mark.parametrize("name", SPREAD)
 @pytest.mark.parametrize("rung", ["LMA", "MWTS", "consistent MWTS", "RSW", "reduced RSW"])
 def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, name, fine):

@@ -60,6 +60,7 @@ def test_every_format_gives_a_film_with_one_command(name, tmp_path, capsys):
     assert run.positions[-1, :, 2].mean() < run.rest_positions[:, 2].mean()  # it falls
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:192 boundary vertices", "ignore:modes")
 def test_unshared_vertices_are_refused_by_a_name_that_helps(tmp_path, capsys):
     """OBJ, PLY and OFF keep their vertices apart, as parts may touch there: the option that joins them is named."""

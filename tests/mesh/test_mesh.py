@@ -212,6 +212,7 @@ def test_from_soup():
     np.testing.assert_array_equal(joined.vertices[joined.faces], mesh.vertices[mesh.faces])
 
 
+@pytest.mark.slow
 def test_hundred_thousand_vertices_in_time():
     mesh = sheet(cells=(316, 316))
     start = time.perf_counter()

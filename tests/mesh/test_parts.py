@@ -88,6 +88,7 @@ def run(*arguments):
     return stop.value.code
 
 
+@pytest.mark.slow
 def test_commands_take_the_part(file, capsys):
     command = ["modes", file, "--clamp", "y < 0.1", "--count", 2, "--out", file.parent]
     assert run(*command) == 2

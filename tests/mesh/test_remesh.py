@@ -29,6 +29,7 @@ def meshlab():
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
 
 
+@pytest.mark.by_default("300")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("asked", [300, 4000])
 def test_a_folded_strip_keeps_its_boundary_and_its_ridge(asked):
@@ -62,6 +63,7 @@ def test_a_count_out_of_reach_is_told():
         ms.remesh(ms.sheet(cells=(4, 4)), 2**31 - 1)
 
 
+@pytest.mark.by_default("1200")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("asked", [1200, 5000])
 def test_where_the_count_leaps_what_lies_between_is_tried(asked):
@@ -96,6 +98,7 @@ def length_along(made, mesh, pairs):
     return made.edge_lengths[edges_along(made, ends)[0]].sum(), wanted
 
 
+@pytest.mark.by_default("T-150")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize(("kind", "asked"), [("T", 150), ("star", 300), ("box", 500)])
 def test_junctions_stay(kind, asked):
@@ -117,6 +120,7 @@ def test_junctions_stay(kind, asked):
     assert quality(made).min() > 0.3
 
 
+@pytest.mark.by_default("line-300")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("asked", [80, 300, 1500])
 @pytest.mark.parametrize("kind", ["line", "half", "cross", "disc"])

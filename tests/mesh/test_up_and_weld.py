@@ -72,6 +72,7 @@ def test_other_axes_are_refused(panel, tmp_path):
         ms.load_mesh(tmp_path / "panel.obj", up="w")
 
 
+@pytest.mark.slow
 def test_scenes_and_commands_take_up_and_tell_it_first(panel, tmp_path, scene_file, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     ms.save_mesh(ms.TriangleMesh(panel.vertices[:, [0, 2, 1]] * [1, 1, -1], panel.faces), tmp_path / "y.obj")
@@ -89,6 +90,7 @@ def test_scenes_and_commands_take_up_and_tell_it_first(panel, tmp_path, scene_fi
     assert ms.load_mesh(tmp_path / "mended.ply").vertices[:, 2].max() == pytest.approx(panel.vertices[:, 2].max())
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*boundary vertices coincide")
 @pytest.mark.parametrize("repair", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_loose_triangles_of_any_format_are_refused_without_clamp(panel, tmp_path, capsys, repair):

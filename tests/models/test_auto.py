@@ -64,6 +64,7 @@ def snapping(beam):
     return through_snap(ms.DiscreteShell(beam))
 
 
+@pytest.mark.slow
 def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam, snapping):
     auto, exact = ms.Auto(beam, 6, error=0.05, check_every=10), snapping
     cheap = through_snap(ms.ModalWarping(ms.solve_modes(beam, 6), consistent_force=True))
@@ -86,6 +87,7 @@ def test_where_the_cheapest_rung_serves_nothing_else_is_taken(beam):
     assert run.message == "steps by MWTS 100 %"
 
 
+@pytest.mark.slow
 def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
     strip = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
@@ -163,6 +165,7 @@ def under_a_push(model, thickness, most):
     return ms.simulate(model, duration=10.0 * period, dt=period / 30.0, loads=loads, damping=(0.5 / period, 0.0))
 
 
+@pytest.mark.slow
 def test_a_load_that_no_mode_feels_is_part_of_what_is_known(monkeypatch):
     """The weight alone is known for ever; a push along the strip buckles it from the same coordinates."""
     thickness = 0.005
@@ -193,6 +196,7 @@ def panel():
     return ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 0.006, 200.0), supports=[ms.Pin(edge)])
 
 
+@pytest.mark.slow
 def test_a_load_that_the_modes_do_not_answer_starts_on_ds(panel):
     """A sudden pressure snaps the panel, whose modes do not answer it: MWTS would move by nothing."""
     setting = {"duration": 0.3, "dt": DT, "loads": [ms.Pressure(-1500.0)], "damping": (2.0, 0.001)}
@@ -390,6 +394,7 @@ def test_the_damping_of_its_steps_is_the_mean_of_its_levels(beam):
     assert runs[0].damping_error == pytest.approx(runs[1].damping_error, rel=1e-6)
 
 
+@pytest.mark.by_default("False")
 @pytest.mark.parametrize("sheet", [False, True])
 def test_compiled_steps_of_its_last_level_are_those_of_ds(sheet):
     """Through a snap; under loads that follow the shell it is DS itself."""

@@ -31,6 +31,7 @@ def advanced(motion, steps):
     return np.array([(motion.advance(), motion.positions())[1] for _ in range(steps)])
 
 
+@pytest.mark.slow
 def test_a_dead_load_that_turns_is_looked_at(beam):
     """The push alone hardly moves the beam, so that no linear answer grows; but with the weight it buckles."""
     runs = [advanced(swung(beam, model, 60, 400.0)[0], 40) for model in (ms.Auto(beam, 6), ms.DiscreteShell(beam))]

@@ -129,6 +129,7 @@ def test_a_large_shell_is_checked_on_a_coarse_one(fine, coarse, monkeypatch):
     assert worst(fine, run, exact) < max(0.03, 1.1 * worst(fine, alone, exact))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_a_coarse_shell_that_does_not_agree_is_not_believed(monkeypatch):
     """One of another curvature errs by more than linear answers tell."""

@@ -55,6 +55,7 @@ def worst(shell, run, exact):
     return off.max() / moved.max()
 
 
+@pytest.mark.slow
 def test_what_all_rungs_of_modes_lack_at_first_is_no_reason_to_leave_one(strip, monkeypatch):
     """At first modes lack more of what has hardly moved than they may; another rung of them lacks as much.
 
@@ -69,6 +70,7 @@ def test_what_all_rungs_of_modes_lack_at_first_is_no_reason_to_leave_one(strip, 
     assert levels == [{"MWTS"}, {"MWTS", "RSW"}]
 
 
+@pytest.mark.slow
 def test_the_second_rung_hands_back_to_the_first(strip):
     """Half a swing is too wide for the first; between two of these it serves."""
     setting = swinging(strip, 0.07, 120)

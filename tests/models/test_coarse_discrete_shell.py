@@ -127,6 +127,7 @@ def test_small_displacements_are_those_of_statics_under_little_gravity():
         np.testing.assert_allclose(1e-6 * answers[:, :, axis], moved, atol=1e-4 * np.abs(moved).max())
 
 
+@pytest.mark.slow
 def test_flexure_alone_is_scaled_where_gravity_shows_it_to_be_much_nearer():
     """Triangles unlike those of the fine panel: on one mesh both factors are better, on another one alone."""
     mesh = ms.cylinder_panel(cells=(24, 24))
@@ -363,7 +364,7 @@ def test_through_the_snap_of_the_stiff_beam_and_back_it_is_as_near_as_its_mesh_i
             assert motion_error(fine, frames_through(models[cells], load, damping), exact) < limit
 
 
-@pytest.mark.by_default("cylinder_panel-split folds", "leaf-hinges")
+@pytest.mark.by_default("cylinder_panel-split folds")
 @pytest.mark.parametrize(
     "material",
     [ms.Isotropic(5e7, 0.35, 1.5e-3, 800.0), ms.Material(5e3, 5e3, 0.005, 1.0)],

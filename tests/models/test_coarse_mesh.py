@@ -126,6 +126,7 @@ def test_prolongation_from_meshes_that_are_not_nested(name, leaf):
     np.testing.assert_allclose(prolongation.restrict(load).sum(axis=0), load.sum(axis=0), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_hybrid_is_trained_on_a_remeshed_shell(leaf):
     load = leaf.gravity_force((0, 0, -4.0))

@@ -41,6 +41,7 @@ def in_motion(shell, model, **options):
     return off.max() / moved.max()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_frame_of_three_wings_on_fewer_triangles():
     mesh = frame([(-1, 0), (1, 0), (0, 1)], cells=(12, 4))
@@ -58,6 +59,7 @@ def test_a_frame_of_three_wings_on_fewer_triangles():
     assert in_motion(shell, model, duration=0.3, dt=1 / 60, **load) < 0.05
 
 
+@pytest.mark.by_default("750-False")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize(("triangles", "narrow"), [(420, True), (750, False)])
 def test_walls_of_one_cell_are_said(triangles, narrow):
@@ -72,6 +74,7 @@ def test_walls_of_one_cell_are_said(triangles, narrow):
     assert (abs(found / fine - 1.0) > 0.03) == narrow
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_stiffened_square_keeps_its_bound():
     mesh = ms.sheet(length=0.4, width=0.4, cells=(12, 12))
@@ -115,6 +118,7 @@ def test_smooth_fields_are_averaged_and_keep_no_edges():
         ms.coarse_shell(shell, ms.TriangleMesh(under.vertices, under.faces[:, ::-1]))
 
 
+@pytest.mark.by_default("curvature")
 @pytest.mark.parametrize("kind", ["temperature", "curvature", "bent"])
 def test_a_rest_shape_goes_to_the_coarse_shell(kind):
     mesh, under = (ms.flat_beam(length=0.2, width=0.02, cells=cells) for cells in ((24, 4), (12, 2)))
@@ -151,6 +155,7 @@ def test_a_calibrated_shell_takes_its_other_mesh_along():
     assert far(ms.CoarseDiscreteShell(shell, coarse).equilibrium().positions, truth.positions, shell) < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_crease_yields_on_fewer_triangles():
     shell = creased()

@@ -106,6 +106,7 @@ def check_strip(ratio, cells, thickness, family, gammas):
         assert reach == pytest.approx(float(row["W_over_L"]), abs=FAMILY_TOLERANCE[family])
 
 
+@pytest.mark.by_default("0.25-cells3-0.01-equilateral-50.0")
 @pytest.mark.parametrize(("ratio", "cells", "thickness", "family", "gamma"), QUICK)
 def test_strips_drop_as_the_heavy_elastica(ratio, cells, thickness, family, gamma):
     check_strip(ratio, cells, thickness, family, [gamma])
@@ -118,6 +119,7 @@ def test_the_whole_elastica_table(ratio, cells, thickness, family):
     check_strip(ratio, cells, thickness, family, [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0])
 
 
+@pytest.mark.slow
 def test_the_copied_elastica_rows_solve_their_equation():
     """theta'' = -Gamma (1 - s) cos(theta), clamped and free: integrated anew from the tabulated tip angle."""
     for gamma, row in ELASTICA.items():

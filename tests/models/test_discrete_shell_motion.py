@@ -80,7 +80,7 @@ def test_an_unstable_motion_says_so():
     assert np.isfinite(run.positions).all()
 
 
-@pytest.mark.by_default("damping0")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (0.5, 1e-3)])
 def test_implicit_and_explicit_motion_agree_to_first_order(damping):
     shell = small_shell()

@@ -58,6 +58,7 @@ def test_other_rungs_have_bars_too():
     assert "less than 0.1 % from DS" in str(exact)
 
 
+@pytest.mark.slow
 def test_springs_are_compared_with_the_shell_that_they_stand_for():
     shell, load = beam(), {"gravity": aside(20.0)}
     answer = ms.SpringSheet(shell).equilibrium(**load, bar=True)
@@ -98,6 +99,7 @@ def test_a_walk_along_the_branch_finds_where_it_ends(gravity):
     assert gravity * other.critical_load == pytest.approx(ends, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_walk_under_pressure_that_follows_a_panel():
     mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))
     edge = np.abs(mesh.vertices[:, 1]) > np.abs(mesh.vertices[:, 1]).max() - 1e-9

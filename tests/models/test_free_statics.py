@@ -80,6 +80,7 @@ def test_turns_that_a_load_in_balance_does_not_need_do_not_lead_away(free, facto
     assert answer.iterations <= 30
 
 
+@pytest.mark.slow
 def test_a_crease_of_a_free_strip_folds_the_way_that_it_is_pushed():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
     x, crease = mesh.vertices[:, 0], ms.Crease("abs(x - 0.5) < 1e-6", 1e-3, 1e-3)

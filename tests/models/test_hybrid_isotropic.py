@@ -116,7 +116,7 @@ def ribbed():
     return ms.Shell(mesh, ms.Isotropic(young=9e4, poisson=0.3, thickness=0.022, density=9.0), ends)
 
 
-@pytest.mark.by_default("woven-gravity0")
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "gravity"), [(woven, (0, 0, -30)), (ribbed, (8, 0, -8))])
 def test_it_serves_woven_shells_and_junctions(make, gravity):
     """Against the coarse shell that it is trained on: large motions aside of the load it was trained about, statics."""
@@ -195,6 +195,7 @@ def hinged():
     return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
 
 
+@pytest.mark.by_default("<lambda>-gravity0")
 @pytest.mark.parametrize(("make", "gravity"), [(lambda: folded((8, 2)), (0, 0, -70)), (hinged, (0, 0, -70))])
 def test_a_step_in_one_call_has_the_bits_of_the_rule_in_parts(make, gravity):
     """Through the snap, under a load that changes; every state of the one is stepped by the other too."""
@@ -242,6 +243,7 @@ def test_threads_keep_their_own():
     assert not np.shares_memory(*kept)
 
 
+@pytest.mark.by_default("errors2-44")
 @pytest.mark.parametrize(
     ("errors", "size"), [((0.03, 0.01), 44), ((0.05, 0.03), 64), ((0.05, 0.045), 44), ((0.05, 0.06), 44)]
 )
@@ -257,7 +259,7 @@ def test_a_basis_is_made_larger_where_that_serves(errors, size, monkeypatch):
     assert motions[-1] == (14, 14)
 
 
-@pytest.mark.by_default("0.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [1 / 30, 0.5, 5.0])
 def test_steps_longer_than_a_shells_period_come_to_rest_where_its_statics_are(dt):
     """A stiff plate of 23 Hz that a heavy load bends far."""

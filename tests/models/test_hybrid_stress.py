@@ -44,6 +44,7 @@ def terms(reduced, z):
     return value, gradient, strains[:modes]
 
 
+@pytest.mark.by_default("damping1")
 @pytest.mark.parametrize("damping", [(2.0, 0.0), (0.5, 0.001), (0.0, 0.005)])
 def test_it_follows_the_shell_through_its_snap_and_back(shell, hybrid, damping):
     truth = ms.DiscreteShell(shell, step_tolerance=1e-3, integrator=hybrid.integrator)
@@ -185,6 +186,7 @@ def test_saved_and_pickled_it_answers_alike(shell, hybrid, tmp_path):
         ms.HybridStress.load(tmp_path / "trained.npz", shell)
 
 
+@pytest.mark.slow
 def test_training_counts_and_repeats_itself():
     shell, done = stiff_beam((8, 2)), []
     options = {"gravity": (0, 0, -20), "modes": 8, "motions": 4}
@@ -226,6 +228,7 @@ def test_modes_are_the_most_that_a_wanted_error_takes(modes, error, size, monkey
     assert sorted(set(tried)) == ([*allowed, modes] if error < 1.0 else [size])
 
 
+@pytest.mark.slow
 def test_scenes_name_the_wanted_error(scene_file):
     """A scene's table is that of the training's parameters, with the most modes too."""
     for further, size in (("", 16), ("\nmodes = 12", 12)):
@@ -311,6 +314,7 @@ def test_soft_membranes_are_met_where_hinges_resist_their_strains(fold):
         assert distance(answer.positions, exact.positions, shell) < 0.01
 
 
+@pytest.mark.slow
 def test_membranes_as_soft_as_the_bending_are_handed_to_the_coarse_shell():
     shell = stiff_beam((16, 4), membrane=5.0)
     with pytest.warns(ms.ModalShellWarning, match=r"no basis of up to 28 vectors meets an error of 0\.1"):

@@ -147,7 +147,7 @@ def test_dependent_vectors_are_dropped():
 # ---- reduced energy
 
 
-@pytest.mark.by_default("discrete shell-full", "discrete shell-cubature")
+@pytest.mark.by_default("discrete shell-cubature")
 @pytest.mark.parametrize("which", ["full", "cubature"])
 def test_gradient_and_hessian_by_taylor(which, sparse):
     model = sparse[0 if which == "cubature" else 1]
@@ -343,6 +343,7 @@ def test_a_step_is_implicit_euler(curved, damping):
         assert np.linalg.norm(left / root) < 1e-5 * np.linalg.norm(state.rates / dt / root)
 
 
+@pytest.mark.slow
 def test_damped_motion_comes_to_the_equilibrium(flat):
     model, unit = flat
     gravity = (0.0, 0.0, -4.0 * unit)
@@ -385,6 +386,7 @@ def test_moving_supports_are_felt_as_inertial_loads(curved):
 # ---- cubature
 
 
+@pytest.mark.by_default("discrete shell")
 def test_cubature_is_positive_and_sparse(sparse):
     model = sparse[0]
     found = model.cubature
@@ -410,6 +412,7 @@ def test_cubature_keeps_gravity_answers(sparse, gamma):
     assert ms.measure.displacement_error(a.positions, b.positions, few.shell) < 0.02
 
 
+@pytest.mark.by_default("discrete shell")
 def test_cubature_steps_like_the_whole(sparse):
     few, every, unit = sparse
     a, b = (
@@ -469,6 +472,7 @@ def test_derivatives_take_any_factorisation(curved):
     )
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
 def test_motions_as_small_as_rounding_are_damped_as_asked(integrator):
     """The membrane's forces by the rounding of positions are beyond a share of the motion's own."""

@@ -104,6 +104,7 @@ def parsed_statuses(trees):
     return found
 
 
+@pytest.mark.slow
 def test_nobody_asks_for_the_type_of_a_model(trees):
     assert {"ModalModel", "FullModel", "SummedWarp", "RigidShell"} <= model_classes(trees).keys()
     assert told_by_type(trees) == []
@@ -169,6 +170,7 @@ def models_of_a_strip():
     return {key: factory.build(spec, {}) for key, spec in MODELS.items()}
 
 
+@pytest.mark.by_default("lma")
 @pytest.mark.parametrize("key", MODELS)
 def test_records_say_how_models_answer_a_load(models_of_a_strip, key):
     """A linear model's displacement doubles with the load; a rigid one's is zero."""

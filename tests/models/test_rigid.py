@@ -43,6 +43,7 @@ def test_free_fall_is_a_parabola(free):
     assert run_.unconverged_steps == 0
 
 
+@pytest.mark.slow
 def test_torque_free_top_conserves_angular_momentum(free):
     state = spinning((0.3, 5.0, 1.0))
     momentum, energy = free.angular_momentum(state), free.kinetic_energy(state)

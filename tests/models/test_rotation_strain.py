@@ -354,6 +354,7 @@ def shells_with_rigid_modes():
     }
 
 
+@pytest.mark.by_default("free-2.5")
 @pytest.mark.parametrize("turn", [1e-6, 0.7, 2.5])
 @pytest.mark.parametrize("case", ["free", "two parts", "one part held", "hinged"])
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")

@@ -99,6 +99,7 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
         assert energies[75:].max() < energies[:75].max() + 0.1 * scale
 
 
+@pytest.mark.by_default("False-cells1-20.0")
 @pytest.mark.parametrize("gamma", [1.0, 20.0])  # of which the second one asks for a second force in every step
 @pytest.mark.parametrize("cells", [(20, 4), CELLS])
 @pytest.mark.parametrize("consistent", [False, True])
@@ -140,6 +141,7 @@ def test_a_step_under_a_load_that_swings_is_the_step_in_parts_bit_for_bit(consis
         assert np.array_equal(array, found[1][name]), name
 
 
+@pytest.mark.slow
 def test_a_force_reads_coordinates_however_they_lie_in_memory():
     model = ms.ModalWarping(basis_of("plate"))
     load = model.shell.gravity_force(gravity(model.basis, 10.0))

@@ -35,6 +35,7 @@ def states():
     return {material: model(material).equilibrium(gravity=GRAVITY) for material in (PLAIN, SHEET)}
 
 
+@pytest.mark.by_default("material2-flexure")
 @pytest.mark.parametrize(("material", "name"), CASES)
 def test_the_derivative_has_taylor_slope_two(states, material, name):
     state = states[material]

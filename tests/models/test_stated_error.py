@@ -22,6 +22,7 @@ def hybrid(fine):
         return ms.HybridStress.trained(fine, gravity=(0, 0, -100), coarse=coarse_beam(fine, 135.0, (20, 4)))
 
 
+@pytest.mark.slow
 def test_the_coarse_shells_own_error_is_measured_against_ds_and_stated(fine, hybrid):
     shares, errors = hybrid.coarse_errors.T
     assert shares.tolist() == [0.25, 0.5, 0.75, 1.0]
@@ -35,6 +36,7 @@ def test_the_coarse_shells_own_error_is_measured_against_ds_and_stated(fine, hyb
     assert re.search(rf"coarse shell's own .*{100 * errors[errors < 1.0].max():.2g} % against DS at rest", said)
 
 
+@pytest.mark.slow
 def test_next_to_a_snap_no_error_is_stated(fine, hybrid):
     """Wherever the answer is more than a tenth off DS, the error of a few percent is not claimed."""
     truth, wrong, claimed = ms.DiscreteShell(fine), 0, 0

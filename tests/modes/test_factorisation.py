@@ -38,9 +38,7 @@ def banded(size, width):
     )
 
 
-@pytest.mark.by_default(
-    "3000-20-False-profile-profile", "3000-120-True-profile-profile", "20001-1-True-cholesky-cholesky"
-)
+@pytest.mark.by_default("20001-1-True-cholesky-cholesky")
 @pytest.mark.parametrize(
     ("size", "width", "rough", "definite", "indefinite"),
     [

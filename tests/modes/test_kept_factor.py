@@ -106,6 +106,7 @@ def test_other_factors_are_not_kept(matrix):
     assert solution_by_kept_factor(kept, matrix, np.ones(matrix.shape[0]), 1e-2) is None
 
 
+@pytest.mark.slow
 def test_implicit_steps_take_fewer_factors_to_the_same_answer():
     mesh = ms.sheet(cells=(40, 40))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 1e-3, 0.2), clamped=mesh.vertices[:, 0] < 0.01)
@@ -121,6 +122,7 @@ def test_implicit_steps_take_fewer_factors_to_the_same_answer():
     np.testing.assert_allclose(runs[0].positions, runs[1].positions, rtol=0, atol=1e-6 * travel)
 
 
+@pytest.mark.slow
 def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
     mesh = ms.sheet(cells=(30, 30))
     shell = ms.Shell(mesh, ms.Isotropic(1e5, 0.3, 2e-3, 100.0), clamped=mesh.vertices[:, 0] < 0.01)
@@ -142,7 +144,7 @@ def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
     np.testing.assert_allclose(mine.energies[:, 1], elastic, rtol=0, atol=1e-5 * elastic.max())
 
 
-@pytest.mark.by_default("1000000.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("young", [1e6, 2e11])
 def test_stiff_steps_go_on_in_double_precision(young):
     mesh = ms.sheet(cells=(30, 30))

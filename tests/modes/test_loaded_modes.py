@@ -63,6 +63,7 @@ def push(force):
     return [LineForce(TIP, (-force / WIDTH, 0.0, 0.0))]
 
 
+@pytest.mark.by_default("clamped-factors0")
 @pytest.mark.parametrize(
     ("kind", "factors"), [("clamped", [0.25, 2.25]), ("rollers", [1.0, 4.0]), ("fixed components", [1.0, 4.0])]
 )

@@ -36,6 +36,7 @@ def test_frequencies_of_few_edges_are_off_and_others_are_not():
     assert off[3] > 0.05
 
 
+@pytest.mark.slow
 def test_slivers_that_bend_too_softly_are_remarked_on_and_no_others():
     truth = lowest((32, 32)).eigenvalues[0]
     for cells, soft in (((8, 32), False), ((8, 160), True)):
@@ -88,6 +89,7 @@ def test_buckling_shapes_that_the_mesh_does_not_resolve_are_named():
             ms.buckling_factors(shell, 2, force=force)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("always")
 def test_the_modes_command_names_the_modes_that_the_mesh_does_not_resolve(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")

@@ -30,7 +30,7 @@ def test_a_stretched_strip_has_the_frequencies_of_a_beam_under_tension(tension):
     np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * np.pi), rtol=0.01)
 
 
-@pytest.mark.by_default("LinearModal-mesh", "ModalWarping-temperature", "RotationStrain-curvature")
+@pytest.mark.by_default("LinearModal-mesh")
 @pytest.mark.parametrize("rest", ["curvature", "mesh", "temperature"])
 @pytest.mark.parametrize("make", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_modal_models_stand_on_the_settled_shell(make, rest):

@@ -28,6 +28,7 @@ def test_both_ways_solve_alike(skew, by_half):
     assert not factor.solve(np.zeros(3200)).any()
 
 
+@pytest.mark.slow
 def test_follower_pressure_factorises_symmetric_halves(monkeypatch):
     """Each step took SuperLU twenty times as long as a symmetric one."""
     shell = ms.Shell(ms.sheet(cells=(26, 26)), ms.Isotropic(1e9, 0.3, 3e-3, 800.0), "x < 0.001")

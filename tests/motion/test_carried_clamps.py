@@ -81,9 +81,7 @@ def settled_at_all_ends(model):
     return run, each * np.arange(1, len(ENDS) + 1), path
 
 
-@pytest.mark.by_default(
-    "split folds-clamped row-pushed and tilted", "hinges-clamped rows-lifted", "hinges-pinned rows-thrown and turned"
-)
+@pytest.mark.by_default("hinges-pinned rows-thrown and turned")
 @pytest.mark.parametrize(
     ("material", "supports", "end"),
     [

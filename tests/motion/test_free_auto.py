@@ -67,6 +67,7 @@ def test_it_holds_the_error_in_shape_and_in_the_world(energy, scene):
     assert off.max() <= ERROR * moved.max()
 
 
+@pytest.mark.slow
 def test_centre_and_momenta_go_through_switches():
     """From DS to MWTS and back as a bent sheet comes to rest, and from MWTS to DS as one is pushed."""
     shell = shell_of("hinges")

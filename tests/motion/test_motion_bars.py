@@ -32,6 +32,7 @@ def norm(shell, displacement):
     return np.sqrt(np.sum(shell.mass[:, None] * displacement**2, axis=(1, 2)))
 
 
+@pytest.mark.slow
 def test_they_follow_the_error_of_a_slow_motion(beam, rung):
     run, exact = move(rung, 25.0, bars=10), move(ms.DiscreteShell(beam), 25.0)
     largest = np.maximum.accumulate(norm(beam, exact.positions - beam.rest_positions))
@@ -57,6 +58,7 @@ def test_they_are_void_before_a_snap_and_stay_so(rung):
     assert f"void from {run.bars.void_from:.4g} s on" in str(run.bars)
 
 
+@pytest.mark.slow
 def test_ds_itself_has_small_ones(beam):
     run = move(ms.DiscreteShell(beam), 25.0, bars=20)
     assert run.bars.valid.all()

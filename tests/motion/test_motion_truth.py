@@ -113,6 +113,7 @@ def test_a_stiff_sheet_that_is_damped_by_strain_rates_turns_freely():
     assert found["changes"][0] < 0.01
 
 
+@pytest.mark.slow
 def test_plate_under_sudden_pressure_follows_its_own_exact_answer():
     rows = {row["steps"]: row for row in motion_scenes.plate_rows("Isotropic", (20, 100), ("sdirk2",))}
     assert rows[20]["error"] < 0.04
@@ -133,6 +134,7 @@ def snapping_tip():
     return motion_scenes.snap_tip(motion_scenes.snap_models()["coarse DS"]("bdf2"), 32)[0]
 
 
+@pytest.mark.by_default("coarse DS-bdf2-0.04")
 @pytest.mark.parametrize(("name", "rule", "most"), [("DS", "sdirk2", 0.015), ("coarse DS", "bdf2", 0.04)])
 def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, most, snapping_tip):
     tip, took = motion_scenes.snap_tip(motion_scenes.snap_models()[name](rule), 1)

@@ -62,7 +62,7 @@ def reach(trajectory):
 # ---- energy
 
 
-@pytest.mark.by_default("exponential-100.0-0.0", "exponential-100000000.0-4.0", "implicit_midpoint-1.0-4.0")
+@pytest.mark.by_default("exponential-100000000.0-4.0")
 @pytest.mark.parametrize(("ratio", "gamma"), [(1.0, 4.0), (100.0, 0.0), (1e8, 4.0)])
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
 def test_undamped_linear_motion_holds_its_energy(ratio, gamma, integrator):
@@ -74,7 +74,7 @@ def test_undamped_linear_motion_holds_its_energy(ratio, gamma, integrator):
     assert np.abs(total - total[0]).max() < 1e-10 * np.abs(total[0])
 
 
-@pytest.mark.by_default("100000000.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 1e8])
 def test_implicit_euler_only_loses_energy(ratio):
     model = ms.LinearModal(strip_basis(ratio), integrator="implicit_euler")
@@ -280,7 +280,7 @@ def test_decay_rate_is_unknown_for_rigid_modes_and_full_models():
         assert model.decay_rate(STEP, Damping(3.0, 0.01)) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.by_default("exponential-53.0-factors0", "implicit_euler-60.0-factors2", "implicit_euler-100.0-factors3")
+@pytest.mark.by_default("exponential-53.0-factors0")
 @pytest.mark.parametrize(
     ("integrator", "gamma", "factors"),
     [
@@ -296,7 +296,7 @@ def test_cycles_are_named_under_either_damping(basis, integrator, gamma, factors
     assert motion.message.split("; ")[0] == "the motion does not settle although it is damped"
 
 
-@pytest.mark.by_default("exponential-47.0", "implicit_euler-44.0", "implicit_euler-49.0")
+@pytest.mark.by_default("exponential-47.0")
 @pytest.mark.parametrize(
     ("integrator", "gamma"),
     [("exponential", 44.0), ("exponential", 47.0), ("implicit_euler", 44.0), ("implicit_euler", 49.0)],
@@ -307,7 +307,7 @@ def test_slow_decay_is_no_cycle(basis, integrator, gamma):
     assert run(model, gamma, (0.2, 0.0), steps=6000, store_every=3).status == "completed"
 
 
-@pytest.mark.by_default("factors0-exponential", "factors1-implicit_midpoint", "factors5-implicit_euler")
+@pytest.mark.by_default("factors0-exponential")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize(
     "factors", [(0.0, 0.0), (0.02, 0.0), (0.5, 0.0), (0.0, 1e-3), (100.0, 0.0), (0.0, 10.0), (1000.0, 1.0)]

@@ -36,6 +36,7 @@ def frames_of(data):
     return rest + (amounts @ shapes.T).reshape(len(amounts), -1, 3)
 
 
+@pytest.mark.slow
 def test_a_scene_that_a_live_model_shows_whole_is_live(scene_file):
     data = content(scene_page(ms.load_scene(scene_file())))
     assert data["record"] is None
@@ -78,6 +79,7 @@ def test_a_page_plays_supports_that_move(scene_file):
     assert "live, the supports rest" in page.text
 
 
+@pytest.mark.slow
 def test_a_page_pulls_and_steps_as_hard_and_as_far_in_every_unit(scene_file):
     still = ("[motion]\nduration = 1\n", "")
     plain = content(scene_page(ms.load_scene(scene_file(still, ("-9.81", "-0.5")))))

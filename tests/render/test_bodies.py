@@ -36,6 +36,7 @@ def share(picture, color):
     return float((np.abs(tones - color / color.sum()).max(axis=2) < 6e-3).mean())
 
 
+@pytest.mark.slow
 def test_pictures_show_the_colliders_where_they_are(tmp_path):
     for one in resting(0.1):
         assert share(one.plot(), BROWN) > 0.02

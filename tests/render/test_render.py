@@ -156,6 +156,7 @@ def test_unknown_renderer(monkeypatch):
 # ---- pictures ----
 
 
+@pytest.mark.by_default("built-in")
 def test_every_cell_is_filled_and_nothing_is_clipped(drawn_by, tmp_path):
     flat, faces = grid(bend=1e-6)
     bent = grid(bend=2.5, fold=0.5)[0]

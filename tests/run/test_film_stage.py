@@ -99,6 +99,7 @@ def test_the_corner_has_the_last_error_bar_found():
     assert _texts(run, "MWTS", run.times) == expected
 
 
+@pytest.mark.slow
 def test_a_following_camera_sees_a_falling_shell_at_its_size(tmp_path):
     vertices, faces = flat()
     fallen = np.linspace(0.0, 1.0, 3)[:, None, None] * np.array([3.0, 0.0, -20.0])

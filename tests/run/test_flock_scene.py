@@ -70,6 +70,7 @@ def test_a_stopped_flight_goes_on_to_the_same_frames(tmp_path):
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
+@pytest.mark.slow
 def test_threads_fly_the_same(tmp_path):
     one, two = (ms.run_scene(small(threads=count), out=tmp_path / str(count)) for count in (1, 2))
     with np.load(one.files[0]) as first, np.load(two.files[0]) as second:

@@ -50,6 +50,7 @@ def command(*arguments):
     return end.value.code or 0
 
 
+@pytest.mark.slow
 def test_a_report_has_the_numbers_of_the_run(plate):
     assert command("plate.toml") == 0
     numbers = json.loads((plate / "results" / "plate_report.json").read_text())
@@ -90,6 +91,7 @@ def test_coarser_meshes_come_on_request(plate):
     assert not list(plate.glob("plate.*z"))
 
 
+@pytest.mark.slow
 def test_a_run_needs_its_own_scene(plate, capsys):
     assert command("plate.toml") == 0
     archive = plate / "results" / "plate.npz"
@@ -116,6 +118,7 @@ def test_a_report_on_a_motion_names_when(plate, scene_file):
     assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
 
 
+@pytest.mark.slow
 def test_what_a_constraint_bears_is_not_called_missing(plate):
     held = (
         '[[constraints]]\nkind = "position"\nnearest = [0.25, 0.0, 0.0]\nrelative = true\ntarget = [0.0, 0.0, 1e-3]\n'
@@ -138,6 +141,7 @@ def test_reactions_are_told_of_answers_in_balance_alone(plate):
     assert "Missing to their balance" not in page
 
 
+@pytest.mark.slow
 def test_reactions_and_stresses_of_a_yielded_crease_are_those_of_its_fold(plate):
     text = (
         PLATE[: PLATE.index("[[supports]]")]

@@ -111,6 +111,7 @@ def stopped_frames(scene, folder):
     return (folder / "beam.frames").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "frames", "cells", "kills"),
     [
@@ -152,7 +153,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     assert_same(*results)
 
 
-@pytest.mark.by_default("options0", "options1", "options2", "options3", "options4", "options5", "options6", "options7")
+@pytest.mark.by_default("options7")
 @pytest.mark.parametrize(
     "options",
     [
@@ -205,6 +206,7 @@ def header_length(frames):
     return line.end() + -(-size // 64) * 64
 
 
+@pytest.mark.slow
 def test_frames_cut_off_anywhere_are_taken_up(torn, tmp_path):
     scene, expected, frames = torn
     header = header_length(frames)
@@ -393,6 +395,7 @@ def test_a_run_that_diverges_says_so(tmp_path):
     assert np.isfinite(run.positions).all()
 
 
+@pytest.mark.by_default("cloth_on_ball", "folded_strip")
 @pytest.mark.parametrize(
     "file",
     [pytest.param(path, marks=[pytest.mark.slow] * path.stem.startswith(LARGE), id=path.stem) for path in SCENES],
@@ -413,6 +416,7 @@ def test_scenes_of_the_repository_run(tmp_path, file):
     assert [path.name for path in result.files] == [f"{file.stem}.npz", f"{file.stem}.json"]
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_it_wrote(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     scene = write(tmp_path, duration=0.05, output='formats = ["png", "vtkhdf"]')

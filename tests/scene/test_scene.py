@@ -56,6 +56,7 @@ def test_shapes_take_the_parameters_of_their_functions(load, name):
         load('shape = "v_beam"', f'shape = "{name}"\nheigth = 2.0')
 
 
+@pytest.mark.by_default("rigid")
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_can_be_named(load, name):
     model = load('"mwts"', f'"{name}"').build().model
@@ -88,6 +89,7 @@ def test_physical_material_is_shell_theory(load):
     assert shell.material == ms.Isotropic(**SHEET).on(shell.mesh)
 
 
+@pytest.mark.by_default("rigid")
 @pytest.mark.parametrize("name", [name for name in MODELS if name not in ("springs", "hybrid")])
 def test_models_take_shell_theory(load, name):
     scene = ms.load_scene(load(STIFFNESSES, sheet_text()).file)
@@ -353,6 +355,7 @@ def test_unreadable_files_are_named(tmp_path):
         ms.load_scene(tmp_path / "bad.toml")
 
 
+@pytest.mark.by_default("text1")
 @pytest.mark.parametrize(
     "text",
     ["a = " + "[" * 5000 + "]" * 5000, "a = " + "{a=" * 300 + "1" + "}" * 300, ".".join(["a"] * 2_000) + " = 1"],

@@ -92,6 +92,7 @@ def test_comparisons_of_a_mesh_file_try_coarse_shells_that_a_scene_can_name(scen
     assert not left_out
 
 
+@pytest.mark.slow
 def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
     text = scene_file(FILE, STIFF, ('"mwts"', '"hybrid"\ntriangles = 100\nmotions = 4\nmodes = 12'), ("-9.81", "-2.0"))

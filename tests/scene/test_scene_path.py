@@ -37,6 +37,7 @@ def run(*arguments):
     return ended.value.code
 
 
+@pytest.mark.slow
 def test_the_command_writes_numbers_and_pictures(scene, tmp_path, capsys):
     table = '[path]\nuntil = 2.0\nsteps = 5\nwatch = "x > 0.99"\ndirection = [0.0, 0.0, -1.0]\n'
     file, out = scene(table), tmp_path / "out"

@@ -23,7 +23,7 @@ def at_end(mesh):
     return end, [int(np.flatnonzero(end & place)[0]) for place in places]
 
 
-@pytest.mark.by_default("alternating")
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["alternating", "one-way"])
 def test_a_ribbed_plate_is_within_two_percent_of_finite_elements(family):
     mesh = panel.ribbed_plate((40, 24, 4), family)

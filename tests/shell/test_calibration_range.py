@@ -110,6 +110,7 @@ def test_one_thin_triangle_that_rules_the_constants_is_said():
     assert any("long and low" in str(warning.message) and "--repair" in str(warning.message) for warning in caught)
 
 
+@pytest.mark.by_default("two neighbours")
 @pytest.mark.parametrize(
     ("held", "said"),
     [

@@ -47,6 +47,7 @@ def hanging(sheet, overhang, turn=0.0):
     return np.degrees(np.arctan2(-tip[2], tip[0]))
 
 
+@pytest.mark.by_default("11oz-black-denim")
 @pytest.mark.parametrize("key", CARDS)
 def test_a_strip_hangs_to_41_5_degrees_at_twice_its_bending_length(key):
     card = CARDS[key]
@@ -56,6 +57,7 @@ def test_a_strip_hangs_to_41_5_degrees_at_twice_its_bending_length(key):
     assert hanging(card.material, overhang) == pytest.approx(41.5, abs=1.0)
 
 
+@pytest.mark.by_default("camel-ponte-roma")
 @pytest.mark.parametrize("key", FABRICS)
 def test_fabrics_hang_askew_as_measured(key):
     """A strip at 45 degrees, which is free to twist, hangs to 41.5 degrees within the spread of its overhang."""

@@ -75,7 +75,7 @@ def test_a_loading_cycle_of_one_hinge_is_that_by_hand(material):
     assert np.ptp(expected[:, 0]) > 2.0 * LIMIT / k  # it yields both ways
 
 
-@pytest.mark.by_default("loads0-split folds", "loads1-hinges")
+@pytest.mark.by_default("loads0-split folds")
 @ENERGIES
 @pytest.mark.parametrize("loads", [(1.5,), (1.2, 1.9, 0.0, -1.4, 0.0, 1.7)])
 def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
@@ -98,6 +98,7 @@ def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
         shell = shell.creased(answer.creases)
 
 
+@pytest.mark.by_default("hinges")
 @ENERGIES
 def test_folded_released_and_folded_again(material):
     shell = strip(material, cells=(8, 2), hardening=0.02)
@@ -119,6 +120,7 @@ def test_folded_released_and_folded_again(material):
     assert up.creases.dissipated > 1.5 * down.creases.dissipated
 
 
+@pytest.mark.slow
 def test_work_is_stored_or_heat():
     """Work of slowly growing loads is elastic energy, energy of hardening and heat."""
     shell = strip(cells=(8, 1))
@@ -197,7 +199,7 @@ def test_creases_that_do_not_yield_change_no_bit(material):
     assert moving[0].crease_angles.size == 0
 
 
-@pytest.mark.by_default("implicit-hinges", "sdirk2-hinges")
+@pytest.mark.by_default("implicit-hinges")
 @ENERGIES
 @pytest.mark.parametrize("rule", ["implicit", "sdirk2", "bdf2"])
 def test_motion_comes_to_a_rest_of_statics(material, rule):
@@ -396,6 +398,7 @@ def test_a_moving_crease_keeps_the_balance_of_energy(hardening):
     assert np.abs(balance).max() < 0.05 * run.crease_heat[-1]
 
 
+@pytest.mark.by_default("0.03-hinges")
 @ENERGIES
 @pytest.mark.parametrize("limit", [0.03, 0.055])
 def test_what_yields_on_the_way_to_a_load_keeps_its_fold(material, limit):

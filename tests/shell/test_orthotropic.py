@@ -74,7 +74,7 @@ def test_square_cells_bring_all_six_frequencies_within_one_percent(family):
     np.testing.assert_allclose(found, closed_form(WOOD), rtol=0.01)
 
 
-@pytest.mark.by_default("equilateral-1.0", "jittered-25.0")
+@pytest.mark.by_default("jittered-25.0")
 @pytest.mark.parametrize("ratio", [1.0, 10.0, 25.0])
 @pytest.mark.parametrize("family", ["alternating", "equilateral", "union-jack", "jittered"])
 def test_half_of_the_consistent_mass_brings_six_frequencies_within_one_percent(family, ratio):
@@ -108,6 +108,7 @@ def test_a_rigid_motion_has_all_of_the_consistent_mass():
     assert (basis.averaged_mass_frequencies()[6:] > basis.frequencies[6:]).all()
 
 
+@pytest.mark.by_default("45.0")
 @pytest.mark.parametrize("angle", [30.0, 45.0, 90.0])
 def test_a_plate_turned_with_its_material_is_the_same_plate(angle):
     """By an angle, by a vector, and by a field of either."""
@@ -184,6 +185,7 @@ def test_a_strip_pulled_and_bent_askew_has_the_compliance_of_its_direction():
 CONSTANTS = ["young_1", "young_2", "shear", "poisson", "thickness", "density", "direction"]
 
 
+@pytest.mark.by_default("poisson")
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_sensitivities_are_the_derivatives_of_equilibria(name):
     """Taylor's remainder falls with the square of the step."""

@@ -110,6 +110,7 @@ def test_wings_of_a_joint_curl_each_by_itself():
     assert 0.3 < energies[0] / (mesh.area * rigidity * 1.3 * 0.7**2) < 1.0
 
 
+@pytest.mark.slow
 def test_what_needs_a_shape_without_stress_refuses_and_motion_goes_on():
     mesh = jittered((8, 2), 0.3, 0.04)
     shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest_curvature=3.0)
@@ -158,6 +159,7 @@ def test_a_tensor_turned_with_its_sheet_is_as_symmetric(degrees):
     assert energies[1] == pytest.approx(energies[0], rel=1e-12)
 
 
+@pytest.mark.by_default("sheet1-supports0")
 @pytest.mark.parametrize(
     "supports", [[ms.Clamp("x < 1e-9")], [ms.Clamp("x < 1e-9"), ms.Symmetry("y < 1e-9", (0, 1, 0))]]
 )

@@ -307,7 +307,7 @@ def hanging(**options):
     return ms.SpringSheet(shell, **options)
 
 
-@pytest.mark.by_default("implicit", "linear_implicit", "linear_implicit-cg-1e-09")
+@pytest.mark.by_default("linear_implicit")
 @pytest.mark.parametrize(
     "options",
     [

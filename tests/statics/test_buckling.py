@@ -38,6 +38,7 @@ def test_a_column_buckles_at_eulers_load(material):
     assert not buckles(shell, 0.0 * force)
 
 
+@pytest.mark.slow
 def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
     """A warm rod between two clamps bears less of a further push: none of it from the temperature that buckles it."""
     mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 4))

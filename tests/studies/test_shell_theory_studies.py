@@ -261,7 +261,7 @@ def test_shell_theory_buys_accuracy(quick_study):
     assert all(split < hinges for split, hinges in zip(errors["Isotropic"], errors["hinges"], strict=True))
 
 
-@pytest.mark.by_default("union-jack-0.3-0.05")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("poisson", "width"), [(0.0, 0.05), (0.3, 0.05), pytest.param(0.3, 0.025, marks=pytest.mark.slow)]
 )

@@ -69,6 +69,9 @@ def test_outcome_of_constructed_motions(tip, outcome, unconverged, truth, name):
     assert itself == (atlas.AGREES if name == "converged" else name)
 
 
+@pytest.mark.by_default(
+    "hybrid, implicit Euler-change11-refused", "rigid, free and spinning-change22-steps not converged"
+)
 @pytest.mark.parametrize(
     ("row", "change", "name"),
     [
@@ -140,7 +143,7 @@ def rows_of():
     return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
 
 
-@pytest.mark.by_default("rigid", "lma", "mwts", "mwts-consistent", "reduced-rsw", "rsw", "coarse-ds", "ds", "springs")
+@pytest.mark.by_default("reduced-rsw", "rsw", "coarse-ds")
 @pytest.mark.parametrize("name", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
     """A new model or integrator that scenes know fails here until the atlas has it."""
@@ -273,6 +276,7 @@ def test_maps_refuse_what_they_cannot_draw(tmp_path):
         assert path.read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_shares_are_drawn_as_long_as_they_are(tmp_path):
     from matplotlib.image import imread
 

@@ -57,6 +57,7 @@ def unresolved(text):
     ]
 
 
+@pytest.mark.by_default("16")
 @pytest.mark.parametrize(
     "chapter", [pytest.param(each, marks=pytest.mark.slow) if each in SLOW else each for each in CHAPTERS]
 )

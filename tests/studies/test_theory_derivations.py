@@ -87,6 +87,7 @@ def test_the_stiffness_of_one_pair():
     np.testing.assert_allclose(found, numbers(derived_pair(3).inv()), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_a_sheet_of_one_pair():
     """Along the normal, by the fold of theory 4, eq. 1; its rim is free, and the inner moment is the only one."""
     mesh = flat_mesh([*CORNERS, ACROSS], [[0, 1, 2], [1, 0, 3]])

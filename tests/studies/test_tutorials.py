@@ -32,6 +32,7 @@ def test_every_tutorial_is_run():
     assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__"} == set(PROMISES)
 
 
+@pytest.mark.by_default("snap")
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in PROMISES])
 def test_a_tutorial_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

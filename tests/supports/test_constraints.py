@@ -37,7 +37,7 @@ def energy(basis, q):
     return float(0.5 * basis.eigenvalues @ q**2)
 
 
-@pytest.mark.by_default("ModalWarping-8.0", "RotationStrain-3.0")
+@pytest.mark.by_default("ModalWarping-8.0")
 @pytest.mark.parametrize("gravity", [0.5, 3.0, 8.0])
 @pytest.mark.parametrize("build", [ms.ModalWarping, ms.RotationStrain])
 def test_a_position_that_a_load_reaches_is_met_with_no_more_energy_than_the_load_took(basis, tip, build, gravity):
@@ -170,6 +170,7 @@ def test_constraints_and_moving_supports_are_both_in_the_world(basis, tip):
     assert turned.constraint_residuals.max() < RADIANS
 
 
+@pytest.mark.slow
 def test_discrete_shells_move_patches_as_boundaries(shell, tip, end):
     model = ms.DiscreteShell(shell)
     target, turn = np.array([0.8, 0.0, -0.4]), np.array([0.0, 0.8, 0.0])
@@ -320,6 +321,7 @@ def test_a_turned_patch_answers_with_its_moment():
     assert abs(force[2]) < 0.05 * expected
 
 
+@pytest.mark.slow
 def test_a_row_turned_about_its_own_line_turns_the_surface():
     """Points on a line show no turn about it: the triangles at them take part, or the row would turn nothing."""
     young, thickness, turn = 1e7, 1e-3, np.pi

@@ -84,7 +84,7 @@ def test_inertial_loads_keep_a_free_particle_straight():
     np.testing.assert_allclose(load[0], acceleration, rtol=1e-4)
 
 
-@pytest.mark.by_default("rotation")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["translation", "rotation"])
 def test_modal_models_and_discrete_shells_agree_for_small_motion(kind):
     shell = strip()
@@ -105,6 +105,7 @@ def test_modal_models_and_discrete_shells_agree_for_small_motion(kind):
         np.testing.assert_allclose(run.positions, truth.positions, rtol=0, atol=0.02 * scale)
 
 
+@pytest.mark.slow
 def test_damping_by_the_mass_is_relative_to_the_supports_on_every_rung():
     """A shell under heavy damping that moves and turns with its supports is bent by their acceleration alone."""
     shell = strip()
@@ -259,6 +260,7 @@ def test_accelerations_have_two_sides_where_a_path_begins_and_ends():
         begun.at(0.2, "left")
 
 
+@pytest.mark.by_default("bdf2")
 @pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
 def test_implicit_steps_in_the_frame_feel_the_side_of_a_jump_that_is_theirs(integrator):
     """Of first order, and 8 and 30 times as far off, with all of the acceleration at both ends of a path."""

@@ -59,6 +59,7 @@ def copied(swept, tmp_path):
     return swept[0], tmp_path / "out"
 
 
+@pytest.mark.slow
 def test_rows_are_what_the_scenes_give(swept, tmp_path):
     _, folder, result = swept
     assert result.counts() == {"converged": 12}
@@ -120,6 +121,7 @@ def test_a_restart_does_what_is_missing_alone(swept, tmp_path):
         assert path.read_bytes() == stored[path]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_a_changed_sweep_keeps_what_is_the_same(swept, tmp_path):
     file, folder = copied(swept, tmp_path)

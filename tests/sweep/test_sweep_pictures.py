@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 
+@pytest.mark.by_default("axes7-none")
 @pytest.mark.parametrize(
     ("axes", "kind"),
     [

@@ -101,6 +101,7 @@ for address in sys.argv[3:]:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "schedulers",
     [

@@ -26,6 +26,7 @@ def report(tmp_path, monkeypatch):
     return report
 
 
+@pytest.mark.slow
 def test_a_report_has_the_cases_of_the_sweep(report, write, tmp_path):
     file = write(SWEEP_AXES, more='[truth]\nname = "ds"\n')
     assert report(file.name) == 0

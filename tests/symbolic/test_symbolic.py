@@ -173,6 +173,7 @@ def test_generated_code_calls_no_power_and_no_acos():
         assert not any(isinstance(node, ast.Pow) for node in ast.walk(ast.parse(source))), name
 
 
+@pytest.mark.slow
 def test_import_stays_light(imported):
     heavy = {"sympy", "pyvista", "vtkmodules", "matplotlib", "trimesh", "imageio_ffmpeg", "cyclopts", "dask", "warp"}
     assert {"modalshell.render", "modalshell.springs.device", "modalshell.crowd.device"} <= imported

@@ -218,6 +218,7 @@ def test_own_addresses_are_told_from_others():
         assert not is_own("127.0.0.1", 80, headers)
 
 
+@pytest.mark.slow
 def test_a_kind_is_limited_once():
     found = limited(type("Kind", (), {}))
     assert limited(found) is found

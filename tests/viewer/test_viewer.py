@@ -72,6 +72,7 @@ def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp
     assert "from DS" not in said[5]
 
 
+@pytest.mark.by_default("200.0")
 @pytest.mark.parametrize("far", [0.0, 200.0])
 def test_live_bars_of_a_shell_far_away_are_those_of_its_run(far):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
@@ -188,6 +189,7 @@ def test_refused_choices_leave_the_session_as_it_was(session):
     assert session.refusal == ""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no basis of up to")
 def test_every_model_of_scenes_can_be_chosen(session):
     play(session, 2)
