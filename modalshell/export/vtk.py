@@ -17,6 +17,8 @@ from modalshell.files.atomic_io import replacing, write_text
 from modalshell.motion import Trajectory
 from modalshell.shell.fields import FIELDS, TENSORS
 
+_CHUNK = 25_000
+"""Points or triangles of a chunk at most, as VTK has them."""
 _COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {
     "von_mises_faces": ("top", "bottom"),
     "displacement": ("x", "y", "z"),
@@ -66,6 +68,8 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
         writer.SetInputConnection(frames.GetOutputPort())
         writer.SetFileName(str(temporary))
         writer.SetWriteAllTimeSteps(True)
+        # Files consist of whole chunks: of VTK's own size, a small run would take megabytes.
+        writer.SetChunkSize(min(_CHUNK, max(run.positions.shape[1], len(run.faces))))
         if not writer.Write() or not temporary.exists():
             raise FileFormatError(f"VTK could not write {path}: is there room in its folder?")
         del writer  # closes the file

@@ -135,6 +135,7 @@ def test_vtkhdf_is_read_back(run, tmp_path, dtype):
         np.testing.assert_array_equal(surface.points, saved.positions[index])
         np.testing.assert_array_equal(surface.regular_faces, run.faces)
     assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
+    assert path.stat().st_size < 400_000  # of small runs, too
 
 
 def test_pvd_is_read_back(run, tmp_path):
