@@ -66,6 +66,8 @@ def _report_run(result: Path, scene: Path | None, out: Path | None, convergence:
     declared = ms.load_scene(file).require_shell()
     if convergence:
         check_convergence(declared)
+    if out is not None:
+        _target(out, out, file)
     if scene is None:
         with progress(f"{declared.name} steps") as on_step:
             archive = next(path for path in ms.run_scene(declared, on_step=on_step).files if path.suffix == ".npz")

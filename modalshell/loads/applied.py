@@ -52,7 +52,8 @@ class SurfaceForm:
         if self.velocity is None:
             return np.zeros((1, 3))
         if callable(self.velocity):
-            return np.ascontiguousarray(self.velocity(x[faces].mean(axis=1), time), dtype=np.float64)
+            first, second, third = (x[faces[:, corner]] for corner in range(3))  # a mean over an axis takes thrice that
+            return np.ascontiguousarray(self.velocity((first + second + third) / 3.0, time), dtype=np.float64)
         return np.array(self.velocity)[None]
 
 
@@ -140,6 +141,11 @@ class AppliedLoad:
     def is_dead(self) -> bool:
         """Whether the forces never change."""
         return not (self.by_position or self.by_velocity or self.factor)
+
+    @property
+    def is_field(self) -> bool:
+        """Whether the forces at rest change by more than the factor, as those of wind by a function of time may."""
+        return isinstance(self.form, SurfaceForm) and callable(self.form.velocity)
 
     def scaled(
         self, factor: Callable[[float], float], times: tuple[float, ...], bends: tuple[float, ...] = ()

@@ -37,6 +37,8 @@ class Points(NamedTuple):
         For BODY the c, X and V of forces ``m (c - X x - V v)``.
     factors : ndarray, shape (loads,)
         Factors on the loads at the time.
+    rest : ndarray, shape (k, 3)
+        Forces without their factors on the shell at rest, which are known better elsewhere and are taken off.
     forces : ndarray, shape (k, 3)
         Receives the forces.
     modes, turns : ndarray, shape (k, 3, m)
@@ -49,6 +51,7 @@ class Points(NamedTuple):
     air: Array
     bodies: Array
     factors: Array
+    rest: Array
     forces: Array
     modes: Array
     turns: Array
@@ -175,12 +178,14 @@ def _felt(points, e, x, before, rate, block, work):  # type: ignore[no-untyped-d
 
 @njit(error_model="numpy", fastmath=False)
 def point_forces(points, x, before, rate, q, way, push, drag):  # type: ignore[no-untyped-def]
-    """Forces at points into ``points.forces``, their modal forces (m,) and drag (m, m) added to ``push`` and ``drag``.
+    """Forces at points, over those at rest, into ``points.forces``, with modal forces and drag added to the last two.
 
-    At positions x (n, 3) and velocities ``rate (x - before)``. The drag is minus the derivatives of the modal forces by
-    the modal rates, with modes turned by the coordinates ``q`` (m,) unless ``way`` is LINEAR.
+    At positions x (n, 3) and velocities ``rate (x - before)``; ``push`` is (m,), ``drag`` (m, m). The drag is minus the
+    derivatives of the modal forces by the modal rates, with modes turned by the coordinates ``q`` (m,) unless ``way``
+    is LINEAR.
     """
     faces, factors, forces, modes, turns = points.faces, points.factors, points.forces, points.modes, points.turns
+    rest = points.rest
     count, _, size = modes.shape
     block, work, rows = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, size))
     for e in range(count):
@@ -192,7 +197,11 @@ def point_forces(points, x, before, rate, q, way, push, drag):  # type: ignore[n
             force = _turning(x, faces[e, 0], faces[e, 1], faces[e, 2], points.sizes[e])
         else:
             force, dragging = _felt(points, e, x, before, rate, block, work)
-        force = (factors[load] * force[0], factors[load] * force[1], factors[load] * force[2])
+        force = (
+            factors[load] * (force[0] - rest[e, 0]),
+            factors[load] * (force[1] - rest[e, 1]),
+            factors[load] * (force[2] - rest[e, 2]),
+        )
         forces[e, 0], forces[e, 1], forces[e, 2] = force
         if way == APART and not dragging:
             continue

@@ -278,9 +278,10 @@ def solve_modes(
         do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
     about : Equilibrium or array_like, shape (n, 3), optional
         A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their
-        stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out. About
-        positions [m] alone loads count as dead. Contacts and constraints of a state are left out; a ModalShellWarning
-        says so. Creases have the folds that an equilibrium has kept, and do not yield.
+        stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out, and a
+        ModalShellWarning says where those of Coriolis count. About positions [m] alone loads count as dead. Contacts
+        and constraints of a state are left out; a ModalShellWarning says so. Creases have the folds that an equilibrium
+        has kept, and do not yield.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 

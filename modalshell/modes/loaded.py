@@ -16,6 +16,7 @@ from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
+from modalshell.loads.applied import BodyForm
 from modalshell.modes.derivatives import VibrationModes
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
 from modalshell.modes.factorisation import Factoriser, condensed_factor
@@ -26,6 +27,8 @@ from modalshell.shell.pattern import SparsePattern
 
 _REAL = 1e-6
 """Share of an eigenvalue up to which its imaginary part is rounding."""
+_GYROSCOPIC = 0.01
+"""Change of a frequency by Coriolis forces, as a share, that is worth a warning."""
 _DENSE_BELOW = 150
 """Unknowns up to which a dense solver finds all eigenpairs."""
 
@@ -88,6 +91,13 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     """
     given: Any = about
     _warn_of_what_is_left_out(given)
+    found, whole = _about(shell, given, count, backend)
+    _warn_of_coriolis(given, found)
+    return found, whole
+
+
+def _about(shell: Shell, given: Any, count: int, backend: str | None) -> tuple[LoadedModes, int]:
+    """The vibrations, and how many of them are of eigenspaces that ``count`` does not cut."""
     state: State | None = given if hasattr(given, "load_stiffness") else None
     x = shell.checked_positions(getattr(given, "positions", given))
     unknowns = shell.unknowns
@@ -137,6 +147,28 @@ def _warn_of_what_is_left_out(about: Any) -> None:
         warnings.warn(
             f"about is a state under {what}, which vibrations about it leave out: the shell moves freely there; clamp "
             f"what {mend} in another shell to hold it",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_coriolis(about: Any, found: LoadedModes) -> None:
+    """Say so where the Coriolis forces of a turning frame would change frequencies, by those of the modes' own span."""
+    live, modes = getattr(getattr(about, "loading", None), "live", ()), found.modes
+    turning = [(one.factor_at(0.0), one.form) for one in live if isinstance(one.form, BodyForm) and one.by_velocity]
+    if not turning:
+        return
+    count, vectors = modes.shape[1], modes.reshape(-1, 3, modes.shape[1])
+    felt = sum(factor * form.mass[:, None, None] * (form.by_velocity @ vectors) for factor, form in turning)
+    gyroscopic = modes.T @ np.reshape(felt, modes.shape)
+    system = np.block([[np.zeros((count, count)), np.eye(count)], [-np.diag(found.eigenvalues), -gyroscopic]])
+    rates = np.sort(np.linalg.eigvals(system).imag)[-count:] / (2.0 * np.pi)
+    worst = int(np.argmax(np.abs(rates / found.frequencies - 1.0)))
+    if np.abs(rates / found.frequencies - 1.0)[worst] > _GYROSCOPIC:
+        warnings.warn(
+            "about is a state in a turning frame, whose Coriolis forces vibrations about it leave out: they would make "
+            f"{rates[worst]:.4g} Hz of the {found.frequencies[worst]:.4g} Hz of mode {worst + 1}; take that of a "
+            "motion of DS",
             ModalShellWarning,
             stacklevel=4,
         )

@@ -27,6 +27,12 @@ from modalshell.scene.signatures import energies_table, loads_table, support_tab
 _REQUIRED = ("mesh", "material", "model")
 _LISTS = ("supports", "constraints", "contacts", "creases")
 """Tables of which there may be several."""
+_IN_SI = (
+    ("loads.wind", "density", "1.2 kg/m^3", ("length", "mass")),
+    ("loads.weight", "gravity", "9.81 m/s^2 downwards", ("length", "time")),
+    ("motion", "dt", "1/30 s", ("time",)),
+)
+"""Keys whose defaults have units: table, key, default, and the units that it is of."""
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -71,6 +77,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     }
     if "supports" in raw:
         optional["supports"] = _supports_table(file, raw["supports"])
+    _refuse_defaults_in_si(file, raw, optional.get("units"))
     motion = optional.get("motion")
     if motion is not None and motion.duration < motion.dt:
         raise SceneError(
@@ -96,6 +103,23 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             raise SceneError(f"{file}: bar: only scenes of one shell have error bars; leave it out")
         declared["bar"] = True
     return ShellScene(**declared) if own is None else own.builder(declared)
+
+
+def _refuse_defaults_in_si(file: Path, raw: dict[str, Any], units: tables.Units | None) -> None:
+    """SceneError for a number left out whose default is in other units than the scene's, which are not converted."""
+    si = tables.Units()
+    for table, key, default, of in _IN_SI:
+        if units is None or all(getattr(units, name) == getattr(si, name) for name in of):
+            continue
+        first, _, second = table.partition(".")
+        given = raw.get(first, {}).get(second, []) if second else [raw[first]] if first in raw else []
+        for index, entry in enumerate(given):
+            if key not in entry:
+                place = f"{table}[{index}].{key}" if second else f"{table}.{key}"
+                raise SceneError(
+                    f"{file}: {place}: missing; its default is {default}, and [units] has others: give it in those "
+                    f"({', '.join(getattr(units, name) for name in of)})"
+                )
 
 
 def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:

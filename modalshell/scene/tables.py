@@ -101,7 +101,8 @@ class Supports(Table, frozen=True):
 class Units(Table, frozen=True):
     """``[units]``: the units of a scene's numbers, which must be of one system: forces follow from the three.
 
-    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted.
+    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted, and what has a default in SI must
+    be given.
     """
 
     length: Literal["m", "cm", "mm", "um", "km", "in", "ft"] = "m"

@@ -34,6 +34,7 @@ from modalshell import (
     Wind,
     buckling_factors,
     flat_beam,
+    repair,
     sheet,
     solve_modes,
 )
@@ -270,3 +271,29 @@ def test_modes_about_a_state_that_something_else_holds_say_that_this_is_left_out
         with pytest.warns(ModalShellWarning, match=f"a state under {what}, which vibrations about it leave out"):
             solve_modes(shell, 2, about=state)
     solve_modes(shell, 2, about=free)
+
+
+def tube():
+    """A tube about the x axis."""
+    flat = sheet(length=1.0, width=1.0, cells=(20, 12))
+    x, y, _ = flat.vertices.T
+    angles = 2.0 * np.pi * (y - y.min())
+    rolled = np.column_stack([x - x.min(), 0.1 * np.cos(angles), 0.1 * np.sin(angles)])
+    return repair(rolled, flat.faces)[0]
+
+
+def test_frequencies_in_a_turning_frame_say_what_coriolis_forces_make_of_them():
+    """A tube that spins about its axis: its frequencies across split by the turns a second."""
+    mesh = tube()
+    shell = Shell(mesh, Isotropic(1e8, 0.3, 1e-3, 1000.0), "x < 1e-6")
+    still = solve_modes(shell, 2).frequencies
+    assert still[0] == pytest.approx(still[1], rel=0.02)
+    turns = 0.2 * still[0]
+    model = DiscreteShell(shell)
+    spun = model.equilibrium(loads=[FrameInertia(angular_velocity=(2.0 * np.pi * turns, 0.0, 0.0))])
+    with pytest.warns(ModalShellWarning, match="Coriolis forces") as given:
+        solve_modes(shell, 2, about=spun)
+    named = float(str(given[0].message).split("would make ")[1].split(" Hz")[0])
+    assert min(abs(named - (still[0] - turns)), abs(named - (still[0] + turns))) < 0.03 * still[0]
+    slow = model.equilibrium(loads=[FrameInertia(angular_velocity=(0.002 * still[0], 0.0, 0.0))])
+    solve_modes(shell, 2, about=slow)

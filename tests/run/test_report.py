@@ -91,6 +91,12 @@ def test_coarser_meshes_come_on_request(plate):
     assert not list(plate.glob("plate.*z"))
 
 
+def test_a_file_that_cannot_be_written_is_refused_before_the_run(plate, capsys):
+    assert command("plate.toml", "--out", "own.txt") == 2
+    assert "--out must end in .html" in capsys.readouterr().err
+    assert not list(plate.glob("**/plate.*z"))
+
+
 @pytest.mark.slow
 def test_a_run_needs_its_own_scene(plate, capsys):
     assert command("plate.toml") == 0

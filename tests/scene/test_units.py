@@ -65,6 +65,20 @@ def test_unknown_units_are_refused(scene_file):
             load_scene(scene_file(more=f"[units]\n{units}\n"))
 
 
+@pytest.mark.parametrize(
+    ("units", "more", "told"),
+    [
+        ('length = "mm"', "[[loads.wind]]\nvelocity = [0, 0, 1]\n", r"wind\[0\]\.density: missing; .* \(mm, kg\)"),
+        ('time = "ms"', "[[loads.weight]]\n", r"weight\[0\]\.gravity: missing; its default is 9\.81 m/s\^2"),
+        ('time = "ms"', "", r"motion\.dt: missing; its default is 1/30 s"),
+    ],
+)
+def test_defaults_in_si_are_no_numbers_of_other_units(scene_file, units, more, told):
+    with pytest.raises(SceneError, match=told):
+        load_scene(scene_file(more=f"{more}[units]\n{units}\n"))
+    load_scene(scene_file(more=f'{more}[units]\nlength = "m"\n'))
+
+
 MILLIMETRES = '[units]\nlength = "mm"\nmass = "t"\ntime = "s"\n'
 
 

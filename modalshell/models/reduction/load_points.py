@@ -10,7 +10,7 @@ import scipy.sparse as sps
 from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad
 from modalshell.loads.applied import BodyForm, SurfaceForm, TurningForm
-from modalshell.loads.surface_kernels import BODY, SURFACE, TURNING, Points, point_forces
+from modalshell.loads.surface_kernels import APART, BODY, SURFACE, TURNING, Points, point_forces
 from modalshell.loads.turning import triangle_frames
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
@@ -44,6 +44,8 @@ class LoadPoints:
     on a mesh of at most 256 triangles each is a patch.
     The triangle nearest a patch's centre stands for it: its force times the ratio of the areas acts on the patch's mean
     displacement, which the patch's mean rotation turns. The error falls as the square of the patches' size.
+    The forces are what is added to those on the shell at rest: these are known on every triangle, and where most of
+    them cancel over the shell, as of wind that twists it, points would err by more than what is left.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ class LoadPoints:
         air, bodies = np.zeros((ends[-1], 3)), np.zeros((len(loads), 3, 7))
         self._points = Points(
             np.column_stack([kinds, np.repeat(np.arange(len(parts)), counts)]), faces, sizes, air, bodies,
-            np.ones(len(loads)), np.empty((ends[-1], 3)), self.modes, self.turns,
+            np.ones(len(loads)), np.zeros((ends[-1], 3)), np.empty((ends[-1], 3)), self.modes, self.turns,
         )  # fmt: skip
         self._changing = [(index, load) for index, load in enumerate(loads) if load.factor is not None]
         self._fields: list[tuple[slice, SurfaceForm]] = []
@@ -90,6 +92,8 @@ class LoadPoints:
                 self._fields.append((own, form))
             elif isinstance(form, SurfaceForm) and form.velocity is not None:
                 air[own] = form.velocity
+        self._vertices, self._unused = mesh.vertices, (np.zeros(basis.count), np.zeros((basis.count, basis.count)))
+        self._stand(0.0)
 
     @property
     def count(self) -> int:
@@ -103,14 +107,25 @@ class LoadPoints:
     def forces(
         self, q: Array, x: Array, before: Array, rate: float, time: float, way: int, push: Array, drag: Array
     ) -> Array:
-        """Forces (k, 3) [N] at the points; see :func:`modalshell.loads.surface_kernels.point_forces`."""
+        """Forces (k, 3) [N] at the points over those at rest; see :func:`.surface_kernels.point_forces`."""
         points = self._points
+        if self._fields:
+            self._stand(time)
         for index, load in self._changing:
             points.factors[index] = load.factor_at(time)
         for own, form in self._fields:
             points.air[own] = form.air(x, points.faces[own], time)
         point_forces(points, x, before, rate, q, way, push, drag)
         return points.forces
+
+    def _stand(self, time: float) -> None:
+        """Find the forces at rest at a time [s], without their factors."""
+        points, x, (push, drag) = self._points, self._vertices, self._unused
+        points.rest[:], points.factors[:] = 0.0, 1.0
+        for own, form in self._fields:
+            points.air[own] = form.air(x, points.faces[own], time)
+        point_forces(points, x, x, 0.0, np.zeros_like(push), APART, push, drag)
+        points.rest[:] = points.forces
 
 
 def _product(weights: sps.csr_array, matrix: Array) -> Array:

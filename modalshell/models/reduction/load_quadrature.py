@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -72,9 +72,14 @@ class ModalPush:
         return cls(APART, at_points, of_sum=of_sum)
 
 
+def _constant(load: AppliedLoad, rest: Array) -> Array:
+    """Forces (n, 3) [N] of a load at ``rest`` (n, 3) [m] without its factor."""
+    return replace(load, factor=None).force(rest) if load.constant is None else load.constant
+
+
 @final
 class LoadQuadrature:
-    """The loads that change, as modal forces.
+    """The loads that change, as modal forces: those on the shell at rest in full, what they change by at points.
 
     Parameters
     ----------
@@ -90,7 +95,9 @@ class LoadQuadrature:
         self._count = basis.count
         self._points = LoadPoints(basis, tuple(load for load in loads if load.constant is None), _PATCHES)
         self._push = push(self._points)
-        constant = [(load, load.constant) for load in loads if load.constant is not None]
+        self._rest = basis.shell.mesh.vertices
+        self._fields = [load for load in loads if load.constant is None and load.is_field]
+        constant = [(load, _constant(load, self._rest)) for load in loads if load not in self._fields]
         known = self._push.of_constant
         self._kept = [(load, known(force)) for load, force in constant] if known else []
         self._added = [] if known else constant
@@ -113,16 +120,20 @@ class LoadQuadrature:
 
         The load is known by its array.
         """
-        if self._push.of_sum is None:
+        if self._push.of_sum is None or self._fields:
             return None
         if self._summed is None or self._summed[0] is not load:
             self._summed = load, self._push.of_sum([load, *(force for _, force in self._added)])
         return self._summed[1](np.array([1.0, *(changing.factor_at(time) for changing, _ in self._added)]))
 
     def dead(self, load: Array, time: float) -> Array:
-        """The load (n, 3) [N] with those that change by a factor alone and are best added to it."""
+        """The load (n, 3) [N] with those on the shell at rest that are best added to it."""
         for changing, force in self._added:
             load = load + changing.factor_at(time) * force
+        if self._fields:
+            load = load.copy()
+            for field in self._fields:
+                field.add_force(self._rest, self._rest, 0.0, time, load)
         return load
 
     def push(self, q: Array, x: Array, before: Array, rate: float, time: float) -> tuple[Array, Array]:
