@@ -55,10 +55,10 @@ class AtRest:
         """
         if not self._check.contacts:
             return level.still.equilibrium(force=force, start=start)
-        from modalshell.contact.contact import stopped  # not without contacts
+        from modalshell.contact.contact import smooth, stopped  # not without contacts
 
         try:
-            contacts = [stopped(contact, time) for contact in self._check.contacts]
+            contacts = [smooth(stopped(contact, time)) for contact in self._check.contacts]
             return level.still.equilibrium(force=force, start=start, contacts=contacts)
         except OptionError:
             return None

@@ -82,8 +82,8 @@ class Auto(Model):
     five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
     that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
     otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is. Contacts have no friction, no restitution and no ``push_out`` then, and
-    there is no level of coarse DS.
+    these are far from where the motion is. Steps in which a collider with friction, restitution or ``push_out``
+    touches are of DS, as modes take none. There is no level of coarse DS.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -236,6 +236,11 @@ class Auto(Model):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; OptionError for constraints, or supports that move."""
         return AutoStepper(self, self.levels, setup)
+
+    @property
+    def full(self) -> Model:
+        """The level that all others are measured by, DS."""
+        return self.levels[-1].model
 
     @property
     def count(self) -> int:

@@ -11,9 +11,10 @@ import numpy as np
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
+from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import FullLevel, Level, ModalLevel
 from modalshell.models.auto.trusted import SELDOM, KnownStates
-from modalshell.models.auto.watching import SWITCH
+from modalshell.models.auto.watching import SWITCH, Step
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 
@@ -23,6 +24,9 @@ MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _SHORT, _SLACKENED = 0.125, 3
 """Length, in steps, and number of the steps from rest by which DS sheds the stretch of modes: too short to bend."""
+
+_INSIDE = 1e-8
+"""Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 
 
 class LeveledStepper(Stepper):
@@ -50,8 +54,10 @@ class LeveledStepper(Stepper):
         held = all(isinstance(level, ModalLevel | FullLevel) and level.still is level.model for level in levels)
         if setup.contacts and not held:
             raise model.no_contacts()
-        self._levels = levels
-        self._made = {0: levels[0].stepper(setup)}
+        self._levels, self._mass = levels, model.shell.mass[:, None]
+        self._smooth = _smoothed(setup)
+        self._made = {0: levels[0].stepper(self._smooth)}
+        self._check: Check = model.check(setup)
         self._last: tuple[MotionState, int, MotionState] | None = None
         if setup.contacts:
             rest = model.shell.rest_positions
@@ -60,7 +66,8 @@ class LeveledStepper(Stepper):
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""
         if level not in self._made:
-            self._made[level] = self._levels[level].stepper(self.setup)
+            smooth = self._levels[level].quadratic
+            self._made[level] = self._levels[level].stepper(self._smooth if smooth else self.setup)
         return self._made[level]
 
     @staticmethod
@@ -119,6 +126,21 @@ class LeveledStepper(Stepper):
         level, inner = self.model.inner(state)
         return self._stepper(level).further_energy(inner)
 
+    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
+        """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
+        stepper = self._stepper(level)
+        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
+        return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
+
+    def _is_clear(self, step: Step) -> bool:
+        """Whether no collider that modes do not take has touched in three frames, or will where vertices go on so."""
+        (x, v), times = (step.frames[2], step.velocities()), (step.time - step.dt, step.time, step.time + step.dt)
+        frames = step.frames[1], x, x + step.dt * v
+        return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
+
+    def _length(self, displacement: Array) -> float:
+        return float(np.sqrt(np.sum(self._mass * displacement**2)))
+
     def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
         """A full level's state after short steps from rest, with its rates: without the stretch that modes have.
 
@@ -130,3 +152,13 @@ class LeveledStepper(Stepper):
         for _ in range(_SLACKENED):
             x = stepper.advance(time - dt, dt, MotionState(x, still, inner.memory), load)[0].coordinates
         return MotionState(x, inner.rates, inner.memory)
+
+
+def _smoothed(setup: MotionSetup) -> MotionSetup:
+    """The same motion for levels of modes, whose contacts are without friction, restitution and ``push_out``."""
+    if not any(getattr(contact, "rough", False) for contact in setup.contacts):
+        return setup
+    from modalshell.contact.contact import Contact, smooth  # not without contacts
+
+    given = [smooth(contact) if isinstance(contact, Contact) else contact for contact in setup.contacts]
+    return replace(setup, contacts=given)
