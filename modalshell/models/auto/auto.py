@@ -72,8 +72,8 @@ class Auto(Model):
     Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
     Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
     its correction is within a tenth of the last fine check's, and its bar and margin at their worst leave room. A fine
-    one decides else, as soon as the displacement has grown by half since, and each thirteenth time. As a level the
-    coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
+    one, of statics first, decides else, as soon as the displacement has grown by half since, and each thirteenth time.
+    As a level the coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.

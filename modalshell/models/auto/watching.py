@@ -240,7 +240,10 @@ class Watch:
                 return None
             found, bar = answer
         else:
-            found, bar = self.rests.of(level, load.force, memory["dead"], self._allowed)
+            asked = level, load.force, memory["dead"], self._allowed
+            found, bar = self.rests.of(*asked)
+            if "agreed" in memory:
+                memory["agreed"] = self.rests.agreed(*asked, memory["agreed"])
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar
