@@ -216,6 +216,16 @@ def test_what_modes_do_not_take_begins_by_discrete_shells(small, auto):
     assert norm(small, run.positions - truth.positions).max() < 1e-9 * small.size
 
 
+def test_a_coarse_shell_is_left_out_with_contacts_and_said_to_be(small, auto):
+    coarse = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 1)), small.material, clamped="x < 1e-6")
+    floor = ms.Contact(ms.Plane((0, 0, 1), -0.1), friction=0.3)
+    run, plain = (move(model, floor, GRAVITY, 0.3) for model in (ms.Auto(small, coarse=coarse), auto))
+    assert "coarse DS is left out with contacts" in run.message
+    assert "friction is smoothed: what sticks creeps" in plain.message
+    assert run.levels == plain.levels
+    assert np.array_equal(run.positions, plain.positions)
+
+
 def test_bars_of_a_motion_with_friction(auto):
     run = move(auto, ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3), GRAVITY, 0.5, bars=6)
     judged = np.array([not why for why in run.bars.unjudged])
@@ -241,9 +251,6 @@ def test_a_motion_that_cannot_be_is_refused_by_name(small, auto):
         move(auto, ms.Contact(ms.Plane((0, 0, 1), 0.01), sel="x > 0.5"), GRAVITY, duration=0.1)
     with pytest.raises(ms.OptionError, match="inside contact 0"):
         move(auto, FLOOR, GRAVITY, duration=0.1, start=small.rest_positions - [0, 0, 0.2])
-    coarse = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 1)), small.material, clamped="x < 1e-6")
-    with pytest.raises(ms.OptionError, match="auto has no coarse level in contact"):
-        move(ms.Auto(small, coarse=coarse), FLOOR, GRAVITY, duration=0.1)
     with pytest.raises(ms.OptionError, match="auto in free flight takes no contacts"):
         move(ms.Auto(ms.Shell(small.mesh, small.material)), FLOOR, GRAVITY, duration=0.1)
 

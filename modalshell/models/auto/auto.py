@@ -83,7 +83,7 @@ class Auto(Model):
     that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
     otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
     these are far from where the motion is. Steps in which a collider with friction, restitution or ``push_out``
-    touches are of DS, as modes take none. There is no level of coarse DS.
+    touches are of DS, as modes take none. Coarse DS is left out, as fine vertices may enter a collider between its own.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -211,10 +211,8 @@ class Auto(Model):
         return self.levels[-1].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
-        """The error of motions of free parts, and with a coarse shell, which take no contacts."""
-        if self._free is not None:
-            return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
-        return OptionError(f"{self.name} has no coarse level in contact: leave out coarse and triangles")
+        """The error of motions of free parts, which take no contacts."""
+        return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """That of DS at the answer."""
@@ -276,12 +274,17 @@ class Auto(Model):
         found = [level.model for level in self.levels if isinstance(level, CoarseLevel)]
         return (found[0], linear_gaps(found[0], self._basis)) if found else None
 
+    @property
+    def coarse_levels(self) -> tuple[int, ...]:
+        """Numbers of the levels on a coarse shell."""
+        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+
     @cached_property
     def unfit(self) -> tuple[int, ...]:
         """Levels that miss more than ``error`` of the lowest mode where displacements are small."""
         if self._gaps is None or lowest_gap(*self._gaps, self._basis) <= self.error:
             return ()
-        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+        return self.coarse_levels
 
     @cached_property
     def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:

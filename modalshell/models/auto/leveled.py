@@ -12,7 +12,7 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.checks import Check
-from modalshell.models.auto.levels import FullLevel, Level, ModalLevel
+from modalshell.models.auto.levels import Level
 from modalshell.models.auto.trusted import SELDOM, KnownStates
 from modalshell.models.auto.watching import SWITCH, Step
 from modalshell.models.base.setup import MotionSetup
@@ -44,15 +44,14 @@ class LeveledStepper(Stepper):
     Raises
     ------
     OptionError
-        For contacts where a level takes none.
+        For contacts of free parts.
     """
 
     takes_contacts = True
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup)
-        held = all(isinstance(level, ModalLevel | FullLevel) and level.still is level.model for level in levels)
-        if setup.contacts and not held:
+        if setup.contacts and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
         self._levels, self._mass = levels, model.shell.mass[:, None]
         self._smooth = _smoothed(setup)
@@ -60,8 +59,23 @@ class LeveledStepper(Stepper):
         self._check: Check = model.check(setup)
         self._last: tuple[MotionState, int, MotionState] | None = None
         if setup.contacts:
-            rest = model.shell.rest_positions
-            self.model = model.of_states([self._stepper(k).state_at(rest, 0.0) for k in range(len(levels))])
+            self.model = model.of_states([self._first_state(k) for k in range(len(levels))])
+
+    def _first_state(self, level: int) -> MotionState:
+        """A state of a level at rest, with what it remembers of contacts; coarse ones are never in contact."""
+        if level in self.model.coarse_levels:
+            state: MotionState = self._levels[level].model.start_motion()
+            return state
+        return self._stepper(level).state_at(self.shell.rest_positions, 0.0)
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts: of friction, as DS does, and that there is no coarse level."""
+        if not self.setup.contacts:
+            return ""
+        told = self._stepper(len(self._levels) - 1).note
+        names = [self._levels[k].model.name for k in self.model.coarse_levels]
+        return "; ".join(filter(None, [told, *(f"{name} is left out with contacts" for name in names)]))
 
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""
