@@ -54,20 +54,21 @@ class Auto(Model):
     (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
     at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
     bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. Levels of DS take over from those of modes after three short steps from rest without a load, as
-    they would throw off the stretch that modes have. A bar and a margin that leave room vouch for coordinates, rates
-    and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
-    (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load that is known
-    to come at first, and for vibrations as large as its answer; those that leave little room vouch for states like
-    their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less takes from what
-    is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest where the bar's
-    steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no rung of modes
-    does better: it stays. RSW hands back to the first level where two of its checks in a row find that near, too.
-    Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full
-    levels try to hand back to the first from time to time, more seldom where that has not lasted: twice in a row the
-    nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within
-    that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a
-    snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency adds up.
+    under another load. Levels of DS take over from others after three short steps from rest without a load, as they
+    would throw off the stretch that modes have, and a coarse shell between its vertices. A bar and a margin that leave
+    room vouch for coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid
+    about rest (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load
+    that is known to come at first, and for vibrations as large as its answer; those that leave little room vouch for
+    states like their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less
+    takes from what is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest
+    where the bar's steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no
+    rung of modes does better: it stays. RSW hands back to the first level where two of its checks in a row find that
+    near, too. Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of
+    ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
+    in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back
+    to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
+    tell after a snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency adds
+    up.
 
     Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
     Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as

@@ -156,7 +156,7 @@ class LeveledStepper(Stepper):
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
 
     def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
-        """A full level's state after short steps from rest, with its rates: without the stretch that modes have.
+        """A full level's state after short steps from rest, with its rates: without the stretch that others have.
 
         No load pushes in these steps.
         """

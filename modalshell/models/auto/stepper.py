@@ -232,20 +232,21 @@ class AutoStepper(LeveledStepper):
         """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
 
         With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
-        A full one takes over from modes without the stretch that these have, which DS would throw off.
+        A full one takes over without the stretch of modes, or of a coarse shell between its vertices, which DS would
+        throw off.
         """
-        (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
+        (x, v), (time, dead), new = motion, now, switch[1]
         far, loading = self._allowed(memory), self.setup.loading
         after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
-        stretched = self._levels[old].quadratic and not (self._levels[new].quadratic or self._check.least)
-        if stretched and float(memory["largest"][0]) > 0.0:
+        full = not (self._levels[new].quadratic or self._check.least)
+        if full and float(memory["largest"][0]) > 0.0:
             after = self._slack(new, after, time)
         switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
-        gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
+        gained = energy_change((self._stepper(int(memory["level"][0])), self._stepper(new)), (inner, after), force)
         self._note(memory, switch, gained)
         return new, after
 
