@@ -203,6 +203,19 @@ def test_rough_contacts_are_left_to_discrete_shells_as_long_as_they_touch(small,
         assert levels[-1] == "MWTS"
 
 
+def test_modes_lie_on_a_smooth_floor_while_a_rough_box_is_away(small, auto):
+    rough, collider, _ = ROUGH["swept by a rough box"]
+    given = [ms.Contact(ms.Plane((0, 0, 1), -0.05)), ms.Contact(collider, **rough)]
+    pull, options = (0.0, 0.0, -1.0), {"duration": 1.4, "dt": DT, "damping": (4.0, 1e-3), "contacts": given}
+    run, truth = (ms.simulate(model, gravity=pull, **options) for model in (auto, ms.DiscreteShell(small)))
+    levels, touches = np.array(run.levels), run.in_contact.any(axis=1)
+    assert (touches & (levels != "DS")).any()
+    largest = np.maximum.accumulate(norm(small, truth.positions - small.rest_positions))
+    told = largest > 0.05 * largest[-1]
+    assert (norm(small, run.positions - truth.positions)[told] / largest[told]).max() < 0.05
+    assert (levels == "MWTS").mean() > 0.7
+
+
 def test_what_modes_do_not_take_begins_by_discrete_shells(small, auto):
     """A start on a rough table, and one that is pushed out of a wall, which modes refuse."""
     onto = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.5)
@@ -233,8 +246,9 @@ def test_bars_of_a_motion_with_friction(auto):
     assert (run.bars.displacement[judged] < 0.05).all()
 
 
-def test_a_scene_of_it_resumes(scene_file, tmp_path):
-    floor = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.06\n'
+@pytest.mark.parametrize("friction", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+def test_a_scene_of_it_resumes(scene_file, tmp_path, friction):
+    floor = f'[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.06\nfriction = {friction}\n'
     scene = scene_file(("mwts", "auto"), more=floor)
     scene.write_text(f"bar = true\n{scene.read_text()}")
     whole, resumed = (result.trajectory for result in stopped_and_resumed(scene, tmp_path, 22))
