@@ -112,6 +112,11 @@ class Contact(ReadOnlyArrays):
             self.motion = checked_kind("motion", motion, SupportPath)
         self.push_out = checked_number("push_out", push_out, at_least=0.0, unit="m/s")
 
+    @property
+    def rough(self) -> bool:
+        """Whether it has friction, restitution or ``push_out``."""
+        return bool(self.friction or self.restitution or self.push_out)
+
     def __repr__(self) -> str:
         return f"Contact({type(self.collider).__name__}, sel={self.sel!r})"
 
@@ -208,6 +213,15 @@ class Contact(ReadOnlyArrays):
         sel = self.sel.tolist() if isinstance(self.sel, np.ndarray) else self.sel
         numbers = {"friction": self.friction, "restitution": self.restitution, "push_out": self.push_out}
         return {"kind": self.collider.key, **self.collider.plain(), "sel": sel, **numbers}
+
+
+def smooth(contact: Contact) -> Contact:
+    """The same contact without friction, restitution and ``push_out``; itself where it has none."""
+    if not contact.rough:
+        return contact
+    other = copy.copy(contact)
+    other.friction = other.restitution = other.push_out = 0.0
+    return other
 
 
 def stopped(contact: Contact, time: float) -> Contact:

@@ -56,6 +56,8 @@ class TouchingFrames:
         self._touching, self._origin, self._mass = self._estimator.touching, self._estimator.origin, shell.mass
         self._yields = np.array([contact.push_out > 0.0 for contact in given])
         self._part = part
+        rough = np.array([contact.rough for contact in given])
+        self._rough = np.flatnonzero(rough[self._touching.contact_of])
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -70,6 +72,13 @@ class TouchingFrames:
     def refuse_inside(self, x: Array) -> None:
         """OptionError where a vertex at x (n, 3) [m] lies inside a collider at time 0."""
         self._touching.refuse_inside(x - self._origin)
+
+    def touches_rough(self, x: Array, time: float) -> bool:
+        """Whether a vertex at x (n, 3) [m] touches a collider with friction, restitution or ``push_out``, or nearly."""
+        if not self._rough.size:
+            return False
+        gaps = self._touching.at(time).distances(x - self._origin)
+        return bool((gaps[self._rough] <= INSIDE * self._touching.size).any())
 
     def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
         """Speed in the norm of the mass [kg^(1/2) m/s] that what comes to touch in the next ``dt`` [s] would lose.

@@ -98,7 +98,7 @@ def touching_frames(
     check_bar(shell, contacts=contacts)
     if not any(contact.friction for contact in contacts):
         return TouchingFrames(shell, contacts, supports)
-    rule = getattr(model, "integrator", None)
+    rule = getattr(getattr(model, "full", model), "integrator", None)
     if not isinstance(rule, ImplicitRule):
         raise OptionError("bars of motions with friction take implicit steps: take 'sdirk2', or set friction to 0")
     return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins)

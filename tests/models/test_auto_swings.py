@@ -1,5 +1,6 @@
 """The model that switches itself under a load that swings: it comes back to its cheapest rung, and seldom checks it."""
 
+import re
 from itertools import groupby
 
 import numpy as np
@@ -119,3 +120,17 @@ def test_a_load_that_outgrows_its_table_of_times_is_looked_at(strip):
     run = ms.simulate(ms.Auto(strip, 8), **setting | {"loads": [growing]})
     assert run.levels[2] == "MWTS"
     assert run.levels[-1] == "DS"
+
+
+def test_discrete_shells_take_over_from_a_coarse_one_without_its_shape_between_vertices():
+    """Handed over as it is, the fold of this V-beam would have a tenth more energy by DS."""
+    thin = ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=100.0)
+    shell, coarse = (
+        ms.Shell(ms.v_beam(length=1.0, width=0.25, fold=100.0, cells=cells), thin, "x < 1e-6")
+        for cells in ((24, 8), (16, 4))
+    )
+    loads = [ms.Scaled(ms.SelfWeight((0.0, 0.0, -9.0)), ([0.0, 0.2, 1.0], [0.0, 0.2, 1.0]))]
+    run = ms.simulate(ms.Auto(shell, coarse=coarse), duration=0.15, dt=1 / 60, damping=(0.5, 1e-3), loads=loads)
+    switch = re.search(r"to DS at 0\.1 s \(.* from DS; its energy changed by ([+-][\d.]+) %\)", run.message)
+    assert switch is not None
+    assert abs(float(switch[1])) < 2.0

@@ -1,5 +1,6 @@
 """Compiled steps of shell theory: the same Hessian, motions and counts as through sparse algebra."""
 
+import importlib
 from dataclasses import replace
 
 import numba
@@ -9,6 +10,7 @@ from junctions import frame
 
 import modalshell as ms
 from modalshell.models.coarse import profile_fold_kernels as kernels
+from modalshell.models.coarse.profile_folds import numbering_of
 from modalshell.models.coarse.profile_newton import make_room
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.shell.elements import ElementSet
@@ -16,6 +18,8 @@ from modalshell.shell.kernels.generated import shear
 from modalshell.shell.kernels.split_folds import add_fold_curvatures, fold_angles, half_squares
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
+
+profile_steps = importlib.import_module("modalshell.models.coarse.profile_step")
 
 ISOTROPIC = ms.Isotropic(young=2e8, poisson=0.3, thickness=2e-3, density=1000.0)
 ORTHOTROPIC = ms.Orthotropic(young=(4e8, 1e8), shear=5e7, poisson=0.2, thickness=2e-3, density=1000.0)
@@ -167,6 +171,21 @@ def test_moving_supports_live_loads_and_drag_act_as_in_sparse_steps():
     size = np.abs(runs[1].positions - runs[1].positions[0]).max()
     assert size > 0.02
     np.testing.assert_allclose(runs[0].positions, runs[1].positions, atol=1e-8 * size)
+
+
+def test_a_shell_that_is_too_large_is_seen_by_its_edges_alone(monkeypatch):
+    """Shares of folds are numbered for nothing there; what edges leave open is decided by the whole profile."""
+    numbered = []
+
+    def counting(shell):
+        numbered.append(len(shell.mass))
+        return numbering_of(shell)
+
+    monkeypatch.setattr(profile_steps, "numbering_of", counting)
+    plates = [ms.Shell(ms.sheet(cells=(cells, cells)), ISOTROPIC, "x < 1e-6") for cells in (12, 42, 60)]
+    found = [profile_step(plate) is not None for plate in plates]
+    assert found == [True, False, False]
+    assert numbered == [len(plate.mass) for plate in plates[:2]]
 
 
 def test_what_it_does_not_serve_goes_through_sparse_algebra():

@@ -11,9 +11,9 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
-LACKS_LOAD, LACKS_START, STRIKES = 1.0, 2.0, 3.0
-"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; and for
-a strike on a collider that is ahead."""
+LACKS_LOAD, LACKS_START, STRIKES, TOUCHES = 1.0, 2.0, 3.0, 4.0
+"""Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; for a
+strike on a collider that is ahead; and for one that modes do not take, which is about to touch."""
 _LITTLE = 1e-4
 """Share of the energy that a switch may change untold."""
 
@@ -57,6 +57,8 @@ def told(state: MotionState, names: Sequence[str]) -> str:
             reason = f"the modes lack {share_as_text(bar)} of the linear answer to the load"
         elif mark == STRIKES:
             reason = "it is about to strike a collider"
+        elif mark == TOUCHES:
+            reason = "it touches a collider with friction, restitution or push_out"
         elif int(level) == 0 or margin <= LEAST_MARGIN:
             reason = f"stability margin {margin:.2f}"
         else:

@@ -10,6 +10,7 @@ from modalshell.core.typing import Array
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import LoadsAhead
+from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
@@ -30,8 +31,9 @@ class _Answer(NamedTuple):
 class AtRest:
     """Finds statics of modal levels and their bars, those of a large shell on its coarse one where that serves.
 
-    How right that is the first level tells once, under the largest load that is known to come, and not what fine checks
-    have found on the way: a motion that resumes does not know which answers were kept.
+    How right that is for statics the first level tells once, under the largest load that is known to come, and not what
+    fine checks have found on the way: a motion that resumes does not know which answers were kept. For the motion each
+    fine bar of statics tells, which its state remembers.
 
     Parameters
     ----------
@@ -55,10 +57,10 @@ class AtRest:
         """
         if not self._check.contacts:
             return level.still.equilibrium(force=force, start=start)
-        from modalshell.contact.contact import stopped  # not without contacts
+        from modalshell.contact.contact import smooth, stopped  # not without contacts
 
         try:
-            contacts = [stopped(contact, time) for contact in self._check.contacts]
+            contacts = [smooth(stopped(contact, time)) for contact in self._check.contacts]
             return level.still.equilibrium(force=force, start=start, contacts=contacts)
         except OptionError:
             return None
@@ -81,6 +83,20 @@ class AtRest:
         self._kept = [*self._kept[1 - _KEPT :], _Answer(level, force, found, bar)]
         return found, bar
 
+    def agreed(self, level: Level, force: Array, dead: Array, allowed: float, known: Array) -> Array:
+        """What is known of coarse checks after the same answer's bar, if that was found on the fine shell."""
+        found, bar = self.of(level, force, dead, allowed)
+        if self._check.sampled is None or bar.on != "shell":
+            return known
+        return self._compared(self._check.sampled, _Answer(level, force, found, bar), allowed, known)
+
+    def _compared(self, sampled: SampledCheck, answer: _Answer, allowed: float, known: Array) -> Array:
+        """What is known after a fine bar of an answer."""
+        _, force, found, bar = answer
+        x, moved = found.positions, self._check.moved(found.positions)
+        coarse = None if found.coordinates is None else sampled.found(x, found.coordinates, force)
+        return sampled.compared(coarse, bar, x, moved, allowed * moved, known)
+
     def _known(self, dead: Array, allowed: float) -> Iterator[_Answer]:
         """Answers that are known; that under the largest load is found here, as others ask how right the coarse is."""
         sampled = self._check.sampled
@@ -90,11 +106,8 @@ class AtRest:
             if coming:
                 level, force = self._model.levels[0], max(coming, key=lambda load: load.whole).force
                 found = level.still.equilibrium(force=force)
-                x, moved = found.positions, self._check.moved(found.positions)
-                bar = self._check.static(x, force)
-                coarse = None if found.coordinates is None else sampled.found(x, found.coordinates, force)
-                agreed = sampled.compared(coarse, bar, x, moved, allowed * moved, sampled.nothing())
-                self._largest = dead, agreed, _Answer(level, force, found, bar)
+                answer = _Answer(level, force, found, self._check.static(found.positions, force))
+                self._largest = dead, self._compared(sampled, answer, allowed, sampled.nothing()), answer
         if self._largest is not None and self._largest[2] is not None:
             yield self._largest[2]
         yield from self._kept

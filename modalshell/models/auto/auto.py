@@ -54,26 +54,27 @@ class Auto(Model):
     (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
     at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
     bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. Levels of DS take over from those of modes after three short steps from rest without a load, as
-    they would throw off the stretch that modes have. A bar and a margin that leave room vouch for coordinates, rates
-    and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid about rest
-    (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load that is known
-    to come at first, and for vibrations as large as its answer; those that leave little room vouch for states like
-    their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less takes from what
-    is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest where the bar's
-    steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no rung of modes
-    does better: it stays. RSW hands back to the first level where two of its checks in a row find that near, too.
-    Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of ``error``. Full
-    levels try to hand back to the first from time to time, more seldom where that has not lasted: twice in a row the
-    nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back to within
-    that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot tell after a
-    snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency adds up.
+    under another load. Levels of DS take over from others after three short steps from rest without a load, as they
+    would throw off the stretch that modes have, and a coarse shell between its vertices. A bar and a margin that leave
+    room vouch for coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid
+    about rest (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load
+    that is known to come at first, and for vibrations as large as its answer; those that leave little room vouch for
+    states like their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less
+    takes from what is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest
+    where the bar's steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no
+    rung of modes does better: it stays. RSW hands back to the first level where two of its checks in a row find that
+    near, too. Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of
+    ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
+    in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back
+    to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
+    tell after a snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency adds
+    up.
 
     Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
     Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
     its correction is within a tenth of the last fine check's, and its bar and margin at their worst leave room. A fine
-    one decides else, as soon as the displacement has grown by half since, and each thirteenth time. As a level the
-    coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
+    one, of statics first, decides else, as soon as the displacement has grown by half since, and each thirteenth time.
+    As a level the coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
 
     A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
     from whose own balance there DS is no further by a bar.
@@ -82,8 +83,8 @@ class Auto(Model):
     five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
     that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
     otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is. Contacts have no friction, no restitution and no ``push_out`` then, and
-    there is no level of coarse DS.
+    these are far from where the motion is. Steps in which a collider with friction, restitution or ``push_out``
+    touches are of DS, as modes take none. Coarse DS is left out, as fine vertices may enter a collider between its own.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
     Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
@@ -211,10 +212,8 @@ class Auto(Model):
         return self.levels[-1].model.rigid_load(load)
 
     def no_contacts(self) -> OptionError:
-        """The error of motions of free parts, and with a coarse shell, which take no contacts."""
-        if self._free is not None:
-            return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
-        return OptionError(f"{self.name} has no coarse level in contact: leave out coarse and triangles")
+        """The error of motions of free parts, which take no contacts."""
+        return OptionError(f"{self.name} in free flight takes no contacts: hold some vertices, or take MWTS or DS")
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """That of DS at the answer."""
@@ -236,6 +235,11 @@ class Auto(Model):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; OptionError for constraints, or supports that move."""
         return AutoStepper(self, self.levels, setup)
+
+    @property
+    def full(self) -> Model:
+        """The level that all others are measured by, DS."""
+        return self.levels[-1].model
 
     @property
     def count(self) -> int:
@@ -271,12 +275,17 @@ class Auto(Model):
         found = [level.model for level in self.levels if isinstance(level, CoarseLevel)]
         return (found[0], linear_gaps(found[0], self._basis)) if found else None
 
+    @property
+    def coarse_levels(self) -> tuple[int, ...]:
+        """Numbers of the levels on a coarse shell."""
+        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+
     @cached_property
     def unfit(self) -> tuple[int, ...]:
         """Levels that miss more than ``error`` of the lowest mode where displacements are small."""
         if self._gaps is None or lowest_gap(*self._gaps, self._basis) <= self.error:
             return ()
-        return tuple(k for k, level in enumerate(self.levels) if isinstance(level, CoarseLevel))
+        return self.coarse_levels
 
     @cached_property
     def _checked_on(self) -> tuple[CoarseDiscreteShell, Array, QuickCheck | None] | None:

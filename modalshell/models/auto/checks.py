@@ -65,6 +65,10 @@ class HeldCheck:
         if self._touching is not None:
             self._touching.refuse_inside(x)
 
+    def touches_rough(self, x: Array, time: float) -> bool:
+        """Whether a vertex at x (n, 3) [m] touches a collider that levels of modes do not take as it is."""
+        return self._touching is not None and self._touching.touches_rough(x, time)
+
     def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
         """Speed [kg^(1/2) m/s] that colliders take in the next ``dt`` [s] of what goes on from x (n, 3) at v (n, 3)."""
         return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
@@ -134,6 +138,10 @@ class FlownCheck:
 
     def refuse_inside(self, x: Array) -> None:
         """See :meth:`HeldCheck.refuse_inside`; there are no contacts."""
+
+    def touches_rough(self, x: Array, time: float) -> bool:
+        """See :meth:`HeldCheck.touches_rough`."""
+        return False
 
     def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
         """See :meth:`HeldCheck.strike_ahead`."""

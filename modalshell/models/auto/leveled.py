@@ -11,9 +11,10 @@ import numpy as np
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.levels import FullLevel, Level, ModalLevel
+from modalshell.models.auto.checks import Check
+from modalshell.models.auto.levels import Level
 from modalshell.models.auto.trusted import SELDOM, KnownStates
-from modalshell.models.auto.watching import SWITCH
+from modalshell.models.auto.watching import SWITCH, Step
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 
@@ -23,6 +24,9 @@ MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
 _SHORT, _SLACKENED = 0.125, 3
 """Length, in steps, and number of the steps from rest by which DS sheds the stretch of modes: too short to bend."""
+
+_INSIDE = 1e-8
+"""Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 
 
 class LeveledStepper(Stepper):
@@ -40,27 +44,44 @@ class LeveledStepper(Stepper):
     Raises
     ------
     OptionError
-        For contacts where a level takes none.
+        For contacts of free parts.
     """
 
     takes_contacts = True
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup)
-        held = all(isinstance(level, ModalLevel | FullLevel) and level.still is level.model for level in levels)
-        if setup.contacts and not held:
+        if setup.contacts and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
-        self._levels = levels
-        self._made = {0: levels[0].stepper(setup)}
+        self._levels, self._mass = levels, model.shell.mass[:, None]
+        self._smooth = _smoothed(setup)
+        self._made = {0: levels[0].stepper(self._smooth)}
+        self._check: Check = model.check(setup)
         self._last: tuple[MotionState, int, MotionState] | None = None
         if setup.contacts:
-            rest = model.shell.rest_positions
-            self.model = model.of_states([self._stepper(k).state_at(rest, 0.0) for k in range(len(levels))])
+            self.model = model.of_states([self._first_state(k) for k in range(len(levels))])
+
+    def _first_state(self, level: int) -> MotionState:
+        """A state of a level at rest, with what it remembers of contacts; coarse ones are never in contact."""
+        if level in self.model.coarse_levels:
+            state: MotionState = self._levels[level].model.start_motion()
+            return state
+        return self._stepper(level).state_at(self.shell.rest_positions, 0.0)
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts: of friction, as DS does, and that there is no coarse level."""
+        if not self.setup.contacts:
+            return ""
+        told = self._stepper(len(self._levels) - 1).note
+        names = [self._levels[k].model.name for k in self.model.coarse_levels]
+        return "; ".join(filter(None, [told, *(f"{name} is left out with contacts" for name in names)]))
 
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""
         if level not in self._made:
-            self._made[level] = self._levels[level].stepper(self.setup)
+            smooth = self._levels[level].quadratic
+            self._made[level] = self._levels[level].stepper(self._smooth if smooth else self.setup)
         return self._made[level]
 
     @staticmethod
@@ -119,8 +140,23 @@ class LeveledStepper(Stepper):
         level, inner = self.model.inner(state)
         return self._stepper(level).further_energy(inner)
 
+    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
+        """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
+        stepper = self._stepper(level)
+        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
+        return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
+
+    def _is_clear(self, step: Step) -> bool:
+        """Whether no collider that modes do not take has touched in three frames, or will where vertices go on so."""
+        (x, v), times = (step.frames[2], step.velocities()), (step.time - step.dt, step.time, step.time + step.dt)
+        frames = step.frames[1], x, x + step.dt * v
+        return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
+
+    def _length(self, displacement: Array) -> float:
+        return float(np.sqrt(np.sum(self._mass * displacement**2)))
+
     def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
-        """A full level's state after short steps from rest, with its rates: without the stretch that modes have.
+        """A full level's state after short steps from rest, with its rates: without the stretch that others have.
 
         No load pushes in these steps.
         """
@@ -130,3 +166,13 @@ class LeveledStepper(Stepper):
         for _ in range(_SLACKENED):
             x = stepper.advance(time - dt, dt, MotionState(x, still, inner.memory), load)[0].coordinates
         return MotionState(x, inner.rates, inner.memory)
+
+
+def _smoothed(setup: MotionSetup) -> MotionSetup:
+    """The same motion for levels of modes, whose contacts are without friction, restitution and ``push_out``."""
+    if not any(getattr(contact, "rough", False) for contact in setup.contacts):
+        return setup
+    from modalshell.contact.contact import Contact, smooth  # not without contacts
+
+    given = [smooth(contact) if isinstance(contact, Contact) else contact for contact in setup.contacts]
+    return replace(setup, contacts=given)

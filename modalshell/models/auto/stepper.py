@@ -13,8 +13,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, STRIKES, cost_of, energy_change
-from modalshell.models.auto.checks import Check
+from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, cost_of, energy_change
 from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
@@ -42,8 +41,6 @@ _SOON, _PATIENCE = 4, 4.0
 where it does."""
 _STRIKING = 4.0
 """Swing that a strike takes, over the bar from which a rung is left: modes err by a part of it."""
-_INSIDE = 1e-8
-"""Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 _LARGE = 1e9
 Switch = tuple[float, int, float, float, float]
 """Time [s], level, bar, margin and mark of a switch."""
@@ -69,11 +66,9 @@ class AutoStepper(LeveledStepper):
         if setup.supports is not None:
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, levels, setup)
-        self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
-        self._mass = model.shell.mass[:, None]
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
@@ -82,27 +77,31 @@ class AutoStepper(LeveledStepper):
         level rests there. Where that load's stability margin has failed, DS alone does. Of free parts the first level
         is asked alone, and whether it comes near.
         """
-        if positions is None:
-            self._check.refuse_inside(self.shell.rest_positions)
+        rest = self.shell.rest_positions
+        self._check.refuse_inside(rest if positions is None else positions)
+        if positions is None and not self._check.touches_rough(rest, 0.0):
             return self._watch.fitted(super().start(positions))
-        self._check.refuse_inside(positions)
+        positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
+        if self._check.touches_rough(positions, 0.0):
+            return self._begun(last, self._stepper(last).state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
             if number == 0:
                 missed, margin = off, stable
             if off <= 1.0:
-                return self._begun(number, inner, missed, margin)
+                return self._begun(number, inner, (missed, margin, LACKS_START))
             if not stable > LEAST_MARGIN:
                 break
-        return self._begun(last, self._stepper(last).state_at(positions, 0.0), missed, margin)
+        return self._begun(last, self._stepper(last).state_at(positions, 0.0), (missed, margin, LACKS_START))
 
-    def _begun(self, level: int, inner: MotionState, missed: float, margin: float) -> MotionState:
-        """The state of a start on a level, with what the first one lacks of it, over what it may."""
+    def _begun(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
+        """The state of a start on a level, with what the first lacks of it, over what it may, a margin and a mark."""
+        missed, margin, mark = lost
         state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
         if level > 0:
-            self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, LACKS_START))
+            self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, mark))
         return state
 
     def _lost(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
@@ -133,6 +132,11 @@ class AutoStepper(LeveledStepper):
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
+        if self._levels[level].quadratic and self._check.touches_rough(stepper.positions(after, time), time):
+            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
+            level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
+            stepper = self._stepper(level)
+            after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
         ended = level, after
         x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
@@ -228,28 +232,23 @@ class AutoStepper(LeveledStepper):
         """The level that takes over from the present one, at positions and velocities (n, 3), and its state.
 
         With contacts a level of modes does not, but the next one, if its shapes outside the colliders are far from x.
-        A full one takes over from modes without the stretch that these have, which DS would throw off.
+        A full one takes over without the stretch of modes, or of a coarse shell between its vertices, which DS would
+        throw off.
         """
-        (x, v), (time, dead), old, new = motion, now, int(memory["level"][0]), switch[1]
+        (x, v), (time, dead), new = motion, now, switch[1]
         far, loading = self._allowed(memory), self.setup.loading
         after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
-        stretched = self._levels[old].quadratic and not (self._levels[new].quadratic or self._check.least)
-        if stretched and float(memory["largest"][0]) > 0.0:
+        full = not (self._levels[new].quadratic or self._check.least)
+        if full and float(memory["largest"][0]) > 0.0:
             after = self._slack(new, after, time)
         switch = (switch[0], new, *switch[2:])
         force = dead + loading.live_force(x, v, time) if loading.live else dead
-        gained = energy_change((self._stepper(old), self._stepper(new)), (inner, after), force)
+        gained = energy_change((self._stepper(int(memory["level"][0])), self._stepper(new)), (inner, after), force)
         self._note(memory, switch, gained)
         return new, after
-
-    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
-        """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
-        stepper = self._stepper(level)
-        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
-        return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
 
     def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
@@ -375,6 +374,8 @@ class AutoStepper(LeveledStepper):
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
         not be left at once: the cheapest first.
         """
+        if self._check.contacts and not self._is_clear(step):
+            return None
         lowest, v, (_, middle, x) = self._levels[0], step.velocities(), step.frames
         allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
         state = lowest.entered(self._stepper(0), x, v, step.time)
@@ -393,6 +394,3 @@ class AutoStepper(LeveledStepper):
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
         stays = near and self._ahead(0, MotionState(x, v), entering, now) is None
         return seen if stays else None
-
-    def _length(self, displacement: Array) -> float:
-        return float(np.sqrt(np.sum(self._mass * displacement**2)))

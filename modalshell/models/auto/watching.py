@@ -111,14 +111,20 @@ class Watch:
         state.memory["known"] = self._states.nothing(self._size)
         if self._check.sampled is not None:
             state.memory["agreed"] = self._check.sampled.nothing()
-        state.memory["barred"][list(self._model.unfit)] = 1.0
+        state.memory["barred"][list(self._unfit)] = 1.0
         return state
+
+    @property
+    def _unfit(self) -> tuple[int, ...]:
+        """Levels that are never taken: coarse ones that are wrong from the beginning, with contacts all coarse ones."""
+        found: tuple[int, ...] = self._model.coarse_levels if self._touches else self._model.unfit
+        return found
 
     @property
     def first_levels(self) -> list[int]:
         """Levels below the last on which a motion may begin."""
         last = 1 if self._check.least else len(self._model.levels) - 1
-        return [level for level in range(last) if level not in self._model.unfit]
+        return [level for level in range(last) if level not in self._unfit]
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
@@ -240,7 +246,10 @@ class Watch:
                 return None
             found, bar = answer
         else:
-            found, bar = self.rests.of(level, load.force, memory["dead"], self._allowed)
+            asked = level, load.force, memory["dead"], self._allowed
+            found, bar = self.rests.of(*asked)
+            if "agreed" in memory:
+                memory["agreed"] = self.rests.agreed(*asked, memory["agreed"])
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar

@@ -144,10 +144,15 @@ class ContactMotion:
         return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
 
     def put_out(self, state: MotionState, time: float) -> MotionState:
-        """A state with what lies inside colliders at ``time`` [s] put onto them."""
+        """A state of another motion with what lies inside colliders at ``time`` [s] put onto them."""
         touching = self.steps.now.at(time)
         x = put_out(touching, state.coordinates, np.ones(len(touching.contacts), dtype=bool))
-        return self._kept(MotionState(x, state.rates, state.memory))
+        return self.unpressed(MotionState(x, state.rates, state.memory))
+
+    def unpressed(self, state: MotionState) -> MotionState:
+        """A state that no contact force has acted on yet: those of a step long ago are not its own."""
+        self.steps.pushes = np.zeros_like(self.steps.pushes)
+        return self._kept(state)
 
     def begin(self, state: MotionState, x: Array | None = None) -> MotionState:
         """A start at x (n, 3) [m], by default its coordinates, refused inside a collider."""

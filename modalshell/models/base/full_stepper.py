@@ -87,7 +87,7 @@ class FullStepper(Stepper):
         state = super().state_at(positions, time)
         if self._frame is None:
             state.coordinates = positions - self.origin
-        return self._begun(state)
+        return self._begun(state if self.contacts is None else self.contacts.unpressed(state))
 
     def outside(self, state: MotionState, time: float) -> MotionState:
         """A state that another motion's was put into at ``time`` [s], its vertices put out of the colliders."""
