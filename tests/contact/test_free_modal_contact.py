@@ -120,7 +120,11 @@ def test_forces_of_steps_taken_in_parts_are_means_that_change_the_momentum(shell
     """Those of the last part alone were told: up to 12 weights off."""
     floor = ms.Contact(FLOOR.collider, restitution=restitution)
     motion = falling(
-        models["MWTS"], floor, dt=1 / 120, start=shell.rest_positions + [0, 0, -0.18], tolerance=Tolerance(0.02, 0.2)
+        models["MWTS"],
+        floor,
+        dt=1 / 120,
+        start=shell.rest_positions + np.array([0, 0, -0.18]),
+        tolerance=Tolerance(0.02, 0.2),
     )
     weight, touched = shell.mass.sum() * G, 0
     for _ in range(24):

@@ -252,7 +252,7 @@ class ContactStepper(Stepper):
         begin, given = self._given
         if found is None or not begin < time <= begin + 1.5 * self.setup.dt:
             return found
-        return found._replace(forces=given / self.setup.dt)
+        return found._replace(forces=np.asarray(given / self.setup.dt))
 
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
         """Take note of the impulses of a part of a step; see :meth:`Stepper.took_part`."""

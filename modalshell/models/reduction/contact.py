@@ -249,7 +249,7 @@ class ReducedContactMotion(PressedMotion):
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state; forces are the means of the step, whatever the parts in which it was taken."""
         found, (at, forces) = super().frame(state, positions, time), self._mean
-        return found._replace(forces=forces) if at is state.coordinates else found
+        return found._replace(forces=np.asarray(forces)) if at is state.coordinates else found
 
     def __init__(self, model: Any, setup: MotionSetup, goal: float) -> None:
         super().__init__(model, setup)
