@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
@@ -52,6 +54,11 @@ class ColliderAccount:
         self.crowded, self.torn, self.worked = "", 0.0, 0.0
         self._before: tuple[float, Array] | None = None
 
+    @cached_property
+    def _chosen(self) -> list[NDArray[np.bool_]]:
+        """Vertices (n,) that may touch each collider."""
+        return [one.vertices(self._mesh) for _, one in self._contacts]
+
     def asks(self, touched: TouchedFrame, *, beyond: bool) -> bool:
         """Whether it looks at the positions of a frame; ``beyond`` says that these are beyond the model."""
         return self.moving or beyond or self._is_deep(touched)
@@ -85,12 +92,13 @@ class ColliderAccount:
         """
         import scipy.optimize  # not where nothing is deep inside
 
-        given = [(index, one, one.vertices(self._mesh), one.distance(x, time)) for index, one in self._contacts]
-        depth = np.min([np.where(chosen, gaps, np.inf) for _, _, chosen, gaps in given], axis=0)
+        gaps = [one.distance(x, time) for _, one in self._contacts]
+        depth = np.min([np.where(chosen, gap, np.inf) for chosen, gap in zip(self._chosen, gaps, strict=True)], axis=0)
         for vertex in np.argsort(depth, kind="stable")[:_LOOKED_AT]:
             if not depth[vertex] < 0.0:
                 break
-            near = [(index, one.gap(x[[vertex]], time)) for index, one, chosen, _ in given if chosen[vertex]]
+            own = [one for one, chosen in zip(self._contacts, self._chosen, strict=True) if chosen[vertex]]
+            near = [(index, one.gap(x[[vertex]], time)) for index, one in own]
             rows = np.array([[*normal[0], gap[0] / self._mesh.size] for _, (gap, normal, _) in near])
             if not np.isfinite(rows).all():
                 continue
@@ -102,9 +110,11 @@ class ColliderAccount:
 
     def _most_work(self, begin: float, x: Array, end: float, touched: TouchedFrame) -> float:
         """Most work [J] of moving colliders in a step from x (n, 3) [m], between two times [s], by its mean forces."""
+        if not touched.touches.any():
+            return 0.0
         pushed, most = np.linalg.norm(touched.forces, axis=1), 0.0
-        for _, one in self._contacts:
-            chosen = one.vertices(self._mesh) & (pushed > 0.0)
+        for (_, one), may_touch in zip(self._contacts, self._chosen, strict=True):
+            chosen = may_touch & (pushed > 0.0)
             if chosen.any():
                 moved = np.linalg.norm(one.way(x[chosen], begin, end - begin), axis=1)
                 most += _SPEEDS * (1.0 + one.friction) * float(pushed[chosen] @ moved)
