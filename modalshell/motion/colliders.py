@@ -35,6 +35,8 @@ class ColliderAccount:
         The contacts; self-contact has no collider.
     mesh : TriangleMesh
         The shell's.
+    add : bool
+        Whether the steps may add energy on colliders, so that the work of moving ones is asked for.
 
     Attributes
     ----------
@@ -45,13 +47,14 @@ class ColliderAccount:
     torn : float
         Extent [m] of a state in contact, beyond its model; 0 of none so large that the motion should end.
     worked : float
-        The most work [J] that moving colliders may have done, if every step was a frame.
+        The most work [J] that moving colliders may have done, if every step was a frame and it was asked for.
     """
 
-    def __init__(self, contacts: Sequence[Any], mesh: TriangleMesh) -> None:
+    def __init__(self, contacts: Sequence[Any], mesh: TriangleMesh, *, add: bool) -> None:
         self._contacts = [(index, one) for index, one in enumerate(contacts) if hasattr(one, "collider")]
         self._mesh, self.moving = mesh, any(one.motion is not None for _, one in self._contacts)
         self.crowded, self.torn, self.worked = "", 0.0, 0.0
+        self._counts = add and self.moving
         self._before: tuple[float, Array] | None = None
 
     @cached_property
@@ -59,9 +62,13 @@ class ColliderAccount:
         """Vertices (n,) that may touch each collider."""
         return [one.vertices(self._mesh) for _, one in self._contacts]
 
+    def knows_work(self, store_every: int) -> bool:
+        """Whether the work of all colliders is known: of those that rest it is none."""
+        return not self.moving or (self._counts and store_every == 1)
+
     def asks(self, touched: TouchedFrame, *, beyond: bool) -> bool:
         """Whether it looks at the positions of a frame; ``beyond`` says that these are beyond the model."""
-        return self.moving or beyond or self._is_deep(touched)
+        return self._counts or beyond or self._is_deep(touched)
 
     def see(self, x: Array, time: float, touched: TouchedFrame, *, beyond: bool) -> None:
         """Take note of a frame with vertices at x (n, 3) [m] at ``time`` [s]."""
@@ -72,7 +79,7 @@ class ColliderAccount:
                 f"contacts {who} leave vertex {vertex} no room at {time:.6g} s: nothing fits between their colliders, "
                 "part them"
             )
-        if self.moving:
+        if self._counts:
             if self._before is not None:
                 self.worked += self._most_work(*self._before, time, touched)
             self._before = time, x

@@ -13,6 +13,7 @@ from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
+from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
@@ -126,7 +127,9 @@ class Recorder:
         self.touched: list[TouchedFrame] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
-        self.colliders = ColliderAccount(motion.setup.contacts, motion.shell.mesh)
+        rule = getattr(motion.model, "integrator", None)
+        puts_back = isinstance(rule, FullIntegrator) and not isinstance(rule, ImplicitRule)
+        self.colliders = ColliderAccount(motion.setup.contacts, motion.shell.mesh, add=puts_back)
         self._watch, self._seconds_before = Stopwatch(), 0.0
 
     @property
@@ -312,11 +315,11 @@ class Recorder:
     def _gained_on_contacts(self) -> float:
         """Rise of all energy beyond the work of colliders, over what these and the load have put in; 0 without any.
 
-        What moving colliders have done is known where each step is a frame.
+        What moving colliders have done is known of rules that may add energy, where each step is a frame.
         """
         contacts, worked = self.motion.setup.contacts, self.colliders.worked
-        unknown = self.colliders.moving and self.store_every > 1
-        unknown |= any(getattr(one, "push_out", 0.0) for one in contacts)
+        unknown = any(getattr(one, "push_out", 0.0) for one in contacts)
+        unknown |= not self.colliders.knows_work(self.store_every)
         if not contacts or unknown or not self._by_load_alone or len(self.times) < 2:
             return 0.0
         energies = np.array(self.energies)
