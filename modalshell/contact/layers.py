@@ -75,7 +75,7 @@ class Layers:
             )
         self.friction, self.stiffness = contact.friction, 1.0
         self._near, self._stride = NearPairs(faces, rest, self.gap, _MARGIN * self.gap), _STRIDE * long
-        self._limit = SLIP * shell.size
+        self._limit = SLIP * shell.mesh.moment_length
         self._rubbing: Rubbing | None = None
         self._known: tuple[Array, Barrier] | None = None
         self._known_slid: tuple[Rubbing, Array, tuple[float, Array]] | None = None

@@ -107,8 +107,8 @@ class ModalContacts:
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
-        self._reach = np.abs(basis.modes).max(axis=0)  # of a vertex, per unit of each coordinate
-        self._largest_turns = np.abs(basis.rotations).max(axis=0)
+        both = (each.reshape(-1, 3, each.shape[1]) for each in (basis.modes, basis.rotations))  # lengths: in any axes
+        self._reach, self._largest_turns = (np.linalg.norm(each, axis=1).max(axis=0) for each in both)  # of a vertex
         self._taken: tuple[bytes, Array, Array] | None = None
         self._kept: Any = None
 
@@ -163,7 +163,7 @@ class ModalContacts:
 
     def reach_within(self, local: Array) -> Array:
         """How far [m] each coordinate (m,) may move a vertex, by a unit, with what turns with it of (n, 3) [m]."""
-        return self._reach + float(np.abs(local).max(initial=0.0)) * self._largest_turns
+        return self._reach + float(np.linalg.norm(local, axis=1).max(initial=0.0)) * self._largest_turns
 
     def along(self, q: Array, rows: Index) -> Array:
         """Derivatives (k, m) of the gaps of some rows."""

@@ -160,11 +160,12 @@ def row_ended(end, vertices, points, rows, forces, pushes):  # type: ignore[no-u
     move = 0.0
     for i in range(vertices.size):
         pushes[rows[i]] = forces[i]
+        square = 0.0  # a length, not its largest part: that is another one in axes that are turned
         for axis in range(3):
-            way = abs(end[vertices[i], axis] - points[i, axis])
-            if not way <= move:
-                move = way
-    return move
+            square += (end[vertices[i], axis] - points[i, axis]) ** 2
+        if not square <= move:
+            move = square
+    return np.sqrt(move)
 
 
 @_kernel

@@ -99,7 +99,7 @@ class Touching:
     friction, restitution : ndarray, shape (r,)
         Coefficients of each row.
     size : float
-        The shell's size [m].
+        The shell's size [m], the same for one that is turned.
     bounds : ndarray or None, shape (r,)
         Gaps [m], at most 0, that count as none: of vertices that are being pushed out.
     """
@@ -109,7 +109,7 @@ class Touching:
     ) -> None:
         self.contacts, self.shell, self.time = tuple(contacts), shell, time
         self._origin = origin if origin is not None and origin.any() else None
-        self.size = shell.size
+        self.size = shell.mesh.moment_length  # not of the box: thresholds would hang on axes that are turned
         self.bounds: Array | None = None
         self._forms = forms_of(self.contacts)
         self._first, self._count, self._basis = _unknowns_of(shell)

@@ -120,8 +120,8 @@ def _reached(kept, bodies, q, local, begin, frame):  # type: ignore[no-untyped-d
         local[0, i], local[1, i], local[2, i] = a, b, c
         x, y, z = rest[0, i] + x + a, rest[1, i] + y + b, rest[2, i] + z + c
         gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
-        move = max(move, abs(x - begin[0, i]), abs(y - begin[1, i]), abs(z - begin[2, i]))
-    return move
+        move = max(move, (x - begin[0, i]) ** 2 + (y - begin[1, i]) ** 2 + (z - begin[2, i]) ** 2)
+    return np.sqrt(move)
 
 
 @_kernel

@@ -20,7 +20,7 @@ class Outcome(StrEnum):
     STEPS_NOT_CONVERGED = "steps not converged"
     """Motion: the solver of some steps missed its tolerance."""
     CONSTRAINTS_MISSED = "constraints missed"
-    """Motion: a target was not met to tolerance at some stored frame."""
+    """Motion: a target was not met to tolerance at some stored frame, or colliders left no room there."""
     ROUNDING_LIMITED = "rounding limited"
     """Statics: rounding keeps the residual above its tolerance."""
     INACCURATE = "inaccurate"

@@ -13,9 +13,11 @@ from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
+from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
+from modalshell.motion.colliders import ColliderAccount
 from modalshell.motion.stepping import Motion
 from modalshell.motion.trajectory import Trajectory
 
@@ -101,6 +103,8 @@ class Recorder:
         The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
         When that was first [s].
+    colliders : ColliderAccount
+        What the stored frames tell of the colliders.
     """
 
     def __init__(
@@ -123,6 +127,9 @@ class Recorder:
         self.touched: list[TouchedFrame] = []
         self.fault: Outcome | None = None
         self.fault_time = 0.0
+        rule = getattr(motion.model, "integrator", None)
+        puts_back = isinstance(rule, FullIntegrator) and not isinstance(rule, ImplicitRule)
+        self.colliders = ColliderAccount(motion.setup.contacts, motion.shell.mesh, add=puts_back)
         self._watch, self._seconds_before = Stopwatch(), 0.0
 
     @property
@@ -147,6 +154,13 @@ class Recorder:
             self.creases = [model.crease_angles(np.array(angles)) for angles in states[CREASES]]
             self.heat = states[HEAT][:, 0].tolist()
 
+    def look_back(self, positions: NDArray[np.floating]) -> None:
+        """Take note again of what stored frames at ``positions`` (F, n, 3) [m] tell of the colliders."""
+        for x, time, touched in zip(positions, self.times, self.touched, strict=True):
+            beyond = self.fault is not None and time >= self.fault_time
+            if self.colliders.asks(touched, beyond=beyond):
+                self.colliders.see(x.astype(np.float64), time, touched, beyond=beyond)
+
     def frames(self, on_step: Progress | None = None) -> Iterator[None]:
         """Take the steps, pausing at each frame to be stored: the start (unless resumed) and every ``store_every``.
 
@@ -156,6 +170,9 @@ class Recorder:
         if not self.times:
             self._look()
             yield
+        if self.colliders.torn:
+            motion.finite = False
+            return
         for _ in take_steps(motion, self.total, self.patience):
             if motion.count % self.store_every == 0 or motion.count == self.total:
                 if not self._stores():
@@ -163,6 +180,9 @@ class Recorder:
                     return
                 self._look()
                 yield
+                if self.colliders.torn:
+                    motion.finite = False
+                    return
             if on_step is not None:
                 on_step(motion.count, self.total)
 
@@ -187,6 +207,9 @@ class Recorder:
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
+        beyond = self.fault is not None
+        if touched is not None and self.colliders.asks(touched, beyond=beyond):
+            self.colliders.see(motion.positions(), motion.time, touched, beyond=beyond)
 
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
@@ -221,6 +244,14 @@ class Recorder:
     def verdict(self) -> tuple[Outcome, str]:
         """The worst outcome that applies, and a message that names all of them and what the model remarks, or ""."""
         motion = self.motion
+        crowded, torn = self.colliders.crowded, self.colliders.torn
+        if torn:
+            words = f"in contact the shell was drawn out to {torn:.2g} m, {torn / motion.shell.size:.2g} times its "
+            words += (
+                f"size, by {motion.time:.6g} s: colliders push it where its supports do not let it go, or farther than "
+            )
+            words += "this model reaches: leave it room, or take DS"
+            return Outcome.DIVERGED, "; ".join([words, crowded] if crowded else [words])
         if not motion.finite:
             return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
         found: dict[Outcome, str] = {}
@@ -229,7 +260,7 @@ class Recorder:
             found[self.fault] = f"{_FAULTS[self.fault]} at {self.fault_time:.6g} s"
         if self._runs_away():
             found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
-        elif (gained := self._gained_on_contacts()) > _GAINED:
+        elif not crowded and (gained := self._gained_on_contacts()) > _GAINED:
             words = (
                 f"steps on contacts have added {gained:.2g} times the energy that the load has put in: take shorter "
             )
@@ -245,6 +276,8 @@ class Recorder:
         if (np.array(self.residuals) > most).any():
             missed = float(np.max(self.residuals))
             found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"
+        if crowded:
+            found[Outcome.CONSTRAINTS_MISSED] = crowded
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
@@ -261,7 +294,7 @@ class Recorder:
         """What is said of vertices inside colliders that do not push them out; "" of none."""
         deepest = [touched.deepest for touched in self.touched]
         pushed = any(getattr(contact, "push_out", 0.0) for contact in self.motion.setup.contacts)
-        if pushed or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
+        if pushed or self.colliders.crowded or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
             return ""
         time = self.times[int(np.argmax(deepest))]
         where = f"up to {max(deepest):.2g} m inside a collider, at {time:.6g} s"
@@ -280,14 +313,18 @@ class Recorder:
         return steady and setup.supports is None and not setup.constraints
 
     def _gained_on_contacts(self) -> float:
-        """Rise of all energy on colliders at rest, which give none, over what the load has put in; 0 without them."""
-        contacts = self.motion.setup.contacts
-        moved = any(getattr(one, "motion", None) or getattr(one, "push_out", 0.0) for one in contacts)
-        if not contacts or moved or not self._by_load_alone or len(self.times) < 2:
+        """Rise of all energy beyond the work of colliders, over what these and the load have put in; 0 without any.
+
+        What moving colliders have done is known of rules that may add energy, where each step is a frame.
+        """
+        contacts, worked = self.motion.setup.contacts, self.colliders.worked
+        unknown = any(getattr(one, "push_out", 0.0) for one in contacts)
+        unknown |= not self.colliders.knows_work(self.store_every)
+        if not contacts or unknown or not self._by_load_alone or len(self.times) < 2:
             return 0.0
         energies = np.array(self.energies)
-        put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2]))
-        rise = float(np.max(energies.sum(axis=1) - energies[0].sum()))
+        put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2])) + worked
+        rise = float(np.max(energies.sum(axis=1) - energies[0].sum())) - worked
         return rise / put_in if put_in > 0.0 else 0.0
 
     def _rests(self) -> bool:

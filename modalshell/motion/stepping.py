@@ -203,6 +203,7 @@ class Motion:
             if part > 1 and not (converged and error <= allowed):
                 errors.halvings += 1
                 continue
+            self.stepper.took_part(after, begin + dt, dt, self.time)
             place, solved = place + part, solved and converged
             if not self._go_on(after, cost):
                 break

@@ -290,6 +290,8 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
         float(last["fault_time"]),
         float(last["seconds"]),
     )
+    if motion.setup.contacts:
+        recorder.look_back(records["positions"])
 
 
 def _snapshot(record: Any) -> dict[str, Array]:

@@ -6,6 +6,8 @@ import pytest
 import modalshell as ms
 from modalshell.contact.descent import _Way
 from modalshell.core.outcome import Outcome
+from modalshell.core.touched import TouchedFrame
+from modalshell.motion.colliders import ColliderAccount
 from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion
 
@@ -353,3 +355,69 @@ def test_energy_that_steps_on_contacts_add_is_told():
     still = ms.simulate(ms.DiscreteShell(shell), integrator="implicit", **given)
     assert still.outcome is ms.Outcome.COMPLETED
     assert "have added" not in still.message
+
+
+def test_energy_that_steps_on_a_moving_collider_add_is_told_and_its_own_work_is_not():
+    """A lifted ball threw the sheet aside in such steps, which ended as completed."""
+    mesh = ms.sheet(length=0.3, width=0.2, cells=(6, 4))
+    material = ms.Isotropic(young=1e7, poisson=0.3, thickness=2e-3, density=400.0)
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6)
+    lift = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0, 0, 0.06)])
+    ball = ms.Contact(ms.Sphere((0.25, 0.0, -0.06), 0.05), motion=lift)
+    given = {"duration": 0.6, "dt": 1 / 60, "gravity": GRAVITY, "contacts": [ball], "damping": (3.0, 0.0)}
+    run = ms.simulate(ms.DiscreteShell(shell), integrator="linear_implicit", **given)
+    still = ms.simulate(ms.DiscreteShell(shell), integrator="implicit", **given)
+    assert "steps on contacts have added" in run.message
+    assert still.outcome is ms.Outcome.COMPLETED
+    assert "have added" not in still.message
+    whole = still.energies.sum(axis=1)
+    assert whole.max() - whole[0] > 0.1 * np.ptp(still.energies[:, 2])  # the ball's work
+
+
+@pytest.fixture(scope="module")
+def held_sheet():
+    mesh = ms.sheet(length=0.3, width=0.2, cells=(4, 2))
+    material = ms.Isotropic(young=1e7, poisson=0.3, thickness=2e-3, density=400.0)
+    return ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6)
+
+
+@pytest.mark.parametrize("kind", ["modal", "linear_implicit"])
+def test_colliders_that_leave_no_room_are_told(held_sheet, kind):
+    """The advice was a finer mesh, at 1e8 times the energy of the weight."""
+    press = ms.SupportPath([0.0, 0.5], [(0, 0, 0), (0, 0, -0.1)])
+    contacts = [ms.Contact(ms.Plane((0, 0, 1), -0.02)), ms.Contact(ms.Plane((0, 0, -1), -0.05), motion=press)]
+    model = ms.ModalWarping(ms.solve_modes(held_sheet, count=6))
+    given = {"duration": 0.5, "dt": 1 / 60, "gravity": GRAVITY, "contacts": contacts}
+    if kind != "modal":
+        model, given["integrator"] = ms.DiscreteShell(held_sheet), kind
+    run = ms.simulate(model, **given)
+    assert run.outcome is Outcome.CONSTRAINTS_MISSED
+    assert "contacts 0 and 1 leave vertex" in run.message
+    assert "no room at 0.333333 s" in run.message  # the first frame with the planes past each other
+    assert "finer mesh" not in run.message
+
+
+def test_a_valley_has_room(held_sheet):
+    sides = [ms.Contact(ms.Plane((side, 0, 1.0), 0.0)) for side in (-1, 1)]
+    x = held_sheet.rest_positions - np.array([0.0, 0.0, 0.05])
+    deep = TouchedFrame(np.zeros_like(x), np.zeros(len(x), bool), 0.05)
+    account = ColliderAccount(sides, held_sheet.mesh, add=False)
+    assert account.asks(deep, beyond=False)
+    account.see(x, 0.0, deep, beyond=False)
+    assert account.crowded == ""
+    account = ColliderAccount([*sides, ms.Contact(ms.Plane((0, 0, -1), 0.02))], held_sheet.mesh, add=False)
+    account.see(x, 0.0, deep, beyond=False)
+    assert "leave vertex" in account.crowded  # a lid below its bottom
+
+
+def test_a_shell_that_a_collider_tears_from_its_clamp_ends_the_motion(held_sheet):
+    """It went on to 1e57 m."""
+    push = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0, 0, 0.3)])
+    floor = ms.Contact(ms.Plane((0, 0, 1), -0.05), motion=push)
+    for kind in (ms.ModalWarping, ms.RotationStrain):
+        model = kind(ms.solve_modes(held_sheet, count=8))
+        run = ms.simulate(model, duration=1.0, dt=1 / 60, gravity=GRAVITY, contacts=[floor])
+        assert run.outcome is Outcome.DIVERGED
+        assert "colliders push it where its supports do not let it go" in run.message
+        assert len(run.times) < 60
+        assert np.abs(run.positions).max() < 1e8

@@ -184,3 +184,12 @@ def test_bars_and_paths_of_scenes_know_what_they_touch(scene_file):
     own.write_text(f"bar = true\n{own.read_text()}")
     with pytest.raises(ms.SceneError, match="bar: an error bar under self-contact is not known"):
         ms.load_scene(own).build()
+
+
+def test_what_is_said_of_colliders_is_the_same_after_a_stop(scene_file, tmp_path):
+    ceiling = FLOOR.replace("[0, 0, 1]", "[0, 0, -1]").replace("-0.1", "-0.2")
+    press = ceiling + "path = { times = [0, 0.5], translations = [[0, 0, 0], [0, 0, -0.5]] }\n"
+    file = scene_file(("duration = 1", "duration = 0.5"), more=FLOOR + press)
+    whole, parts = (result.trajectory for result in stopped_and_resumed(file, tmp_path, 13))
+    assert "contacts 0 and 1 leave vertex" in whole.message
+    assert parts.message == whole.message

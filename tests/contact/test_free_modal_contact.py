@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion
 
 G = 9.81
@@ -112,6 +113,28 @@ def test_a_panel_falls_on_its_corner_as_its_discrete_shell(shell, models, name):
     assert off.max() < 0.01
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-12 * np.ptp(run.energies[:, 2])
     assert run.contact_forces[-1, :, 2].sum() == pytest.approx(G * shell.mass.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+def test_forces_of_steps_taken_in_parts_are_means_that_change_the_momentum(shell, models, restitution):
+    """Those of the last part alone were told: up to 12 weights off."""
+    floor = ms.Contact(FLOOR.collider, restitution=restitution)
+    motion = falling(
+        models["MWTS"],
+        floor,
+        dt=1 / 120,
+        start=shell.rest_positions + np.array([0, 0, -0.18]),
+        tolerance=Tolerance(0.02, 0.2),
+    )
+    weight, touched = shell.mass.sum() * G, 0
+    for _ in range(24):
+        before = shell.mass @ motion.stepper.velocities(motion.state, 1e-6)[:, 2]
+        motion.advance()
+        given = shell.mass @ motion.stepper.velocities(motion.state, 1e-6)[:, 2] - before + weight * motion.setup.dt
+        pushed = motion.touched().forces[:, 2].sum()
+        assert given / motion.setup.dt == pytest.approx(pushed, abs=1e-9 * weight)
+        touched += pushed > 0.0
+    assert touched > 1
 
 
 def test_a_flat_fall_is_that_of_a_point(models):

@@ -117,6 +117,11 @@ class LeveledStepper(Stepper):
         """Displacement [kg^(1/2) m] off by which a level is left."""
         return float(SWITCH * self.model.error * float(memory["largest"][0]))
 
+    def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
+        """Let the level that took a part of a step take note of it; see :meth:`Stepper.took_part`."""
+        level, inner = self.model.inner(state)
+        self._stepper(level).took_part(inner, time, dt, begin)
+
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], by the level that took the step to it."""
         if not self.setup.contacts:

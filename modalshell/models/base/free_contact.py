@@ -104,7 +104,7 @@ class FreeContactMotion(ModalPressedMotion):
         flight = _Flight(self._model, before, force, self._compliance(dt), (dt, self._setup.damping.mass_factor))
         count = flight.count + before.coordinates.size
         end = alone = flight.end(np.zeros(count), self._turned_back(before))
-        reach = float(np.abs(alone.base - base).max())
+        reach = float(np.linalg.norm(alone.base - base, axis=1).max())
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
@@ -239,7 +239,7 @@ class FreeContactMotion(ModalPressedMotion):
             problem[3][:] += gaps[rows] - expected
         after, way = np.zeros_like(pushes), end.base - at.base + flight.in_world(end) - flight.in_world(at)
         after[rows] = forces
-        return end, after, energy, off, float(np.abs(way[vertices]).max(initial=0.0)), gaps
+        return end, after, energy, off, float(np.linalg.norm(way[vertices], axis=1).max(initial=0.0)), gaps
 
 
 @final

@@ -141,6 +141,9 @@ class Stepper(ABC):
         """What touches in a state at ``time`` [s], with contacts."""
         return None
 
+    def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:  # noqa: B027
+        """Take note of the end at ``time`` [s] of a part, ``dt`` [s] long, of the step that began at ``begin`` [s]."""
+
     def touched_in_world(self, found: TouchedFrame, time: float) -> TouchedFrame:
         """What touches, of forces in the frame of the states at ``time`` [s]."""
         return found if self._frame is None else found._replace(forces=found.forces @ self._frame.at(time).rotation.T)
@@ -223,6 +226,8 @@ class ContactStepper(Stepper):
     takes_contacts = True
     _contacts: Any = None
     _presses = False
+    _given: tuple[float, Array | float] = -np.inf, 0.0
+    """When the last step began that was taken in parts [s], and the impulses (n, 3) [N s] of the colliders in it."""
 
     def own_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, with what contacts press in."""
@@ -243,6 +248,20 @@ class ContactStepper(Stepper):
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
+        found = self._touched_last(state, time)
+        begin, given = self._given
+        if found is None or not begin < time <= begin + 1.5 * self.setup.dt:
+            return found
+        return found._replace(forces=np.asarray(given / self.setup.dt))
+
+    def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
+        """Take note of the impulses of a part of a step; see :meth:`Stepper.took_part`."""
+        found, (known, given) = self._touched_last(state, time), self._given
+        if found is not None:
+            self._given = begin, (given if known == begin else 0.0) + dt * found.forces
+
+    def _touched_last(self, state: MotionState, time: float) -> TouchedFrame | None:
+        """What touches in a state at ``time`` [s], with forces of the last part of its step."""
         if self._contacts is None:
             return None
         return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)

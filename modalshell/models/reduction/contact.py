@@ -18,6 +18,7 @@ from modalshell.contact.modal import ModalContacts
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
 from modalshell.integrators.state import PUSHES, MotionState
@@ -184,24 +185,36 @@ def _stable(problem: Any, pressing: ModalContacts, pressed: Pressed) -> bool:
 
 @final
 class _PressedSteps(LoadedSteps):
-    """Steps of implicit Euler of a model that contacts press on."""
+    """Steps of implicit Euler of a model that contacts press on, within one that begins at ``when`` [s], of a length.
+
+    ``given`` (n, 3) [N s] are the impulses of the colliders so far.
+    """
 
     def __init__(
-        self, model: Any, pressing: ModalContacts, begin: Pressed, load_at: LoadAt, damping: Damping, goal: float
+        self,
+        model: Any,
+        motion: tuple[ModalContacts, Damping, float],
+        begin: Pressed,
+        load_at: LoadAt,
+        when: tuple[float, float],
     ) -> None:
-        self._model, self._pressing, self._load_at, self._damping = model, pressing, load_at, damping
-        self._goal, self.pressed = goal, begin
+        self._model, self._load_at, self._when = model, load_at, when
+        self._pressing, self._damping, self._goal = motion
+        self.pressed, self.given = begin, np.zeros_like(begin.local)
         self._load = np.empty(0)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
         self._load = self._load_at(start)[0]
         problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
-        guess = start.origin + start.dt * start.rates
+        guess, (begin_at, whole) = start.origin + start.dt * start.rates, self._when
+        self._pressing.at(begin_at + start.end * whole)
         stresses = self._model.energy.predicted_stresses(start.near, np.zeros_like(guess))
         begin = self.pressed._replace(q=guess, positions=None)
         found = settle(problem, self._pressing, begin, scale, self._goal, stresses)
         self.pressed = found.pressed
+        reached = self._model.positions_at(found.pressed.q) + found.pressed.local
+        self.given += start.dt * self._pressing.touching.forces(reached, found.pressed.pushes)
         return start.after(found.pressed.q), found.solved
 
     def turn(self, coordinates: Array, move: Array) -> float:
@@ -231,6 +244,12 @@ class ReducedContactMotion(PressedMotion):
     """
 
     note = ""
+    _mean: tuple[Array | None, Array | float] = None, 0.0  # coordinates where a step ended, and forces (n, 3) [N] in it
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """What touches in a state; forces are the means of the step, whatever the parts in which it was taken."""
+        found, (at, forces) = super().frame(state, positions, time), self._mean
+        return found._replace(forces=np.asarray(forces)) if at is state.coordinates else found
 
     def __init__(self, model: Any, setup: MotionSetup, goal: float) -> None:
         super().__init__(model, setup)
@@ -251,9 +270,9 @@ class ReducedContactMotion(PressedMotion):
             if not pressing.touched(pressing.gaps(model.positions(after))):
                 return self.clear(after), solved
         first = Pressed(state.coordinates, kept[LOCAL], kept[PUSHES], False)
-        euler = _PressedSteps(model, pressing, first, load_at, damping, self._goal)
+        euler = _PressedSteps(model, (pressing, damping, self._goal), first, load_at, (begin, dt))
         rule = model.integrator
         after, solved = rule.standing_in(euler, own, dt)
-        pressed = euler.pressed
+        pressed, self._mean = euler.pressed, (after.coordinates, euler.given / dt)
         after = rule.stood_in_for(own, after, dt)
         return MotionState(after.coordinates, after.rates, after.memory | self._memory(pressed)), solved
