@@ -259,11 +259,12 @@ class TouchingSteps:
         found = touched_frame(self.now.at(time), x, self.pushes, given)
         return found if self.layers is None else found._replace(self_contact=self.layers.least(x))
 
-    def projected(self, x: Array, rates: Array, time: float, dt: float) -> tuple[Array, Array]:
+    def projected(self, x: Array, rates: Array, time: float, dt: float, drag: float = 0.0) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
 
         Its speed inward is turned round by the restitution, or removed, and friction lessens the speed
-        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s].
+        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s], and
+        ``drag`` what its equations let drag by the mass take of a change of speed, which the forces overcome.
         """
         touching = self.now = self.now.at(time)
         self._stopping, given = None, rates
@@ -284,7 +285,7 @@ class TouchingSteps:
                 slip = float(np.linalg.norm(along))
                 kept = max(0.0, 1.0 - contact.friction * change / slip) if slip > 0.0 else 0.0
                 rates[vertex] = carried + kept * along + contact.restitution * inward * normal
-        self._stopping = touching.shell.mass[:, None] * (rates - given) / dt
+        self._stopping = (1.0 + drag) * touching.shell.mass[:, None] * (rates - given) / dt
         return x, rates
 
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:

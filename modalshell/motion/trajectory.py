@@ -77,8 +77,9 @@ class Trajectory(Drawn):
         Heat [J] that creases have made by then; empty without creases.
     contact_forces : ndarray, shape (F, n, 3)
         Force of the colliders on every vertex [N] along their normals, its mean over the step that ends there, rebounds
-        with it; empty without contacts, as the next two. Of explicit rules it is what the vertices' change of speed
-        there needs, friction with it.
+        with it; empty without contacts, as the next two. Of explicit rules and linear
+        implicit Euler it is what the vertices' change of speed there needs, friction with it; of the latter it is too
+        small by what the sheet's own stiffness takes in a step: some per cent of a flap at rest, more of what is squeezed.
     in_contact : ndarray of bool, shape (F, n)
         Vertices that are pushed.
     deepest : ndarray, shape (F,)

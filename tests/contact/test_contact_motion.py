@@ -268,6 +268,20 @@ def test_contact_forces_are_means_of_a_step_that_change_the_momentum(integrator,
     assert touched > (1 if restitution else 5)
 
 
+def test_forces_of_linear_implicit_steps_overcome_the_drag_in_them():
+    """They were told as if there was none: of a damped sheet at rest 8 % less than its weight."""
+    mesh, material = strip(cells=4)
+    shell = ms.Shell(mesh, material)
+    model = ms.DiscreteShell(shell, integrator="linear_implicit")
+    contacts = [ms.Contact(ms.Plane(), friction=0.3)]
+    given = {"dt": 1 / 60, "contacts": contacts, "damping": (5.0, 0.0)}
+    run = ms.simulate(model, duration=1.0, gravity=GRAVITY, start=mesh.vertices + np.array([0.0, 0.0, 0.02]), **given)
+    assert run.in_contact[-1].any()
+    assert run.contact_forces[-1].sum(axis=0) == pytest.approx(
+        -shell.mass.sum() * np.array(GRAVITY), rel=1e-6, abs=1e-9
+    )
+
+
 @pytest.mark.slow
 def test_a_way_that_begins_inside_a_moving_ball_takes_solved_steps_alone(monkeypatch):
     """The potential is infinite there: a step that fails is no lower."""

@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
+from modalshell.integrators.full.linear_implicit_euler import LinearisedEuler
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
@@ -131,7 +132,8 @@ class ContactMotion:
 
     def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
         """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back."""
-        x, rates = self.steps.projected(after.coordinates, after.rates, time, dt)
+        drag = dt * self._setup.damping.mass_factor if isinstance(self._rule, LinearisedEuler) else 0.0
+        x, rates = self.steps.projected(after.coordinates, after.rates, time, dt, drag)
         memory = after.memory
         if "force" in memory and x is not after.coordinates:  # that of where it was
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}
