@@ -79,7 +79,7 @@ class Trajectory(Drawn):
         Force of the colliders on every vertex [N] along their normals, its mean over the step that ends there, rebounds
         with it; empty without contacts, as the next two. Of explicit rules and linear
         implicit Euler it is what the vertices' change of speed there needs, friction with it; of the latter it is too
-        small by what the sheet's own stiffness takes in a step: some per cent of a flap at rest, more of what is squeezed.
+        small by what the sheet's own stiffness takes in a step: some per cent of a flap at rest, more if squeezed.
     in_contact : ndarray of bool, shape (F, n)
         Vertices that are pushed.
     deepest : ndarray, shape (F,)
