@@ -161,3 +161,16 @@ def test_sizes_that_are_none_are_refused(leaf):
     mesh = ms.sheet(cells=(4, 4))
     with pytest.raises(ms.SupportError):
         remeshed_to_supports(ms.Shell(mesh, MATERIAL, np.ones(len(mesh.vertices), dtype=bool)), 10)
+
+
+def test_a_mesh_without_a_row_where_the_clamp_ends_is_said_to_be_longer():
+    """Under its weight a strip of one clamped cell of sixteen hung down by a third more on a mesh of eight."""
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=500.0)
+    shell = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(16, 4)), material, clamped="x < 0.07")
+    with pytest.warns(ms.ModalShellWarning, match=r"6\.7% more free surface than the fine one: 0 m\^2 are clamped"):
+        ms.coarse_shell(shell, ms.flat_beam(length=1.0, width=0.2, cells=(8, 2)))
+    row = np.array([0.0, *np.linspace(1.0 / 16.0, 1.0, 9)])
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(9, 2))
+    moved = np.array(mesh.vertices)
+    moved[:, 0] = np.interp(moved[:, 0], np.linspace(0.0, 1.0, 10), row)
+    assert ms.coarse_shell(shell, ms.TriangleMesh(moved, mesh.faces)).clamped.sum() == 2 * len(np.unique(moved[:, 1]))

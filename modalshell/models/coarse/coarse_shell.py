@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, final
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_count, checked_kind, shown
-from modalshell.core.errors import MeshError, OptionError, SupportError
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
@@ -38,6 +39,8 @@ _TWISTED = 0.5
 """Part of the logarithm of the flexure's factor that is taken from a mode above the lowest: uniform bends need less."""
 _NEARER = 1.0 / 3.0
 """Squared error under gravity with the flexure alone scaled, over that of the other calibration, to take the former."""
+_ANOTHER_REGION = 0.04
+"""Change of the free surface, as a share, that is worth a warning: more than that of surfaces that are remeshed."""
 _ROUNDS, _MET = 12, 1e-4
 """Newton steps on both stiffnesses at most, and the logarithm of a ratio of eigenvalues that counts as met."""
 
@@ -92,7 +95,8 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
 
     The flexure is scaled alone, too, where that brings the small displacements under gravity along the three axes much
     nearer to those of a supported fine shell: their squared error below a third. Sheets of :class:`Isotropic` need no
-    calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
+    calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends; of sheets a
+    :class:`ModalShellWarning` says so where it has none.
 
     Fields over the triangles of a sheet, and of its rest shape, become means over the fine triangles under each coarse
     one; another mesh at rest is sampled. Creases become the edges of ``mesh`` along them. A number of triangles gives a
@@ -152,7 +156,23 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     if isinstance(given, Material):
         ratio = 1.0 if material is not None else float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         made = made.with_material(_calibrated(shell, mesh, replace(given, shear=given.shear * ratio)))
+    else:
+        _warn_of_another_region(shell, made)
     return _creased(shell, made)
+
+
+def _warn_of_another_region(shell: Shell, coarse: Shell) -> None:
+    """Say so where a coarse shell that is not calibrated is clamped in less or more of its surface."""
+    held, taken = (float(one.mesh.face_areas[one.clamped[one.mesh.faces].all(axis=1)].sum()) for one in (shell, coarse))
+    more = (held - taken) / max(shell.mesh.area - held, 1e-300)
+    if abs(more) > _ANOTHER_REGION:
+        warnings.warn(
+            f"the coarse shell has {abs(more):.1%} {'more' if more > 0.0 else 'less'} free surface than the fine one: "
+            f"{taken:.4g} m^2 are clamped where {held:.4g} are; give its mesh a row of vertices where the held region "
+            "ends, or a number of triangles, which puts one there",
+            ModalShellWarning,
+            stacklevel=3,
+        )
 
 
 def _refuse_supports(shell: Shell, mesh: TriangleMesh, given: Material | Sheet, clamped: NDArray[np.bool_]) -> None:
