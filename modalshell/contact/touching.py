@@ -331,7 +331,7 @@ class Touching:
                 kind = type(contact.collider).__name__
                 raise OptionError(
                     f"vertex {self.vertices[rows][worst]} begins {-own[worst]:.3g} m inside contact {index} ({kind}): "
-                    "move the shell or the collider, or let it be pushed out (push_out= of ms.Contact, in m/s)"
+                    "move the shell or the collider, or let it be pushed out (its push_out, in m/s)"
                 )
 
 
