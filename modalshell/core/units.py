@@ -50,6 +50,8 @@ _PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """What SI calls powers of ten."""
 _EARTH: Final = 9.81
 """Gravity on Earth [m/s^2]."""
+_AIR: Final = 1.2
+"""Density of air [kg/m^3], as :class:`modalshell.loads.Wind` has it."""
 
 
 @final
@@ -97,6 +99,11 @@ class UnitSystem:
     def earth(self) -> float:
         """Gravity on Earth in these units: 9810 with mm and s."""
         return _EARTH * self.seconds**2 / self.metres
+
+    @property
+    def air(self) -> float:
+        """Density of air in these units: 1.2e-12 with mm and t."""
+        return _AIR * self.metres**3 / MASSES[self.mass]
 
     def of(self, unit: str) -> str:
         """What a unit of SI is here: "Pa" is "MPa" with mm, t and s, "kg/(ft s^2)" with ft, kg and s."""

@@ -13,6 +13,7 @@ import msgspec
 from modalshell.core.checks import checked_folder
 from modalshell.core.errors import SceneError
 from modalshell.core.registry import load_plugins
+from modalshell.core.units import SI, UnitSystem
 from modalshell.scene import tables
 from modalshell.scene.index_files import with_index_files
 from modalshell.scene.kinds import KINDS
@@ -27,12 +28,6 @@ from modalshell.scene.signatures import energies_table, loads_table, support_tab
 _REQUIRED = ("mesh", "material", "model")
 _LISTS = ("supports", "constraints", "contacts", "creases")
 """Tables of which there may be several."""
-_IN_SI = (
-    ("loads.wind", "density", "1.2 kg/m^3", ("length", "mass")),
-    ("loads.weight", "gravity", "9.81 m/s^2 downwards", ("length", "time")),
-    ("motion", "dt", "1/30 s", ("time",)),
-)
-"""Keys whose defaults have units: table, key, default, and the units that it is of."""
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -72,12 +67,12 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = checked_name(file, raw)
+    raw = _with_defaults_of(raw, checked_table(file, "units", raw["units"], tables.Units) if "units" in raw else None)
     optional: dict[str, Any] = {
         key: checked_table(file, key, raw[key], kind) for key, kind in single.items() if key in raw
     }
     if "supports" in raw:
         optional["supports"] = _supports_table(file, raw["supports"])
-    _refuse_defaults_in_si(file, raw, optional.get("units"))
     motion = optional.get("motion")
     if motion is not None and motion.duration < motion.dt:
         raise SceneError(
@@ -105,21 +100,22 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     return ShellScene(**declared) if own is None else own.builder(declared)
 
 
-def _refuse_defaults_in_si(file: Path, raw: dict[str, Any], units: tables.Units | None) -> None:
-    """SceneError for a number left out whose default is in other units than the scene's, which are not converted."""
-    si = tables.Units()
-    for table, key, default, of in _IN_SI:
-        if units is None or all(getattr(units, name) == getattr(si, name) for name in of):
-            continue
-        first, _, second = table.partition(".")
-        given = raw.get(first, {}).get(second, []) if second else [raw[first]] if first in raw else []
-        for index, entry in enumerate(given):
-            if key not in entry:
-                place = f"{table}[{index}].{key}" if second else f"{table}.{key}"
-                raise SceneError(
-                    f"{file}: {place}: missing; its default is {default}, and [units] has others: give it in those "
-                    f"({', '.join(getattr(units, name) for name in of)})"
-                )
+def _with_defaults_of(raw: dict[str, Any], units: tables.Units | None) -> dict[str, Any]:
+    """The tables with those numbers of loads that are left out and have a default in SI, in a scene's own units."""
+    system = None if units is None else UnitSystem(units.length, units.mass, units.time)
+    if system is None or system == SI or not isinstance(raw.get("loads"), dict):
+        return raw
+    loads: dict[str, Any] = raw["loads"]
+    known: dict[str, dict[str, Any]] = {
+        "wind": {"density": system.air},
+        "weight": {"gravity": [0.0, 0.0, -system.earth]},
+    }
+    filled = {
+        kind: [own | one if isinstance(one, dict) else one for one in loads[kind]]
+        for kind, own in known.items()
+        if isinstance(loads.get(kind), list)
+    }
+    return raw | {"loads": loads | filled}
 
 
 def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:

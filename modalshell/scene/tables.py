@@ -101,8 +101,8 @@ class Supports(Table, frozen=True):
 class Units(Table, frozen=True):
     """``[units]``: the units of a scene's numbers, which must be of one system: forces follow from the three.
 
-    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted, and what has a default in SI must
-    be given.
+    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted, but for the density of wind's
+    air and the gravity of ``weight`` where they are left out.
     """
 
     length: Literal["m", "cm", "mm", "um", "km", "in", "ft"] = "m"

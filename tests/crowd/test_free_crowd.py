@@ -155,7 +155,7 @@ def test_no_switch_shows_more_than_is_allowed(basis):
     assert (errors <= angle * distances).all()
 
 
-@pytest.mark.by_default("one-float64-cpu", "held beside-float32-cpu")
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_device_flies_them_as_the_kernels_do(basis, device, dtype):

@@ -65,18 +65,16 @@ def test_unknown_units_are_refused(scene_file):
             load_scene(scene_file(more=f"[units]\n{units}\n"))
 
 
-@pytest.mark.parametrize(
-    ("units", "more", "told"),
-    [
-        ('length = "mm"', "[[loads.wind]]\nvelocity = [0, 0, 1]\n", r"wind\[0\]\.density: missing; .* \(mm, kg\)"),
-        ('time = "ms"', "[[loads.weight]]\n", r"weight\[0\]\.gravity: missing; its default is 9\.81 m/s\^2"),
-        ('time = "ms"', "", r"motion\.dt: missing; its default is 1/30 s"),
-    ],
-)
-def test_defaults_in_si_are_no_numbers_of_other_units(scene_file, units, more, told):
-    with pytest.raises(SceneError, match=told):
-        load_scene(scene_file(more=f"{more}[units]\n{units}\n"))
-    load_scene(scene_file(more=f'{more}[units]\nlength = "m"\n'))
+def test_air_and_gravity_that_are_left_out_are_those_of_si_in_other_units(scene_file):
+    """Wind blew with 1.2 t/mm^3, and weight was 9.81 mm/s^2."""
+    loads = "[[loads.wind]]\nvelocity = [0, 0, 1]\n[[loads.weight]]\n"
+    scene = load_scene(scene_file(more=f'{loads}[units]\nlength = "mm"\nmass = "t"\ntime = "ms"\n'))
+    assert scene.loads.wind[0].density == pytest.approx(1.2e-12)
+    np.testing.assert_allclose(scene.loads.weight[0].gravity, [0.0, 0.0, -9.81e-3])
+    given = "[[loads.wind]]\nvelocity = [0, 0, 1]\ndensity = 2e-12\n"
+    scene = load_scene(scene_file(more=f'{given}[units]\nlength = "mm"\nmass = "t"\ntime = "s"\n'))
+    assert scene.loads.wind[0].density == 2e-12
+    assert load_scene(scene_file(more=loads)).loads.wind[0].density == 1.2
 
 
 MILLIMETRES = '[units]\nlength = "mm"\nmass = "t"\ntime = "s"\n'

@@ -95,8 +95,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
 
     The flexure is scaled alone, too, where that brings the small displacements under gravity along the three axes much
     nearer to those of a supported fine shell: their squared error below a third. Sheets of :class:`Isotropic` need no
-    calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends; of sheets a
-    :class:`ModalShellWarning` says so where it has none.
+    calibration. To clamp alike, give ``mesh`` a row of vertices where the held region ends: else it warns.
 
     Fields over the triangles of a sheet, and of its rest shape, become means over the fine triangles under each coarse
     one; another mesh at rest is sampled. Creases become the edges of ``mesh`` along them. A number of triangles gives a
@@ -141,8 +140,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
         if isinstance(mesh, bool) or not isinstance(mesh, int | np.integer):
             raise OptionError(f"mesh must be a TriangleMesh or a number of triangles (got {shown(mesh)})")
         mesh = remeshed_to_supports(shell, checked_count("mesh", mesh, at_least=4))
-    given = shell.material if material is None else material
-    if not isinstance(given, Material | Sheet):
+    if not isinstance(given := shell.material if material is None else material, Material | Sheet):
         raise OptionError(f"material must be a Material, an Isotropic or another sheet (got {shown(given)})")
     if material is None and isinstance(given, Material) and any(map(np.ndim, vars(given).values())):
         raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
@@ -156,13 +154,14 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Sh
     if isinstance(given, Material):
         ratio = 1.0 if material is not None else float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         made = made.with_material(_calibrated(shell, mesh, replace(given, shear=given.shear * ratio)))
-    else:
-        _warn_of_another_region(shell, made)
+    _warn_of_another_region(shell, made)
     return _creased(shell, made)
 
 
 def _warn_of_another_region(shell: Shell, coarse: Shell) -> None:
-    """Say so where a coarse shell that is not calibrated is clamped in less or more of its surface."""
+    """Say so where a coarse shell of a sheet, which is not calibrated, is clamped in less or more of its surface."""
+    if isinstance(coarse.material, Material):
+        return
     held, taken = (float(one.mesh.face_areas[one.clamped[one.mesh.faces].all(axis=1)].sum()) for one in (shell, coarse))
     more = (held - taken) / max(shell.mesh.area - held, 1e-300)
     if abs(more) > _ANOTHER_REGION:
