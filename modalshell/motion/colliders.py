@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, final
 
@@ -66,13 +66,16 @@ class ColliderAccount:
         """Whether the work of all colliders is known: of those that rest it is none."""
         return not self.moving or (self._counts and store_every == 1)
 
-    def asks(self, touched: TouchedFrame, *, beyond: bool) -> bool:
-        """Whether it looks at the positions of a frame; ``beyond`` says that these are beyond the model."""
-        return self._counts or beyond or self._is_deep(touched)
+    def see(self, positions: Callable[[], Array], time: float, touched: TouchedFrame, *, beyond: bool) -> None:
+        """Take note of a frame at ``time`` [s], with its ``positions`` (n, 3) [m] where these are asked for.
 
-    def see(self, x: Array, time: float, touched: TouchedFrame, *, beyond: bool) -> None:
-        """Take note of a frame with vertices at x (n, 3) [m] at ``time`` [s]."""
-        if self._is_deep(touched) and (found := self._without_room(x, time)) is not None:
+        ``beyond`` says that they are beyond the model.
+        """
+        deep = self._is_deep(touched)
+        if not (self._counts or beyond or deep):
+            return
+        x = positions()
+        if deep and (found := self._without_room(x, time)) is not None:
             vertex, between = found
             who = " and ".join(str(index) for index in between)
             self.crowded = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -158,8 +159,7 @@ class Recorder:
         """Take note again of what stored frames at ``positions`` (F, n, 3) [m] tell of the colliders."""
         for x, time, touched in zip(positions, self.times, self.touched, strict=True):
             beyond = self.fault is not None and time >= self.fault_time
-            if self.colliders.asks(touched, beyond=beyond):
-                self.colliders.see(x.astype(np.float64), time, touched, beyond=beyond)
+            self.colliders.see(partial(x.astype, np.float64), time, touched, beyond=beyond)
 
     def frames(self, on_step: Progress | None = None) -> Iterator[None]:
         """Take the steps, pausing at each frame to be stored: the start (unless resumed) and every ``store_every``.
@@ -207,9 +207,8 @@ class Recorder:
         fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
-        beyond = self.fault is not None
-        if touched is not None and self.colliders.asks(touched, beyond=beyond):
-            self.colliders.see(motion.positions(), motion.time, touched, beyond=beyond)
+        if touched is not None:
+            self.colliders.see(motion.positions, motion.time, touched, beyond=self.fault is not None)
 
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""

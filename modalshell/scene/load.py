@@ -67,10 +67,12 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = checked_name(file, raw)
-    raw = _with_defaults_of(raw, checked_table(file, "units", raw["units"], tables.Units) if "units" in raw else None)
     optional: dict[str, Any] = {
-        key: checked_table(file, key, raw[key], kind) for key, kind in single.items() if key in raw
+        key: checked_table(file, key, raw[key], kind) for key, kind in single.items() if key in raw and key != "loads"
     }
+    if "loads" in raw:
+        system = optional["units"].system if "units" in optional else SI
+        optional["loads"] = checked_table(file, "loads", _with_defaults(raw["loads"], system), single["loads"])
     if "supports" in raw:
         optional["supports"] = _supports_table(file, raw["supports"])
     motion = optional.get("motion")
@@ -100,12 +102,10 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     return ShellScene(**declared) if own is None else own.builder(declared)
 
 
-def _with_defaults_of(raw: dict[str, Any], units: tables.Units | None) -> dict[str, Any]:
-    """The tables with those numbers of loads that are left out and have a default in SI, in a scene's own units."""
-    system = None if units is None else UnitSystem(units.length, units.mass, units.time)
-    if system is None or system == SI or not isinstance(raw.get("loads"), dict):
-        return raw
-    loads: dict[str, Any] = raw["loads"]
+def _with_defaults(loads: Any, system: UnitSystem) -> Any:
+    """The table with those numbers that are left out and have a default in SI, in a scene's own units."""
+    if system == SI or not isinstance(loads, dict):
+        return loads
     known: dict[str, dict[str, Any]] = {
         "wind": {"density": system.air},
         "weight": {"gravity": [0.0, 0.0, -system.earth]},
@@ -115,7 +115,7 @@ def _with_defaults_of(raw: dict[str, Any], units: tables.Units | None) -> dict[s
         for kind, own in known.items()
         if isinstance(loads.get(kind), list)
     }
-    return raw | {"loads": loads | filled}
+    return loads | filled
 
 
 def _wants_bar(file: Path, raw: dict[str, Any]) -> bool:

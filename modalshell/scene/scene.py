@@ -120,7 +120,7 @@ class Scene(ABC):
     @property
     def unit_system(self) -> UnitSystem:
         """Units of the scene's numbers, and of its results."""
-        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
+        return SI if self.units is None else self.units.system
 
     @property
     def _of_theory(self) -> bool:

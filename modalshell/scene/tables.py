@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from modalshell.core.units import UnitSystem
 from modalshell.motion.recorder import step_count
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -108,6 +109,11 @@ class Units(Table, frozen=True):
     length: Literal["m", "cm", "mm", "um", "km", "in", "ft"] = "m"
     mass: Literal["kg", "g", "mg", "t", "lb"] = "kg"
     time: Literal["s", "ms", "us", "min"] = "s"
+
+    @property
+    def system(self) -> UnitSystem:
+        """The three, from which all others follow."""
+        return UnitSystem(self.length, self.mass, self.time)
 
 
 class Moved(Table, frozen=True):

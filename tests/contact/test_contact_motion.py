@@ -415,12 +415,12 @@ def test_a_valley_has_room(held_sheet):
     sides = [ms.Contact(ms.Plane((side, 0, 1.0), 0.0)) for side in (-1, 1)]
     x = held_sheet.rest_positions - np.array([0.0, 0.0, 0.05])
     deep = TouchedFrame(np.zeros_like(x), np.zeros(len(x), bool), 0.05)
-    account = ColliderAccount(sides, held_sheet.mesh, add=False)
-    assert account.asks(deep, beyond=False)
-    account.see(x, 0.0, deep, beyond=False)
+    account, asked = ColliderAccount(sides, held_sheet.mesh, add=False), []
+    account.see(lambda: asked.append("positions") or x, 0.0, deep, beyond=False)
+    assert asked == ["positions"]
     assert account.crowded == ""
     account = ColliderAccount([*sides, ms.Contact(ms.Plane((0, 0, -1), 0.02))], held_sheet.mesh, add=False)
-    account.see(x, 0.0, deep, beyond=False)
+    account.see(lambda: x, 0.0, deep, beyond=False)
     assert "leave vertex" in account.crowded  # a lid below its bottom
 
 

@@ -18,7 +18,7 @@ _KEPT = 4
 """Answers that are kept: of two levels to two loads."""
 
 
-class _Answer(NamedTuple):
+class Answer(NamedTuple):
     """Statics of a level under a force (n, 3) [N], and the bar of it."""
 
     level: Level
@@ -47,8 +47,8 @@ class AtRest:
 
     def __init__(self, model: Any, check: Check, loads: LoadsAhead) -> None:
         self._model, self._check, self._loads = model, check, loads
-        self._kept: list[_Answer] = []
-        self._largest: tuple[Array, Array, _Answer | None] | None = None
+        self._kept: list[Answer] = []
+        self._largest: tuple[Array, Array, Answer | None] | None = None
 
     def near(self, level: Level, force: Array, start: Array | None, time: float) -> Equilibrium | None:
         """Where a level rests under a force (n, 3) [N], from ``start`` (n, 3) [m], outside the colliders at a time [s].
@@ -70,34 +70,34 @@ class AtRest:
         found = self.near(level, force, None, time)
         return None if found is None else (found, self._check.static(found.positions, force, time))
 
-    def of(self, level: Level, force: Array, dead: Array, allowed: float) -> tuple[Equilibrium, ErrorBar]:
+    def of(self, level: Level, force: Array, dead: Array, allowed: float) -> Answer:
         """Where a level rests under a force (n, 3) [N], one of motions under a dead load (n, 3) [N], and its bar.
 
         ``allowed`` is the bar that is allowed.
         """
         for kept in self._known(dead, allowed):
             if kept.level is level and kept.force is force:
-                return kept.found, kept.bar
+                return kept
         found = level.still.equilibrium(force=force)
         bar = self._sampled(found, force, allowed) or self._check.static(found.positions, force)
-        self._kept = [*self._kept[1 - _KEPT :], _Answer(level, force, found, bar)]
-        return found, bar
+        answer = Answer(level, force, found, bar)
+        self._kept = [*self._kept[1 - _KEPT :], answer]
+        return answer
 
-    def agreed(self, level: Level, force: Array, dead: Array, allowed: float, known: Array) -> Array:
-        """What is known of coarse checks after the same answer's bar, if that was found on the fine shell."""
-        found, bar = self.of(level, force, dead, allowed)
-        if self._check.sampled is None or bar.on != "shell":
+    def agreed(self, answer: Answer, allowed: float, known: Array) -> Array:
+        """What is known of coarse checks after an answer's bar, if that was found on the fine shell."""
+        if self._check.sampled is None or answer.bar.on != "shell":
             return known
-        return self._compared(self._check.sampled, _Answer(level, force, found, bar), allowed, known)
+        return self._compared(self._check.sampled, answer, allowed, known)
 
-    def _compared(self, sampled: SampledCheck, answer: _Answer, allowed: float, known: Array) -> Array:
+    def _compared(self, sampled: SampledCheck, answer: Answer, allowed: float, known: Array) -> Array:
         """What is known after a fine bar of an answer."""
         _, force, found, bar = answer
         x, moved = found.positions, self._check.moved(found.positions)
         coarse = None if found.coordinates is None else sampled.found(x, found.coordinates, force)
         return sampled.compared(coarse, bar, x, moved, allowed * moved, known)
 
-    def _known(self, dead: Array, allowed: float) -> Iterator[_Answer]:
+    def _known(self, dead: Array, allowed: float) -> Iterator[Answer]:
         """Answers that are known; that under the largest load is found here, as others ask how right the coarse is."""
         sampled = self._check.sampled
         if sampled is not None and (self._largest is None or self._largest[0] is not dead):
@@ -106,7 +106,7 @@ class AtRest:
             if coming:
                 level, force = self._model.levels[0], max(coming, key=lambda load: load.whole).force
                 found = level.still.equilibrium(force=force)
-                answer = _Answer(level, force, found, self._check.static(found.positions, force))
+                answer = Answer(level, force, found, self._check.static(found.positions, force))
                 self._largest = dead, self._compared(sampled, answer, allowed, sampled.nothing()), answer
         if self._largest is not None and self._largest[2] is not None:
             yield self._largest[2]

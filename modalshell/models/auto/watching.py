@@ -246,10 +246,10 @@ class Watch:
                 return None
             found, bar = answer
         else:
-            asked = level, load.force, memory["dead"], self._allowed
-            found, bar = self.rests.of(*asked)
+            rests = self.rests.of(level, load.force, memory["dead"], self._allowed)
+            found, bar = rests.found, rests.bar
             if "agreed" in memory:
-                memory["agreed"] = self.rests.agreed(*asked, memory["agreed"])
+                memory["agreed"] = self.rests.agreed(rests, self._allowed, memory["agreed"])
         wider = room(bar.displacement, bar.margin, self._allowed)
         if not (found.converged and bar.valid and not bar.beyond and wider >= least):
             return bar
