@@ -41,7 +41,7 @@ def test_a_dead_load_that_turns_is_looked_at(beam):
 
 
 def test_another_dead_load_ends_what_is_known(beam):
-    motion, _ = swung(beam, ms.Auto(beam, 6), 60, 0.0)
+    motion, _ = swung(beam, ms.Auto(beam, 6, error=0.1), 60, 0.0)
     assert motion.state.memory["known"].any()
     motion.load = 1.1 * motion.load
     fitted = motion.state.memory.copy()

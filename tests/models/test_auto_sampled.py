@@ -204,7 +204,7 @@ def test_a_coarse_shell_that_misses_the_lowest_mode_is_no_level():
     rough = ms.leaf(cells=(8, 4))
     held = rough.vertices[:, 0] < rough.vertices[:, 0].min() + 0.14
     auto = ms.Auto(leaf, coarse=ms.Shell(rough, SHEET, held))
-    gap = lowest_gap(*auto._gaps, auto._basis)
+    gap = lowest_gap(*auto._gaps, auto.basis)
     assert gap > 0.05
     assert auto.unfit == (2,)
     assert ms.Auto(leaf, coarse=ms.Shell(rough, SHEET, held), error=0.3).unfit == ((2,) if gap > 0.3 else ())

@@ -11,9 +11,10 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
-LACKS_LOAD, LACKS_START, STRIKES, TOUCHES = 1.0, 2.0, 3.0, 4.0
+LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, DRIFTS = 1.0, 2.0, 3.0, 4.0, 5.0
 """Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; for a
-strike on a collider that is ahead; and for one that modes do not take, which is about to touch."""
+strike on a collider that is ahead; for one that modes do not take, which is about to touch; and for errors that have
+added up."""
 _LITTLE = 1e-4
 """Share of the energy that a switch may change untold."""
 
@@ -59,6 +60,8 @@ def told(state: MotionState, names: Sequence[str]) -> str:
             reason = "it is about to strike a collider"
         elif mark == TOUCHES:
             reason = "it touches a collider with friction, restitution or push_out"
+        elif mark == DRIFTS:
+            reason = f"errors of phase may have added up to {share_as_text(bar)}"
         elif int(level) == 0 or margin <= LEAST_MARGIN:
             reason = f"stability margin {margin:.2f}"
         else:

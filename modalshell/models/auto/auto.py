@@ -67,8 +67,8 @@ class Auto(Model):
     ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
     in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back
     to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
-    tell after a snap. Bars are of one instant: of a free vibration they do not see how a slightly wrong frequency adds
-    up.
+    tell after a snap. Bars are of one instant; how errors of phase add up in a vibration is followed by the modes
+    (:mod:`modalshell.models.auto.drift`), and where that comes to half of ``error`` DS goes on, as long as it stays so.
 
     Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
     Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
@@ -117,6 +117,8 @@ class Auto(Model):
     ----------
     levels : list of Level
         Cheapest first.
+    basis : Basis
+        Modes of those of modes, rigid ones with them.
 
     Raises
     ------
@@ -149,7 +151,7 @@ class Auto(Model):
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
         rigid = 0 if self._free is None else 6 * len(self._free.parts)
-        self._basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count))
+        self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count))
         self.levels: list[Level] = [ModalLevel(consistent_warping(basis))]
         if self._free is None:
             self.levels.append(ModalLevel(RotationStrain(basis)))
@@ -244,26 +246,26 @@ class Auto(Model):
     @property
     def count(self) -> int:
         """Number of modes, rigid ones with them."""
-        return self._basis.count
+        return self.basis.count
 
     @property
     def highest(self) -> float:
         """Largest angular frequency [rad/s] of the modes."""
-        return float(np.sqrt(self._basis.eigenvalues[-1]))
+        return float(np.sqrt(self.basis.eigenvalues[-1]))
 
     @cached_property
     def periods(self) -> Array:
         """Periods of the modes (m,) over 2 pi [s]."""
-        return np.asarray(1.0 / np.sqrt(np.maximum(self._basis.eigenvalues, 1e-300)))
+        return np.asarray(1.0 / np.sqrt(np.maximum(self.basis.eigenvalues, 1e-300)))
 
     def answered_by_modes(self, force: Array) -> Array:
         """Coordinates (m,) of the modes' linear answer to forces (n, 3) [N]."""
-        return np.asarray(self._basis.modes.T @ force.ravel()) * self.periods**2
+        return np.asarray(self.basis.modes.T @ force.ravel()) * self.periods**2
 
     @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""
-        return LinearAnswers(self._basis)
+        return LinearAnswers(self.basis)
 
     @cached_property
     def _quick_check(self) -> QuickCheck | None:
@@ -273,7 +275,7 @@ class Auto(Model):
     def _gaps(self) -> tuple[CoarseDiscreteShell, Array] | None:
         """The model of a coarse shell, if there is one, and what its linear answers lack (k, 3, m)."""
         found = [level.model for level in self.levels if isinstance(level, CoarseLevel)]
-        return (found[0], linear_gaps(found[0], self._basis)) if found else None
+        return (found[0], linear_gaps(found[0], self.basis)) if found else None
 
     @property
     def coarse_levels(self) -> tuple[int, ...]:
@@ -283,7 +285,7 @@ class Auto(Model):
     @cached_property
     def unfit(self) -> tuple[int, ...]:
         """Levels that miss more than ``error`` of the lowest mode where displacements are small."""
-        if self._gaps is None or lowest_gap(*self._gaps, self._basis) <= self.error:
+        if self._gaps is None or lowest_gap(*self._gaps, self.basis) <= self.error:
             return ()
         return self.coarse_levels
 

@@ -12,9 +12,10 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.auto.checks import Check
-from modalshell.models.auto.levels import Level
+from modalshell.models.auto.levels import Level, ModalLevel
+from modalshell.models.auto.loads_ahead import LoadsAhead
 from modalshell.models.auto.trusted import SELDOM, KnownStates
-from modalshell.models.auto.watching import SWITCH, Step
+from modalshell.models.auto.watching import SWITCH, Seen, Step, Watch
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 
@@ -25,6 +26,9 @@ MOST_TOLD = 24
 _SHORT, _SLACKENED = 0.125, 3
 """Length, in steps, and number of the steps from rest by which DS sheds the stretch of modes: too short to bend."""
 
+_STRAIGHT = 0.2
+"""Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
+rungs of modes move alike."""
 _INSIDE = 1e-8
 """Depth in a collider, as a share of the shell's size, to which a level's state may be."""
 
@@ -57,6 +61,8 @@ class LeveledStepper(Stepper):
         self._smooth = _smoothed(setup)
         self._made = {0: levels[0].stepper(self._smooth)}
         self._check: Check = model.check(setup)
+        self._loads = LoadsAhead(model, setup, self._check)
+        self._watch = Watch(model, setup, self._check, self._loads)
         self._last: tuple[MotionState, int, MotionState] | None = None
         if setup.contacts:
             self.model = model.of_states([self._first_state(k) for k in range(len(levels))])
@@ -98,6 +104,7 @@ class LeveledStepper(Stepper):
             "checked": np.zeros(1),
             "looked": np.zeros(1),
             "known": KnownStates.nothing(0),
+            "drift": np.zeros((5, 0)),
             "seldom": np.full(1, float(SELDOM)),
             "barred": np.zeros(levels),
             "wait": np.full(1, float(TRY_EVERY)),
@@ -156,6 +163,28 @@ class LeveledStepper(Stepper):
         (x, v), times = (step.frames[2], step.velocities()), (step.time - step.dt, step.time, step.time + step.dt)
         frames = step.frames[1], x, x + step.dt * v
         return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
+
+    def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
+        """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
+        level = self._levels[number]
+        if not level.quadratic or self._check.least:
+            return False
+        answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
+        allowed = self._allowed(memory)
+        return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
+
+    def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
+        """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
+
+        So it is where displacements are nearly those of linear modes: the error then is of the time step's, or what
+        modes lack of a load that has hardly moved the shell yet.
+        """
+        first, q = self._levels[0], step.inner.coordinates
+        if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
+            return False
+        bent = first.still.warped(q) - (first.still.basis.modes @ q).reshape(-1, 3)
+        alike = self._length(bent) <= _STRAIGHT * self._allowed(memory)
+        return alike and not self._errs_alike(0, seen, memory)
 
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))

@@ -13,11 +13,11 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, cost_of, energy_change
+from modalshell.models.auto.account import DRIFTS, LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, cost_of, energy_change
 from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
-from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step, Watch
+from modalshell.models.auto.loads_ahead import Coming
+from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LEAST_MARGIN
 
@@ -29,9 +29,6 @@ _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
-_STRAIGHT = 0.2
-"""Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
-rungs of modes move alike."""
 _RARER = 1.2
 """Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
 _IN_A_ROW = 2
@@ -66,8 +63,6 @@ class AutoStepper(LeveledStepper):
         if setup.supports is not None:
             raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, levels, setup)
-        self._loads = LoadsAhead(model, setup, self._check)
-        self._watch = Watch(model, setup, self._check, self._loads)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
 
     def start(self, positions: Array | None) -> MotionState:
@@ -151,7 +146,11 @@ class AutoStepper(LeveledStepper):
         if moved_before and math.isfinite(largest):
             frames = memory["before"], state.coordinates, x
             step = Step(level, inner, after, frames, rates, moved, time, dt, load)
-            level, after = self._switched(step, memory)
+            drifts = self._drifts(step, memory)
+            if drifts is None:
+                level, after = self._switched(step, memory)
+            else:
+                level, after = self._taken_over(after, (x, rates()), memory, (time, load), drifts)
         memory["before"] = state.coordinates
         if memory["step"].item() != dt:
             memory["step"] = np.array([dt])
@@ -221,6 +220,14 @@ class AutoStepper(LeveledStepper):
         switch, motion = (step.time, wanted, seen.bar, seen.margin, 0.0), (step.frames[2], step.velocities())
         return self._taken_over(step.after, motion, memory, (step.time, step.load), switch)
 
+    def _drifts(self, step: Step, memory: dict[str, Array]) -> Switch | None:
+        """The switch to DS where errors that add up are as large as those of a check may be."""
+        off = self._watch.drifted(step, memory)
+        if off <= self._allowed(memory) or step.level + 1 == len(self._levels):
+            return None
+        share = off / float(memory["largest"][0])
+        return step.time, self._above(step.level, memory, snapping=True), share, 1.0, DRIFTS
+
     def _taken_over(
         self,
         inner: MotionState,
@@ -249,28 +256,6 @@ class AutoStepper(LeveledStepper):
         gained = energy_change((self._stepper(int(memory["level"][0])), self._stepper(new)), (inner, after), force)
         self._note(memory, switch, gained)
         return new, after
-
-    def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
-        """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""
-        level = self._levels[number]
-        if not level.quadratic or self._check.least:
-            return False
-        answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
-        allowed = self._allowed(memory)
-        return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
-
-    def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
-        """Whether the next level would move as the first does, which would rest near where a check's steps lead to.
-
-        So it is where displacements are nearly those of linear modes: the error then is of the time step's, or what
-        modes lack of a load that has hardly moved the shell yet.
-        """
-        first, q = self._levels[0], step.inner.coordinates
-        if step.level > 0 or not isinstance(first, ModalLevel) or self._check.least:
-            return False
-        bent = first.still.warped(q) - (first.still.basis.modes @ q).reshape(-1, 3)
-        alike = self._length(bent) <= _STRAIGHT * self._allowed(memory)
-        return alike and not self._errs_alike(0, seen, memory)
 
     def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
@@ -374,10 +359,10 @@ class AutoStepper(LeveledStepper):
         It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
         not be left at once: the cheapest first.
         """
-        if self._check.contacts and not self._is_clear(step):
+        allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
+        if self._watch.drift(memory) > allowed or (self._check.contacts and not self._is_clear(step)):
             return None
         lowest, v, (_, middle, x) = self._levels[0], step.velocities(), step.frames
-        allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
         state = lowest.entered(self._stepper(0), x, v, step.time)
         fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack

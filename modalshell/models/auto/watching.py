@@ -12,6 +12,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.models.auto.at_rest import AtRest
 from modalshell.models.auto.checks import Check, HeldCheck
+from modalshell.models.auto.drift import Drift
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
@@ -99,6 +100,8 @@ class Watch:
         self._fixed = bool(check.least or model.check_every is not None or self._touches)
         self._states = KnownStates(len(setup.loading.live))
         self._size = 2 * model.count + len(setup.loading.live)
+        # Free parts turn, and what touches acts on the errors, too: of neither is known how they add up.
+        self._drift = None if check.least or self._touches else Drift(model.basis, setup.damping)
         self.rests = AtRest(model, check, loads)
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
@@ -112,6 +115,8 @@ class Watch:
         if self._check.sampled is not None:
             state.memory["agreed"] = self._check.sampled.nothing()
         state.memory["barred"][list(self._unfit)] = 1.0
+        if self._drift is not None:
+            state.memory["drift"] = self._drift.none()
         return state
 
     @property
@@ -130,6 +135,8 @@ class Watch:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
+        if self._drift is not None and memory["drift"].shape[1] != self._model.count:
+            memory["drift"] = self._drift.none()
         if memory["dead"] is not dead:
             if not np.array_equal(memory["dead"], dead):
                 self.forget(memory, sampled=True)
@@ -138,6 +145,8 @@ class Watch:
     def forget(self, memory: dict[str, Array], *, sampled: bool = False) -> None:
         """Forget what is known of states, of full levels and if asked also how right the coarse shell is."""
         memory["known"], memory["seldom"] = np.zeros_like(memory["known"]), np.full(1, float(SELDOM))
+        if self._drift is not None:
+            memory["drift"] = self._drift.forgotten(memory["drift"])
         full = not self._model.levels[int(memory["level"][0])].quadratic
         if self._check.sampled is not None and (sampled or full):
             memory["agreed"] = self._check.sampled.nothing()
@@ -155,8 +164,30 @@ class Watch:
         late = since - memory["looked"].item() >= memory["seldom"].item()
         return late or not self._states.holds(memory["known"], self._state(step.after, step.time))
 
+    def drifted(self, step: Step, memory: dict[str, Array]) -> float:
+        """How far the motion is off [kg^(1/2) m] after a step by what has added up; see :mod:`.drift`."""
+        if self._drift is not None:
+            memory["drift"] = self._drift.advanced(memory["drift"], step.frames[2], step.dt, self._power(step))
+        return self.drift(memory)
+
+    def drift(self, memory: dict[str, Array]) -> float:
+        """The same without a step."""
+        return 0.0 if self._drift is None else self._drift.size(memory["drift"])
+
+    def _power(self, step: Step) -> int:
+        """Of the displacement, by which a level's errors grow."""
+        return 3 if self._model.levels[step.level].quadratic else 1
+
     def seen(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of the middle one of a step's three frames, the last of them at the present time."""
+        seen = self._seen(step, memory)
+        even = memory["step"][0] == step.dt
+        if self._drift is not None and even and step.level + 1 < len(self._model.levels):
+            now = step.frames, seen.corrected, step.dt, self._power(step)
+            memory["drift"] = self._drift.checked(memory["drift"], *now)
+        return seen
+
+    def _seen(self, step: Step, memory: dict[str, Array]) -> Seen:
         middle = step.time - step.dt
         times = np.array([middle - memory["step"][0], middle, step.time])
         largest = float(max(memory["largest"][0], self._check.least))

@@ -1,0 +1,110 @@
+"""How far a level's motion goes off that of DS by errors that add up, as those of phase do.
+
+A frame that is right by its bar moves on by a stiffness that is slightly wrong: where a check's steps lead from x to
+``x_2`` the level moves as if its modes were pushed by ``Lambda s`` less, with ``s = Phi^T M (x_2 - x)``. So errors e of
+its coordinates grow as
+
+    e'' + C e' + Lambda (e - s) = 0
+
+about rest. Accelerations that a check takes of three frames at intervals h lack a share of vibrations of each mode,
+``1 - sinc^2(omega h / 2)``, which is no error of the level: what that makes of s is taken out. Between checks s is that
+of the last one, times a power of the share c of its coordinates that the motion has: c^3 where a level errs by its
+geometry, as levels of modes do, c where it errs at rest, as those of a coarse shell do. Of DS s is zero, and what has
+added up goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.modal.flow import Flow, flow
+from modalshell.modes import Basis
+from modalshell.shell.damping import Damping
+
+_FARTHEST = 1.25
+"""Share of the coordinates of a check up to which its errors are taken to grow: further on they are as they were."""
+_SEEN = 2.0
+"""Angle ``omega h`` of a mode between two frames up to which three of them tell its acceleration."""
+
+
+@final
+class Drift:
+    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and that and the coordinates of a check.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes of the shell.
+    damping : Damping
+        Damping of the motion.
+    """
+
+    def __init__(self, basis: Basis, damping: Damping) -> None:
+        self._stiffness, self._damp = basis.eigenvalues, damping.of_modes(basis.eigenvalues)
+        self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
+        self._rest = basis.shell.rest_positions
+        self._flow: tuple[float, Flow, Array] | None = None
+
+    def none(self) -> Array:
+        """The rows where nothing is known yet."""
+        return np.zeros((5, self._stiffness.size))
+
+    @staticmethod
+    def forgotten(rows: Array) -> Array:
+        """The same without a check: what has added up beyond the present s, which the next level mends."""
+        return np.vstack([rows[0] - rows[2], rows[1], np.zeros_like(rows[2:])])
+
+    def coordinates(self, x: Array) -> Array:
+        """Coordinates (m,) [kg^(1/2) m] of positions x (n, 3) [m]."""
+        return np.asarray(self._projection @ (x - self._rest).ravel())
+
+    def checked(
+        self, rows: Array, frames: tuple[Array, Array, Array], corrected: Array, dt: float, power: int
+    ) -> Array:
+        """The same after a check of the middle one of three frames (n, 3) [m], which leads to ``corrected`` (n, 3).
+
+        What it finds otherwise than was taken has not come at once: errors stay as far from s as they were.
+        """
+        before, x, after = frames
+        with np.errstate(over="ignore", invalid="ignore"):
+            bent = self._projection @ (before - 2.0 * x + after).ravel()
+            missing = self._projection @ (corrected - x).ravel() - self._at(dt)[1] * bent
+        missing[self._stiffness * dt**2 > _SEEN**2] = 0.0
+        if not np.isfinite(missing).all():
+            missing = np.zeros_like(missing)
+        seen = self.coordinates(x)
+        present = self._share(seen, after) ** power * missing
+        return np.vstack([rows[0] + present - rows[2], rows[1], present, missing, seen])
+
+    def advanced(self, rows: Array, x: Array, dt: float, power: int) -> Array:
+        """The same after a step of ``dt`` [s] to positions x (n, 3) [m], by a level that errs with a power of c."""
+        if not rows[:4].any():
+            return rows
+        error, rate, _, missing, seen = rows
+        present = self._share(seen, x) ** power * missing
+        c, gap = self._at(dt)[0], error - present
+        return np.vstack([present + c.e11 * gap + c.e12 * rate, c.e21 * gap + c.e22 * rate, present, missing, seen])
+
+    def _share(self, seen: Array, x: Array) -> float:
+        """The share c of the coordinates of a check (m,) that positions x (n, 3) [m] have; none of such of nothing."""
+        size = float(seen @ seen)
+        share = float(seen @ self.coordinates(x)) / size if size > 0.0 else 0.0
+        return max(-_FARTHEST, min(_FARTHEST, share)) if math.isfinite(share) else 0.0
+
+    def _at(self, dt: float) -> tuple[Flow, Array]:
+        """What a step does to errors (see :func:`.flow.flow`), and what frames lack of a mode's second difference."""
+        known = self._flow
+        if known is None or known[0] != dt:
+            angle = np.minimum(np.sqrt(self._stiffness) * dt, _SEEN)
+            lacking = (1.0 / np.sinc(angle / (2.0 * np.pi)) ** 2 - 1.0) / angle**2
+            known = self._flow = dt, flow(self._stiffness, self._damp, dt), lacking
+        return known[1:]
+
+    def size(self, rows: Array) -> float:
+        """How far the motion is off [kg^(1/2) m] beyond the present s, at the largest of the vibration that this is."""
+        gap, rate = rows[0] - rows[2], rows[1]
+        return math.sqrt(gap @ gap + rate @ (rate / self._stiffness))
