@@ -55,8 +55,8 @@ class Potential(Problem[sps.csc_array]):
         Part of Q on its diagonal, the same along each axis [N/m].
     live : LiveLoads, optional
         Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
-        unsymmetric: Newton's steps then take the whole of it, by a factor near it in time. Such a state is stable if the
-        symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
+        unsymmetric: Newton's steps then take the whole of it, in time by a factor near it. Such a state is stable if
+        the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
     kept_within : float
         Move, as a share of the shell's size, within which a definite factor serves other Hessians, too: for conjugate
         gradients on them, and to find a state on the way to be a minimum.
