@@ -78,7 +78,18 @@ class _ShellPage:
         motion = scene.motion
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
         self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
-        self.basis = ms.solve_modes(self.shell, scene.model.options.get("modes", MODE_COUNT))
+        self.modes: ms.Basis | ms.OptionError
+        try:
+            self.modes = ms.solve_modes(self.shell, scene.model.options.get("modes", MODE_COUNT))
+        except ms.OptionError as error:  # creases, stresses at rest: the scene's own model may know them
+            self.modes = error
+
+    @property
+    def basis(self) -> ms.Basis:
+        """What the live models move in."""
+        if isinstance(self.modes, ms.OptionError):
+            raise self.modes
+        return self.modes
 
     @property
     def is_live(self) -> bool:
@@ -148,6 +159,8 @@ class _ShellPage:
         """The live models offered with a record, None where they are too far from it, and what is said about them."""
         if len(self.shell.mass) > _MOST_VERTICES:
             return None, ["No live model is offered: the page would be too large with both."]
+        if isinstance(self.modes, ms.OptionError):
+            return None, ["No live model is offered: they move in vibration modes, which the shell has not here."]
         off = self._error(run) if self.free_of_time else None
         far = "has no answer here" if off is None else f"is {100.0 * off:.2g} % off this answer"
         if self.free_of_time and (off is None or off > _HONEST):

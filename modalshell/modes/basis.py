@@ -357,7 +357,7 @@ def _solved(
     shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
-    shell.refuse_creases("a modal model")
+    shell.refuse_creases_in("a modal model")
     if shell.stressed:
         if attachments is not None:
             raise OptionError("attachments are shapes about a mesh without stress: leave them out")

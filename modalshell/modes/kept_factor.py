@@ -1,4 +1,4 @@
-"""Solutions with the factor of a matrix that has changed since: conjugate gradients preconditioned by it."""
+"""Solutions with the factor of a matrix that has changed since: iterations preconditioned by it."""
 
 from __future__ import annotations
 
@@ -48,3 +48,56 @@ def solution_by_kept_factor(
     stop = Stop(accuracy, round(_SHARE * kept.solves_a_factorisation), _SERVES, _JUDGED)
     found = whole.solve_near(matrix, whole_side, stop, axes)
     return None if found is None else found[: right_side.size]
+
+
+_FEWEST = 8
+"""Iterations of GMRES that are allowed at least: what they stand in for, pivots off the diagonal, is dear."""
+
+
+def unsymmetric_by_kept_factor(
+    kept: Factor, matrix: sps.csc_array, right_side: Array, accuracy: float, axes: Array | None = None
+) -> Array | None:
+    """The same of a ``matrix`` that need not be symmetric, by GMRES with the factor on the right [saad1986].
+
+    Its residual is then that of the equations.
+    """
+    whole = kept.whole if isinstance(kept, CondensedFactor) else kept
+    whole_side = np.zeros(matrix.shape[0])
+    whole_side[: right_side.size] = right_side
+    most = max(_FEWEST, round(_SHARE * kept.solves_a_factorisation))
+    length = float(np.linalg.norm(whole_side))
+    if not length > 0.0:
+        return None
+    basis, ways = np.empty((most + 1, whole_side.size)), np.empty((most, whole_side.size))
+    basis[0] = whole_side / length
+    seen, goal = np.zeros((most + 1, most)), np.zeros(most + 1)
+    goal[0] = 1.0
+    for k in range(most):
+        ways[k] = _turned(whole.solve(_turned(basis[k], axes, "kvj,vj->vk")), axes, "jvk,vj->vk")
+        image = matrix @ ways[k]
+        if not ways[k] @ image > 0.0:
+            return None
+        for _ in range(2):  # twice is enough
+            parts = basis[: k + 1] @ image
+            image -= parts @ basis[: k + 1]
+            seen[: k + 1, k] += parts
+        seen[k + 1, k] = np.linalg.norm(image)
+        known = seen[: k + 2, : k + 1]
+        shares = np.linalg.lstsq(known, goal[: k + 2], rcond=None)[0]
+        relative = float(np.linalg.norm(known @ shares - goal[: k + 2]))
+        if relative <= accuracy or (k + 1 == most and relative <= _SERVES):
+            found = length * (shares @ ways[: k + 1])
+            return found[: right_side.size] if found @ whole_side > 0.0 else None
+        if k + 1 == _JUDGED and not relative ** (most / _JUDGED) <= accuracy**0.5:
+            return None
+        basis[k + 1] = image / seen[k + 1, k]
+    return None
+
+
+def _turned(x: Array, axes: Array | None, product: str) -> Array:
+    """The unknowns x with those of vertices turned with the axes, or back, as the ``product`` says."""
+    if axes is None:
+        return x
+    turned, count = x.copy(), 3 * axes.shape[1]
+    turned[:count] = np.einsum(product, axes, x[:count].reshape(-1, 3)).ravel()
+    return turned

@@ -45,6 +45,15 @@ def symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
     return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
+def definite_half(matrix: sps.csc_array, factoriser: Factoriser) -> Factor | None:
+    """Factor of the symmetric half of a matrix; None where that is not positive definite."""
+    try:
+        half = factoriser.definite(symmetric_half(matrix))
+        return half if half.is_definite() else None
+    except SolverError:
+        return None
+
+
 class _GeneralLU(Factor):
     """SciPy's SuperLU with pivots off the diagonal."""
 

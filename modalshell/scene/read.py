@@ -95,17 +95,20 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
     tag = kind.__struct_config__.tag_field
     refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_encode_fields__])
     for field in msgspec.structs.fields(kind):
-        inner = [
-            part
-            for part in (field.type, *get_args(field.type))
-            if isinstance(part, type) and issubclass(part, msgspec.Struct)
-        ]
+        inner = _tables_in(field.type)
         entries = raw.get(field.name)
         if len(inner) == 1 and isinstance(entries, dict):
             _refuse_unknown_keys(file, f"{path}.{field.name}", entries, inner[0])
         if inner and isinstance(entries, list):
             for index, entry in enumerate(entries):
                 _refuse_unknown_keys(file, f"{path}.{field.name}[{index}]", entry, inner[0])
+
+
+def _tables_in(annotation: Any) -> list[type[msgspec.Struct]]:
+    """The kinds of tables in a type, however deep."""
+    if isinstance(annotation, type) and issubclass(annotation, msgspec.Struct):
+        return [annotation]
+    return [kind for part in get_args(annotation) for kind in _tables_in(part)]
 
 
 def checked_name(file: Path, raw: dict[str, Any]) -> str:

@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from modalshell.core.checks import shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.units import LENGTHS, MASSES, TIMES
 from modalshell.scene.tables import PhysicalSheet, Positive, Stiffnesses, Table, Units, Vector
-from modalshell.shell import Fabric, Laminate, Orthotropic, Ply, card
+from modalshell.shell import Fabric, Isotropic, Laminate, Orthotropic, Ply, card
 from modalshell.shell.sheet import Sheet
 
 _Direction = float | Vector
@@ -65,15 +66,31 @@ class FabricTable(SheetTable, frozen=True):
         return Fabric(**_parameters(self))
 
 
-class PlyTable(Table, frozen=True):
-    """A ply of a laminate: its moduli as of an orthotropic sheet, ``angle`` [deg] and ``thickness`` [m]."""
+class PlyTable(Table, frozen=True, kw_only=True):
+    """A ply of a laminate: its moduli as of an orthotropic sheet, ``angle`` [deg] and ``thickness`` [m].
 
-    young: tuple[Positive, Positive]
-    shear: Positive
+    One ``young`` in place of two, without ``shear``, is the same in all directions.
+    """
+
+    young: float | tuple[Positive, Positive]  # msgspec 0.22 crashes on a bounded number or a tuple; Isotropic checks it
+    shear: Positive | None = None
     poisson: Annotated[float, Meta(gt=-100.0, lt=100.0)]
     density: Positive
-    angle: float
+    angle: float = 0.0
     thickness: Positive
+
+    def ply(self, place: str) -> Ply:
+        """The ply; MaterialError that names its ``place`` where shear is missing or too much."""
+        one = not isinstance(self.young, tuple)
+        if one != (self.shear is None):
+            raise MaterialError(
+                f"{place} must have young = [E1, E2] and a shear modulus, or one young alone "
+                f"(got young = {shown(self.young)}, shear = {shown(self.shear)})"
+            )
+        table = _parameters(self, "angle")
+        if one:
+            del table["shear"]
+        return Ply(Isotropic(**table) if one else Orthotropic(**table), self.angle, self.thickness)
 
 
 class LaminateTable(SheetTable, frozen=True):
@@ -85,9 +102,7 @@ class LaminateTable(SheetTable, frozen=True):
 
     def sheet(self) -> Laminate:
         """The sheet."""
-        own = [Orthotropic(**_parameters(ply, "angle")) for ply in self.plies]
-        plies = [Ply(material, ply.angle, ply.thickness) for material, ply in zip(own, self.plies, strict=True)]
-        return Laminate(plies, self.direction)
+        return Laminate([ply.ply(f"plies[{index}]") for index, ply in enumerate(self.plies)], self.direction)
 
 
 class CardTable(SheetTable, frozen=True):

@@ -100,12 +100,14 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         other._settled = True
         return other
 
-    def refuse_creases(self, name: str) -> None:
-        """OptionError where the shell has creases, which ``name`` does not know."""
+    def refuse_creases(self, name: str, remedy: str = "leave creases out") -> None:
+        """OptionError where the shell has creases, which ``name`` does not know, with the ``remedy``."""
         if self.creases is not None:
-            raise OptionError(
-                f"{name} knows no creases: take ms.DiscreteShell or ms.CoarseDiscreteShell, or leave creases out"
-            )
+            raise OptionError(f"{name} knows no creases: {remedy}")
+
+    def refuse_creases_in(self, model: str) -> None:
+        """OptionError where the shell has creases, which a ``model`` does not know."""
+        self.refuse_creases(model, "take ms.DiscreteShell or ms.CoarseDiscreteShell, or leave creases out")
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""

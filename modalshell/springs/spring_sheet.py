@@ -72,7 +72,7 @@ class SpringSheet(FullModel):
         backend: str | None = None,
         reference_fold: float = REFERENCE_FOLD,
     ) -> None:
-        checked_kind("shell", shell, Shell).refuse_creases("a spring sheet")
+        checked_kind("shell", shell, Shell).refuse_creases_in("a spring sheet")
         springs = shell_springs(shell, reference_fold) if springs is None else springs
         self.springs = checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)

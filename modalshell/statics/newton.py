@@ -268,10 +268,11 @@ class Iterate(ABC, Generic[Matrix]):
         self._keeping = True
         self._lent: Factored | None = None
 
-    def keep(self, factor: Factored, factored_at: Array) -> None:
-        """Begin with the factor of a Hessian at another place, that of the problem being near it there."""
-        self.factor = self._lent = factor
-        self.factored_at = factored_at
+    def keep(self, near: NewtonResult | None) -> None:
+        """Begin with the factor, if there is any, of a result for a problem that is near this one."""
+        if near is not None and near.factor is not None and near.factored_at is not None:
+            self.factor = self._lent = near.factor
+            self.factored_at = near.factored_at
 
     def residual(self) -> float:
         """Out-of-balance force."""
@@ -341,9 +342,14 @@ def mixed_newton(
     limit: int = MOST,
     goal: float = GOAL,
     stresses: list[Array] | None = None,
+    near: NewtonResult | None = None,
 ) -> NewtonResult:
-    """Full mixed Newton steps from ``start``, with the ``stresses`` predicted there; see :func:`.iterate`."""
+    """Full mixed Newton steps from ``start``, with the ``stresses`` predicted there; see :func:`.iterate`.
+
+    The factor of ``near``, the result for a problem near this one, may serve.
+    """
     state = NewtonIterate(problem, start, scale, stresses)
+    state.keep(near)
     return state.result(iterate(state, rules_of(problem, goal, limit)))
 
 

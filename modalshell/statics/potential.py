@@ -16,8 +16,8 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
-from modalshell.modes.kept_factor import solution_by_kept_factor
-from modalshell.modes.unsymmetric import general_factor, symmetric_half
+from modalshell.modes.kept_factor import solution_by_kept_factor, unsymmetric_by_kept_factor
+from modalshell.modes.unsymmetric import definite_half, general_factor, symmetric_half
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
@@ -55,8 +55,8 @@ class Potential(Problem[sps.csc_array]):
         Part of Q on its diagonal, the same along each axis [N/m].
     live : LiveLoads, optional
         Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
-        unsymmetric: Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable
-        if the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
+        unsymmetric: Newton's steps then take the whole of it, in time by a factor near it. Such a state is stable if
+        the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
     kept_within : float
         Move, as a share of the shell's size, within which a definite factor serves other Hessians, too: for conjugate
         gradients on them, and to find a state on the way to be a minimum.
@@ -216,8 +216,7 @@ class Potential(Problem[sps.csc_array]):
         """
         with self.costs.part("factorisation"):
             try:
-                symmetric = symmetric_half(hessian) if self.unsymmetric else hessian
-                factor = self.factoriser_of(hessian).definite(symmetric)
+                factor = self.factoriser_of(hessian).definite(symmetric_half(hessian) if self.unsymmetric else hessian)
                 if factor.is_definite():
                     return self._condensed(factor)
                 if self.unsymmetric:
@@ -246,23 +245,24 @@ class Potential(Problem[sps.csc_array]):
         self, x: Array, hessian: sps.csc_array, gradient: Array, kept: Kept | None, accuracy: float
     ) -> tuple[Factored, Array]:
         """Newton direction (N,), by the kept factor as long as that costs less than a new one; and the factor."""
-        if kept is not None and isinstance(kept.factor, Factor) and not self.unsymmetric:
+        if kept is not None and isinstance(kept.factor, Factor):
             found = self._solution(kept.factor, hessian, gradient, accuracy, turned_axes(self.shell, kept.at, x))
             if found is not None:
                 return kept.factor, found
-        if self.is_step and not self.unsymmetric:
+        if self.is_step:
+            of = self.factoriser_of(hessian)
             with self.costs.part("factorisation"):
-                rough = self.factoriser_of(hessian).rough(hessian)
-            found = None if rough is None else self._solution(rough, hessian, gradient, accuracy)
-            if rough is not None and found is not None:
-                return self._condensed(rough), found
+                near = definite_half(hessian, of) if self.unsymmetric else of.rough(hessian)
+            if near is not None and (found := self._solution(near, hessian, gradient, accuracy)) is not None:
+                return self._condensed(near), found
         return super().direction(x, hessian, gradient, kept, accuracy)
 
     def _solution(
         self, factor: Factor, hessian: sps.csc_array, gradient: Array, accuracy: float, axes: Array | None = None
     ) -> Array | None:
         with self.costs.part("solution"):
-            return solution_by_kept_factor(factor, hessian, -gradient, accuracy, axes)
+            by = unsymmetric_by_kept_factor if self.unsymmetric else solution_by_kept_factor
+            return by(factor, hessian, -gradient, accuracy, axes)
 
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
         """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
@@ -389,11 +389,11 @@ def solve(
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
         state.slots[method.START] = begin
-        if near is not None and near.factor is not None and near.factored_at is not None:
-            state.keep(near.factor, near.factored_at)
+        state.keep(near)
         return state.result(method.solve_step(state, rules_of(problem, goal)))
-    result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
-    if is_minimum(problem, result):
+    result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses, near=near)
+    # As in descents: the last Hessian on the way stands for the end's if it has its geometric part.
+    if is_minimum(problem, result, exactly=result.iterations < 1 + (stresses is None)):
         return result
     fallback = problem.descend(begin, scale)
     fallback.iterations += result.iterations

@@ -200,7 +200,7 @@ def _write(
 ) -> tuple[list[Path], list[SummaryRow], str]:
     stem, note = f"{sweep.name}_sweep", ""
     rows = summary_rows(plan, [axis.key for axis in sweep.axes], results)
-    units = unit_rows(rows, sweep.scene)
+    units = unit_rows(rows, (scene for _, scene in sweep.points()))
     files = [write_csv(folder / f"{stem}.csv", rows)]
     if "parquet" in sweep.output.formats:
         files.append(write_parquet(folder / f"{stem}.parquet", rows))

@@ -43,7 +43,7 @@ def sweep_numbers(sweep: Sweep, result: SweepResult) -> dict[str, Any]:
         "value": value,
         "extremes": extremes or None,
         "cases": result.rows,
-        "units": {row["column"]: row["unit"] for row in unit_rows(result.rows, sweep.scene)},
+        "units": {row["column"]: row["unit"] for row in unit_rows(result.rows, (raw for _, raw in sweep.points()))},
         "scene": sweep.scene,
         "truth": sweep.truth,
         "versions": sorted({row["versions"] for row in ran if row["versions"]}),

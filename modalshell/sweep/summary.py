@@ -7,7 +7,7 @@ import importlib.util
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from modalshell.sweep.plan import Plan
 
 SummaryRow = dict[str, Any]
 
+_LOADS = ("weight", "frame", "pressure", "wind", "point", "follower", "forces", "moment", "line")
 _UNITS = {
     "displacement": "m",
     "peak_displacement": "m",
@@ -35,6 +36,8 @@ _UNITS = {
     "material.stretch": "N/m",
     **{f"material.{name}": "N m" for name in ("flexure", "bending")},
     "rest.rest_curvature": "1/m",
+    **{f"rest.{name}": "K" for name in ("change", "through")},
+    "rest.expansion": "1/K",
     **{f"loads.{name}": "m/s^2" for name in ("gravity", "weight.gravity", "frame.acceleration")},
     "loads.frame.angular_velocity": "1/s",
     "loads.frame.angular_acceleration": "1/s^2",
@@ -47,6 +50,10 @@ _UNITS = {
     **{f"contacts.{name}": "m" for name in ("offset", "radius", "center", "half", "rounding", "a", "b", "gap")},
     "contacts.push_out": "m/s",
     **{f"creases.{name}": "N" for name in ("yield_moment", "hardening")},
+    "constraints.nearest": "m",
+    "supports.translations": "m",
+    "supports.pivot": "m",
+    **{f"{name}.times": "s" for name in ("supports", "constraints", *(f"loads.{kind}" for kind in _LOADS))},
     "motion.duration": "s",
     "motion.dt": "s",
 }
@@ -85,14 +92,25 @@ def run_rows(plan: Plan, results: Mapping[str, CaseResult]) -> list[SummaryRow]:
     return rows
 
 
-def unit_rows(rows: Sequence[SummaryRow], scene: Mapping[str, Any]) -> list[SummaryRow]:
-    """The unit of each column of the summary of a ``scene``'s cases; "1" for plain numbers and texts."""
-    units = UnitSystem(**scene.get("units", {}))
-    sheet = "kg/m^2" if "stretch" in scene["material"] else "kg/m^3"
-    shear = "N" if "flexure" in scene["material"] else "Pa"
-    known = _UNITS | {"material.density": sheet, "material.shear": shear}
-    named = {key: known.get(re.sub(r"\.\d+(?=\.|$)", "", key), "") for key in rows[0]}
-    return [{"column": key, "unit": unit} for key, unit in units.labels(named).items()]
+def unit_rows(rows: Sequence[SummaryRow], scenes: Iterable[Mapping[str, Any]]) -> list[SummaryRow]:
+    """The unit of each column of the summary of the cases of ``scenes``; "1" for plain numbers and texts.
+
+    "m or mm" where an axis changes the units, or the kind of material and with it what a number of it is.
+    """
+    kinds = dict.fromkeys(
+        (UnitSystem(**scene.get("units", {})), "stretch" in scene["material"], "flexure" in scene["material"])
+        for scene in scenes
+    )
+    columns = {key: re.sub(r"\.\d+(?=\.|$)", "", key) for key in rows[0]}
+    units: dict[str, list[str]] = {key: [] for key in columns}
+    for system, sheet, springs in kinds:
+        known = _UNITS | {
+            "material.density": "kg/m^2" if sheet else "kg/m^3",
+            "material.shear": "N" if springs else "Pa",
+        }
+        for key, unit in system.labels({key: known.get(name, "") for key, name in columns.items()}).items():
+            units[key].append(unit)
+    return [{"column": key, "unit": " or ".join(dict.fromkeys(found))} for key, found in units.items()]
 
 
 def _error(result: CaseResult, truth: CaseResult, mesh: Any) -> float | None:

@@ -13,12 +13,14 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.commands.pages import scene_page
 from modalshell.files.provenance import repository_file
+from modalshell.run.run_scene import run_in_memory
 from modalshell.springs import SheetGrid
 
 FOLDER = repository_file("studies/scenes/v_beam.toml").parent
 PAGES = sorted(FOLDER.glob("*.html"))
 LIVE = {"flat_beam", "flock"}
 """Committed pages that compute their scene live."""
+SHEET = "young = 1e6\npoisson = 0.3\nthickness = 2e-3\ndensity = 100.0"
 SUPPORTS = 'clamped = "x < 0.03"'
 
 
@@ -65,6 +67,26 @@ def test_a_live_model_far_from_the_answer_is_left_out(scene_file):
     assert data["live"] is None
     assert len(data["record"]["times"]) == 1
     assert "No live model is offered" in page.text
+
+
+@pytest.mark.parametrize("table", ["[rest]\nrest_curvature = 0.5", '[[creases]]\nsel = "x < 0.5"\nyield_moment = 1e-3'])
+def test_a_scene_without_modes_plays_its_run(scene_file, table):
+    """Own stresses and creases leave no vibration modes about the mesh, but DS answers."""
+    changes = (
+        ('name = "mwts"', 'name = "ds"'),
+        ("stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2", SHEET),
+        ("duration = 1\n", "duration = 0.1\n"),
+        ("[motion]", f"{table}\n[motion]"),
+    )
+    scene = ms.load_scene(scene_file(*changes)).require_shell()
+    page = scene_page(scene)
+    data, shell = content(page), scene.build_shell()
+    assert data["live"] is None
+    assert "No live model is offered: they move in vibration modes, which the shell has not here." in page.text
+    run = run_in_memory(scene)
+    assert ms.measure.displacement_error(frames_of(data)[-1], run.positions[-1], shell) < 2e-3
+    with pytest.raises(ms.OptionError, match=r"vibration modes|knows no creases: take ms\.Disc"):
+        scene_page(ms.load_scene(scene_file(*changes[1:])))
 
 
 def test_a_page_plays_supports_that_move(scene_file):

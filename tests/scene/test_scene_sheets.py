@@ -80,6 +80,18 @@ def test_a_laminate_scene_is_the_laminate_in_python(tmp_path):
     assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
 
 
+def test_a_laminate_scene_takes_isotropic_plies(tmp_path):
+    """A ply of one young is the same in all directions, and needs no angle."""
+    wood = "{ young = [10e9, 1e9], shear = 1e9, poisson = 0.3, density = 600.0, thickness = 1e-3, angle = 30.0 }"
+    metal = "{ young = 70e9, poisson = 0.3, density = 2700.0, thickness = 2e-4 }"
+    shell = scene(tmp_path, f'kind = "laminate"\nplies = [{metal}, {wood}, {metal}]').build_shell()
+    core = ms.Orthotropic(young=(10e9, 1e9), shear=1e9, poisson=0.3, thickness=1e-3, density=600.0)
+    skin = ms.Ply(ms.Isotropic(young=70e9, poisson=0.3, thickness=2e-4, density=2700.0), 0.0, 2e-4)
+    sheet = ms.Laminate([skin, ms.Ply(core, 30.0, 1e-3), skin])
+    x = shell.rest_positions + 1e-3 * np.random.default_rng(0).normal(size=shell.rest_positions.shape)
+    assert shell.energy(x) == ms.Shell(shell.mesh, sheet, clamped="x < 1e-6").energy(x)
+
+
 def test_a_card_in_a_scene(tmp_path):
     built = scene(tmp_path, 'kind = "card"\nname = "royal-target"\ndirection = [0, 1, 0]')
     sheet = built.build_shell().material
@@ -97,6 +109,15 @@ def test_a_card_in_a_scene(tmp_path):
     [
         ('kind = "card"\nname = "denim"', r"material: card must be one of|material.name"),
         ('kind = "card"\nname = "steel-0.1mm"\ndirection = 3.0', "material.direction: must be left out"),
+        ('kind = "laminate"\nplies = [{ kind = "isotropic", young = 1e9 }]', r"material.plies\[0\].kind: unknown key"),
+        (
+            'kind = "laminate"\nplies = [{ young = 1e9, shear = 1e8, poisson = 0.3, density = 1e3, thickness = 1e-3 }]',
+            r"material.plies\[0\]: must have young = \[E1, E2\] and a shear modulus, or one young alone",
+        ),
+        (
+            'kind = "laminate"\nplies = [{ young = [1e9, 1e8], poisson = 0.3, density = 1e3, thickness = 1e-3 }]',
+            r"material.plies\[0\]: must have .* \(got young = \(1000000000.0, 100000000.0\), shear = None\)",
+        ),
         ('kind = "wood"', r"material.kind: must be one of .*orthotropic"),
         (ORTHOTROPIC.format(direction='"x"'), "material.direction"),
         (ORTHOTROPIC.format(direction="0.0").replace("0.35", "4.0"), "material.poisson: is too large"),

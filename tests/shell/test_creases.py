@@ -305,7 +305,12 @@ def test_what_knows_no_creases_says_so():
         ms.HybridStress.trained(shell, gravity=(0.0, 0.0, -1.0), motions=1)
     with pytest.raises(ms.OptionError, match="an error bar knows no creases"):
         model.equilibrium(gravity=(0.0, 0.0, -1.0), bar=True)
-    with pytest.raises(ms.OptionError, match="a path of equilibria knows no creases"):
+    floor = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.1))]
+    with pytest.raises(
+        ms.OptionError, match="an equilibrium with contacts knows no creases: let a motion come to rest"
+    ):
+        model.equilibrium(gravity=(0.0, 0.0, -1.0), contacts=floor)
+    with pytest.raises(ms.OptionError, match="a path of equilibria knows no creases: leave creases out"):
         ms.equilibrium_path(model, gravity=(0.0, 0.0, -1.0))
     with pytest.raises(ms.OptionError, match="a derivative of an equilibrium knows no creases"):
         model.sensitivity(model.equilibrium(gravity=(0.0, 0.0, -0.1)), "young")

@@ -12,6 +12,7 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.files.lock import acquire_lock
 from modalshell.sweep.case import run_case
+from modalshell.sweep.grid import load_sweep
 from modalshell.sweep.store import CaseFolder
 from modalshell.sweep.summary import unit_rows
 
@@ -298,8 +299,26 @@ def test_equilibria_say_their_error_bars(tmp_path, here):  # noqa: ARG001 (compu
 def test_units_of_axes_within_lists():
     """Of loads by their kinds, and of a component of a vector."""
     columns = ["loads.pressure.0.p", "loads.point.1.force", "loads.gravity.2", "contacts.0.offset", "material.shear"]
-    rows = unit_rows([dict.fromkeys([*columns, "contacts.0.friction"])], {"material": {"young": [1e9, 1e8]}})
+    rows = unit_rows([dict.fromkeys([*columns, "contacts.0.friction"])], [{"material": {"young": [1e9, 1e8]}}])
     assert [row["unit"] for row in rows] == ["Pa", "N", "m/s^2", "m", "Pa", "1"]
     springs = {"material": {"stretch": 1.0, "flexure": 1.0}, "units": {"length": "mm", "mass": "t", "time": "s"}}
-    rows = unit_rows([dict.fromkeys([*columns, "material.density", "material.flexure"])], springs)
+    rows = unit_rows([dict.fromkeys([*columns, "material.density", "material.flexure"])], [springs])
     assert [row["unit"] for row in rows] == ["MPa", "N", "mm/s^2", "mm", "N", "t/mm^2", "N mm"]
+
+
+@pytest.mark.usefixtures("here")
+def test_units_that_differ_from_case_to_case(tmp_path):
+    """An axis of units, and one of whole materials in a scene that has none: each column names all of its units."""
+    before, rest = LOADED_BEAM.split("[material]")
+    (tmp_path / "base.toml").write_text(before + rest[rest.index("[") :])
+    file = tmp_path / "kinds.toml"
+    file.write_text(
+        'scene = "base.toml"\n[axes]\n"units.length" = ["m", "ft"]\n"material" = ['
+        "{stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}, "
+        "{young = 1e6, poisson = 0.3, thickness = 0.002, density = 100.0}]\n"
+    )
+    result = ms.run_sweep(file, out=tmp_path / "out")
+    units = {row["column"]: row["unit"] for row in rows_of(result.files[-1])}
+    assert (units["displacement"], units["units.length"]) == ("m or ft", "1")
+    rows = unit_rows([{"material.density": 1.0}], [raw for _, raw in load_sweep(file).points()])
+    assert rows[0]["unit"] == "kg/m^2 or kg/m^3 or kg/ft^2 or kg/ft^3"

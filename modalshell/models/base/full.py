@@ -146,7 +146,7 @@ class FullModel(Model):
         first = first - origin if origin.any() and first is not None else first
         kept = shell.crease_state
         if patches:
-            shell.refuse_creases("an equilibrium under constraints")
+            shell.refuse_creases("an equilibrium under constraints", "leave out one of both")
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
@@ -177,7 +177,7 @@ class FullModel(Model):
     ) -> Equilibrium:
         from modalshell.models.base.touching import equilibrium_on_contacts  # not without contacts
 
-        self.shell.refuse_creases("an equilibrium with contacts")
+        self.shell.refuse_creases("an equilibrium with contacts", "let a motion come to rest, or leave out one of both")
         problem, origin = self.problem(loading)
         first = None if start is None else hold(self.shell, start)
         return equilibrium_on_contacts(

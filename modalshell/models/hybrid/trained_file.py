@@ -42,7 +42,7 @@ def trainable(coarse: Shell) -> Shell:
     folded = isinstance(coarse.elastic_energy, SplitFoldEnergy)
     if coarse.energies or not (folded or len(coarse.elements) == 3):
         raise OptionError("the hybrid rung knows the energies of a material alone: leave the further energies out")
-    coarse.refuse_creases("the hybrid rung")
+    coarse.refuse_creases_in("the hybrid rung")
     if coarse.stressed:
         raise OptionError(
             "the hybrid rung knows no rest shape other than the mesh's: leave prestrain, rest_curvature, "
