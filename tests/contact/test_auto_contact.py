@@ -42,6 +42,17 @@ def test_auto_leaves_what_pushes_out_to_discrete_shells(shell):
         model.equilibrium(contacts=[FLOOR], constraints=[hold])
 
 
+def test_auto_leaves_friction_to_discrete_shells(shell):
+    """Statics of modes refuse it, which is no reason for a model that has DS to do so."""
+    rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)
+    state = ms.Auto(shell).equilibrium(gravity=GRAVITY, contacts=[rough])
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[rough])
+    assert state.converged
+    np.testing.assert_array_equal(state.positions, truth.positions)
+    tangential = np.hypot(*state.contact_forces.sum(axis=0)[:2])
+    assert tangential > 1e-3 * state.contact_forces[:, 2].sum()
+
+
 DT = 1.0 / 60.0
 
 
