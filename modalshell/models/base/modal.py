@@ -311,11 +311,14 @@ class ModalStepper(ContactStepper):
             return self._pressed(state, force, (begin, dt), load)
         rule = model.integrator
         after, solved = model.march(state, dt, force, damping, end)
-        if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
+        if last and ("force" in after.memory or rule.forced_at < 1.0) and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
-            after = model.euler_step(state, dt, pushed, damping)
+            after, solved = model.euler_step(state, dt, pushed, damping)
         if last:
-            after = model.slowed(after, last[0][0], dt, damping, last[0][1], rule)
+            at, (rates, drag) = rule.forced_at, last[0]
+            if at < 1.0:  # of the velocity there, which is as far from the one that the force was asked for at
+                rates, drag = (rates - (1.0 - at) * state.rates) / at, at * drag
+            after = model.slowed(after, rates, dt, damping, drag, rule)
         if self.setup.constraints:
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:

@@ -39,8 +39,9 @@ FAST = (
     "stiffness that spin gives; take DS"
 )
 
-_STOPPED = 0.5
-"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell."""
+_STOPPED = 0.5, 1.0
+"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell: held by
+supports, and in flight, where implicit Euler costs more than it saves below."""
 EULER = ImplicitEuler()
 """What steps a shell that a drag stops."""
 
@@ -197,6 +198,8 @@ class ModalMotion(ModalShape, FrameModel):
         after = self.integrator.advance(state, felt, step)
         memory = state.memory
         first = memory["force"] if "force" in memory and memory["step"][0] else seen[0]
+        if self.integrator.forced_at < 1.0:
+            first = seen[-1]  # one of the middle serves all of the step
         return frames.flown(state, after, (first, seen[-1]), dt, damping.mass_factor, self.warped_positions)
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
@@ -237,15 +240,21 @@ class ModalMotion(ModalShape, FrameModel):
         return None
 
     def stops(self, dt: float, damping: Damping, drag: Array) -> bool:
-        """Whether a drag (m, m) in the modes stops a held shell within a step: a kept force would throw it back."""
+        """Whether a drag (m, m) in the modes stops the shell within a step: a kept force would throw it back."""
         by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)[1]
-        return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
+        return bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED[self.frames is not None])
 
-    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
+    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> tuple[MotionState, bool]:
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it.
+
+        Also returns whether the frames of free parts turned as they should.
+        """
         damp = self._modal_damping(damping)
-        after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
+        ends = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
+        after = self.integrator.stood_in_for(state, MotionState(*ends), force, dt)
+        if self.frames is None:
+            return after, True
+        return self.frames.flown(state, after, (force, force), dt, damping.mass_factor, self.warped_positions)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator
