@@ -35,7 +35,7 @@ _RUN_AWAY = 100.0
 _GAINED = 0.1
 """Energy that steps on colliders at rest have added, over that of the load, from which it is reported."""
 _LOST = 0.1
-"""Energy that steps have taken from undamped motion, over what start and load have put in, from which it is reported."""
+"""Energy that steps take from undamped motion, over what start and load have put in, from which it is reported."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
@@ -341,7 +341,8 @@ class Recorder:
             return ""
         swings = isinstance(getattr(motion.model, "integrator", None), SDIRK2)
         other = ", or integrator 'bdf2', which keeps that of sheets that swing" if swings else ""
-        return f"steps have taken {lost / put_in:.2g} of the energy that start and load put in: take shorter ones{other}"
+        share = f"{lost / put_in:.2g} of the energy that start and load put in"
+        return f"steps have taken {share}: take shorter ones{other}"
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""
