@@ -72,7 +72,6 @@ class ModalMotion(ModalShape, FrameModel):
         self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
-        self._mass = np.repeat(self.shell.mass, 3)
         self._mass_size = self.shell.mesh.extent * float(np.sqrt(self.shell.mass.sum()))
 
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
@@ -156,12 +155,14 @@ class ModalMotion(ModalShape, FrameModel):
             return self._projected(given - self.shell.rest_positions)
         return self.frames.coordinates_of(given, self.warped_positions, self._projected)
 
-    def _projected(self, displacement: Array) -> Array:
-        return np.asarray(self.basis.modes.T @ (self._mass * displacement.ravel()))
-
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """Modal state at rest."""
-        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        """Modal state at rest, of the nearest shape."""
+        if positions is None:
+            q = np.zeros(self.basis.count)
+        elif self.frames is None:
+            q = self.nearest(self.shell.checked_positions(positions))
+        else:
+            q = self.coordinates_of(positions)
         state = self.integrator.at_rest(q)
         return state if self.frames is None else self.frames.at_rest(state)
 
