@@ -14,7 +14,7 @@ from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full import SDIRK2, FullIntegrator, ImplicitRule
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
@@ -34,6 +34,8 @@ _RUN_AWAY = 100.0
 """Energy over that which the load has put in, from which motion that still gathers it runs away."""
 _GAINED = 0.1
 """Energy that steps on colliders at rest have added, over that of the load, from which it is reported."""
+_LOST = 0.1
+"""Energy that steps take from undamped motion, over what start and load have put in, from which it is reported."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
@@ -283,6 +285,7 @@ class Recorder:
         if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         said = [motion.errors.remark(motion.state), motion.errors.undersampled()]
+        said = said if any(said) or found else [self._lost()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
         said += [motion.model.account(motion.state), self._inside()]
@@ -325,6 +328,21 @@ class Recorder:
         put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2])) + worked
         rise = float(np.max(energies.sum(axis=1) - energies[0].sum())) - worked
         return rise / put_in if put_in > 0.0 else 0.0
+
+    def _lost(self) -> str:
+        """What is said of energy that steps have taken from motion that keeps it; "" of little."""
+        motion = self.motion
+        if not self._steady or motion.setup.damping.any or CREASES in motion.state.memory or len(self.times) < 2:
+            return ""
+        energies = np.array(self.energies)
+        put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2]))
+        lost = float(energies[0].sum() - energies[-1].sum())
+        if lost <= _LOST * put_in:
+            return ""
+        swings = isinstance(getattr(motion.model, "integrator", None), SDIRK2)
+        other = ", or integrator 'bdf2', which keeps that of sheets that swing" if swings else ""
+        share = f"{lost / put_in:.2g} of the energy that start and load put in"
+        return f"steps have taken {share}: take shorter ones{other}"
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""

@@ -6,6 +6,7 @@ from scenes import sheet_strip, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
+from modalshell.models.auto.account import NO_MARGIN, told
 from modalshell.models.base.modal_contact import ModalContactMotion
 from modalshell.motion import Motion
 
@@ -40,6 +41,17 @@ def test_auto_leaves_what_pushes_out_to_discrete_shells(shell):
     hold = ms.PositionConstraint([shell.mesh.vertices[:, 0].argmax()], (1.0, 0.0, 0.5))
     with pytest.raises(ms.OptionError, match="takes no position or orientation constraints"):
         model.equilibrium(contacts=[FLOOR], constraints=[hold])
+
+
+def test_auto_leaves_friction_to_discrete_shells(shell):
+    """Statics of modes refuse it, which is no reason for a model that has DS to do so."""
+    rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)
+    state = ms.Auto(shell).equilibrium(gravity=GRAVITY, contacts=[rough])
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[rough])
+    assert state.converged
+    np.testing.assert_array_equal(state.positions, truth.positions)
+    tangential = np.hypot(*state.contact_forces.sum(axis=0)[:2])
+    assert tangential > 1e-3 * state.contact_forces[:, 2].sum()
 
 
 DT = 1.0 / 60.0
@@ -279,3 +291,11 @@ def test_a_start_on_the_table_is_held(small, auto):
     assert norm(small, run.positions - begun.positions).max() < 0.05 * norm(
         small, (begun.positions - small.rest_positions)[None]
     )
+
+
+def test_a_check_that_found_no_bar_is_told_as_that():
+    """Not as a margin of -1000000000.00."""
+    memory = {"steps": np.array([0.0, 5.0]), "switches": np.array([1.0])}
+    memory["log"] = np.array([[0.0, 1.0, 1e9, NO_MARGIN, 0.0, 0.0]])
+    state = MotionState(np.zeros((1, 3)), np.zeros((1, 3)), memory)
+    assert told(state, ("MWTS", "DS")) == "steps by DS 100 %; to DS at 0 s (no error bar was found)"

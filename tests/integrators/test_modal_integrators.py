@@ -91,6 +91,53 @@ def test_order_under_a_force_that_couples_the_modes(rule, order):
     np.testing.assert_allclose(slopes, order, atol=0.1)
 
 
+@pytest.fixture(scope="module")
+def strips():
+    """Bases of a strip that is held at one end, and of one that flies."""
+    mesh = ms.sheet(length=0.3, width=0.1, cells=(5, 2))
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=1400.0)
+    held = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6)
+    return {"held": ms.solve_modes(held, 4), "free": ms.solve_modes(ms.Shell(mesh, material), 10)}
+
+
+def moved_support(time):
+    return (0.0, 0.0, 0.05 * np.sin(7.0 * time) ** 2), (0.0, 0.5 * np.sin(5.0 * time) ** 2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("which", "what"),
+    [("held", "gust"), ("held", "wind"), ("held", "supports"), ("free", "gust"), ("free", "wind")],
+)
+def test_the_midpoint_rule_is_of_order_two_under_forces_that_change(strips, which, what):
+    """It took loads, moving supports and velocities at the steps' ends: of order one, whatever its theory says."""
+    asked = {
+        "gust": {"loads": [ms.Scaled(ms.Pressure(10.0), lambda time: np.sin(20.0 * time) ** 2)]},
+        "wind": {"loads": [ms.Wind((3.0, 1.0, 4.0))]},
+        "supports": {"supports": ms.SupportPath.from_function(moved_support, 1.2, step=0.01)},
+    }[what]
+
+    def ended(rule, count):
+        model = ms.ModalWarping(strips[which], integrator=rule)
+        return ms.simulate(model, duration=0.4, dt=0.4 / count, damping=(0.2, 1e-3), **asked).positions[-1]
+
+    truth = ended("exponential", 400)
+    errors = [np.abs(ended("implicit_midpoint", count) - truth).max() for count in (25, 50)]
+    assert errors[0] > 3.5 * errors[1]
+
+
+@pytest.mark.parametrize("rule", ["exponential", "implicit_midpoint"])
+def test_water_stops_a_flying_sheet_within_a_frame(strips, rule):
+    """A drag that takes all speed within a step would throw a sheet back, were it kept over the step."""
+    model = ms.ModalWarping(strips["free"], integrator=rule)
+    water = ms.Wind((0.2, 0.0, 0.3), density=1000.0, normal=1.5)
+    ends = []
+    for count in (60, 240):
+        run = ms.simulate(model, duration=2.0, dt=2.0 / count, gravity=(0.0, 0.0, -3.0), loads=[water])
+        assert run.outcome is ms.Outcome.COMPLETED
+        ends.append(run.positions[-1] - strips["free"].shell.rest_positions)
+    assert np.abs(ends[0] - ends[1]).max() < 0.1 * np.abs(ends[1]).max()
+
+
 @pytest.mark.parametrize("rule", [ImplicitEuler(), ImplicitMidpoint()])
 def test_matrix_takes_any_state_over_a_step(rule):
     random = np.random.default_rng(0)

@@ -267,3 +267,20 @@ def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
         push = np.where(other.vertices[:, :1] > 0.599, [0.5, 0.2, 2.0], 0.0)
         found.append(ms.simulate(build(shell), duration=0.3, dt=0.02, force=push).step_error)
     assert found[1] == pytest.approx(found[0], rel=1e-4)
+
+
+@pytest.mark.parametrize(("integrator", "least", "most"), [("sdirk2", 0.15, 0.5), ("bdf2", 0.0, 0.03)])
+def test_energy_that_steps_take_from_a_stiff_swing_is_told(integrator, least, most):
+    """A stiff panel falls from level about its pinned edge; its error estimate sees nothing of what SDIRK2 takes."""
+    mesh = ms.sheet(length=0.3, width=0.1, cells=(3, 1))
+    material = ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=400.0)
+    shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])
+    model = ms.DiscreteShell(shell, integrator=integrator)
+    run = ms.simulate(model, duration=1.0, dt=1 / 120, gravity=(0.0, 0.0, -9.81))
+    energies = run.energies.sum(axis=1)
+    lost = (energies[0] - energies[-1]) / np.ptp(run.energies[:, 2])
+    assert least <= lost <= most
+    told = f"steps have taken {lost:.2g} of the energy that start and load put in: take shorter ones, or integrator"
+    assert (told in run.message) == (integrator == "sdirk2")
+    still = ms.simulate(model, duration=0.1, dt=1 / 120, gravity=(0.0, 0.0, -9.81), damping=(1.0, 0.0))
+    assert "have taken" not in still.message

@@ -77,9 +77,12 @@ class ModalIntegrator(Integrator):
     ----------
     backward : bool
         Whether rates are the differences of the coordinates over a step.
+    forced_at : float
+        Share of a step at which the last force is taken that it asks for.
     """
 
     backward: ClassVar[bool] = True
+    forced_at: ClassVar[float] = 1.0
 
     known: ClassVar[Registry[type[ModalIntegrator]]] = Registry("integrator")
 

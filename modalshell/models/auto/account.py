@@ -15,6 +15,8 @@ LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, DRIFTS = 1.0, 2.0, 3.0, 4.0, 5.0
 """Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; for a
 strike on a collider that is ahead; for one that modes do not take, which is about to touch; and for errors that have
 added up."""
+NO_MARGIN = -1e9
+"""Margin of a switch whose check has found no bar."""
 _LITTLE = 1e-4
 """Share of the energy that a switch may change untold."""
 
@@ -63,7 +65,7 @@ def told(state: MotionState, names: Sequence[str]) -> str:
         elif mark == DRIFTS:
             reason = f"errors of phase may have added up to {share_as_text(bar)}"
         elif int(level) == 0 or margin <= LEAST_MARGIN:
-            reason = f"stability margin {margin:.2f}"
+            reason = "no error bar was found" if margin <= NO_MARGIN else f"stability margin {margin:.2f}"
         else:
             reason = f"{share_as_text(bar)} from DS"
         changed = f"; its energy changed by {100.0 * gained:+.2g} %" if abs(gained) > _LITTLE else ""

@@ -95,7 +95,8 @@ class Auto(Model):
     have few steps a period is off whatever the level.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
-    DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is.
+    DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is;
+    with friction, or ``push_out``, that of DS from rest.
 
     Parameters
     ----------
@@ -195,11 +196,11 @@ class Auto(Model):
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        """The modal answer where its bar is small; that of DS elsewhere, and where contacts push the shell out."""
+        """The modal answer where its bar is small; that of DS elsewhere, and of friction and what is pushed out."""
         modal, full = self.levels[0].model, self.levels[-1].model
         if constraints:
             raise self.no_constraints()
-        if self._free is not None or any(getattr(contact, "push_out", 0.0) for contact in contacts):
+        if self._free is not None or any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts):
             return _static(full, loading, start, contacts)
         found = _static(modal, loading, start, contacts)
         bar = bar_on_shell(self.shell, found.positions, loading, contacts)

@@ -156,12 +156,7 @@ class ModalLevel(Level):
         modal, own = stepper.model, x - stepper.origin
         if modal.frames is not None:
             return self._flown(modal, modal.frames, own, v)
-        rest, root = modal.shell.rest_positions, np.sqrt(modal.shell.mass)[:, None]
-        q = modal.basis.modes.T @ np.ravel(modal.shell.mass[:, None] * (own - rest))
-        for _ in range(_FITS):
-            rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
-            missing = own - rest - modal.raw_displacement(q)
-            q = q + np.linalg.lstsq(rows, (root * missing).ravel(), rcond=None)[0]
+        q, root = modal.nearest(own), np.sqrt(modal.shell.mass)[:, None]
         rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
         rates = np.linalg.lstsq(rows, (root * v).ravel(), rcond=None)[0]
         state = modal.integrator.at_rest(q)

@@ -13,7 +13,16 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import DRIFTS, LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, cost_of, energy_change
+from modalshell.models.auto.account import (
+    DRIFTS,
+    LACKS_LOAD,
+    LACKS_START,
+    NO_MARGIN,
+    STRIKES,
+    TOUCHES,
+    cost_of,
+    energy_change,
+)
 from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming
@@ -38,7 +47,7 @@ _SOON, _PATIENCE = 4, 4.0
 where it does."""
 _STRIKING = 4.0
 """Swing that a strike takes, over the bar from which a rung is left: modes err by a part of it."""
-_LARGE = 1e9
+_LARGE = -NO_MARGIN
 Switch = tuple[float, int, float, float, float]
 """Time [s], level, bar, margin and mark of a switch."""
 

@@ -30,6 +30,7 @@ from modalshell.models.base.stepper import ContactStepper, Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
+from modalshell.statics.error_bar import share_as_text
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
@@ -39,6 +40,8 @@ _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
+_FAR_OFF = 0.05
+"""Distance from a start, as a share of its displacement, from which it is reported."""
 _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
@@ -134,10 +137,6 @@ class ModalModel(ModalMotion):
             found.stable,
             coordinates=found.q,
         )
-
-    def largest_turn(self, q: Array) -> float:
-        """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
-        return 0.0
 
     @cached_property
     def _turns(self) -> Array | None:
@@ -247,6 +246,8 @@ class ModalStepper(ContactStepper):
     _seen: Array | None = None
     _dead: DeadForce | None = None
     """The modal force of the dead load that was seen last, if no other force acts."""
+    _off_start = 0.0
+    """Distance of the state at the start from what was asked for, over the displacement there."""
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
@@ -265,14 +266,22 @@ class ModalStepper(ContactStepper):
             self._lead = 1.0  # its velocities are the moves of the vertices over a step
 
     def start(self, positions: Array | None) -> MotionState:
-        """State at rest at ``positions`` (n, 3) [m], refused inside a collider."""
+        """State at rest at ``positions`` (n, 3) [m], as near as its shapes come, refused inside a collider."""
         state = super().start(positions)
+        if positions is not None:
+            own, mass = positions - self.origin, self.model.shell.mass[:, None]
+            off, moved = (mass * (own - x) ** 2 for x in (self.own_positions(state), self.model.shell.rest_positions))
+            self._off_start = float(np.sqrt(off.sum() / max(moved.sum(), 1e-300)))
         return state if self._contacts is None else self._contacts.begin(state)
 
     @property
     def note(self) -> str:
-        """What a message says of the contacts' friction."""
-        return "" if self._contacts is None else str(self._contacts.told)
+        """What a message says of a start that the modes do not hold, and of the contacts' friction."""
+        told = "" if self._contacts is None else str(self._contacts.told)
+        if self._off_start <= _FAR_OFF:
+            return told
+        off = f"the motion starts {share_as_text(self._off_start)} off the start, as near as its modes come"
+        return f"{off}; {told}" if told else off
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
@@ -311,11 +320,14 @@ class ModalStepper(ContactStepper):
             return self._pressed(state, force, (begin, dt), load)
         rule = model.integrator
         after, solved = model.march(state, dt, force, damping, end)
-        if last and "force" in after.memory and model.stops(dt, damping, last[0][1]):
+        if last and ("force" in after.memory or rule.forced_at < 1.0) and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
-            after = model.euler_step(state, dt, pushed, damping)
+            after, solved = model.euler_step(state, dt, pushed, damping)
         if last:
-            after = model.slowed(after, last[0][0], dt, damping, last[0][1], rule)
+            at, (rates, drag) = rule.forced_at, last[0]
+            if at < 1.0:  # of the velocity there, which is as far from the one that the force was asked for at
+                rates, drag = (rates - (1.0 - at) * state.rates) / at, at * drag
+            after = model.slowed(after, rates, dt, damping, drag, rule)
         if self.setup.constraints:
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:

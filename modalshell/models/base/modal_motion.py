@@ -39,8 +39,9 @@ FAST = (
     "stiffness that spin gives; take DS"
 )
 
-_STOPPED = 0.5
-"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell."""
+_STOPPED = 0.5, 1.0
+"""Change of the rates by a drag on them, within a step, as a share of the rates, from which it stops the shell: held by
+supports, and in flight, where implicit Euler costs more than it saves below."""
 EULER = ImplicitEuler()
 """What steps a shell that a drag stops."""
 
@@ -71,7 +72,6 @@ class ModalMotion(ModalShape, FrameModel):
         self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
         self._identity = np.eye(basis.count)
         self._damp: tuple[Damping, Array] | None = None
-        self._mass = np.repeat(self.shell.mass, 3)
         self._mass_size = self.shell.mesh.extent * float(np.sqrt(self.shell.mass.sum()))
 
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
@@ -155,12 +155,14 @@ class ModalMotion(ModalShape, FrameModel):
             return self._projected(given - self.shell.rest_positions)
         return self.frames.coordinates_of(given, self.warped_positions, self._projected)
 
-    def _projected(self, displacement: Array) -> Array:
-        return np.asarray(self.basis.modes.T @ (self._mass * displacement.ravel()))
-
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """Modal state at rest."""
-        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        """Modal state at rest, of the nearest shape."""
+        if positions is None:
+            q = np.zeros(self.basis.count)
+        elif self.frames is None:
+            q = self.nearest(self.shell.checked_positions(positions))
+        else:
+            q = self.coordinates_of(positions)
         state = self.integrator.at_rest(q)
         return state if self.frames is None else self.frames.at_rest(state)
 
@@ -197,6 +199,8 @@ class ModalMotion(ModalShape, FrameModel):
         after = self.integrator.advance(state, felt, step)
         memory = state.memory
         first = memory["force"] if "force" in memory and memory["step"][0] else seen[0]
+        if self.integrator.forced_at < 1.0:
+            first = seen[-1]  # one of the middle serves all of the step
         return frames.flown(state, after, (first, seen[-1]), dt, damping.mass_factor, self.warped_positions)
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
@@ -237,15 +241,21 @@ class ModalMotion(ModalShape, FrameModel):
         return None
 
     def stops(self, dt: float, damping: Damping, drag: Array) -> bool:
-        """Whether a drag (m, m) in the modes stops a held shell within a step: a kept force would throw it back."""
+        """Whether a drag (m, m) in the modes stops the shell within a step: a kept force would throw it back."""
         by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)[1]
-        return self.frames is None and bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED)
+        return bool((by_rate * np.abs(drag).sum(axis=1)).max() > _STOPPED[self.frames is not None])
 
-    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> MotionState:
-        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it."""
+    def euler_step(self, state: MotionState, dt: float, force: Array, damping: Damping) -> tuple[MotionState, bool]:
+        """A step of implicit Euler under a modal ``force`` (m,), with what the model's rule keeps of it.
+
+        Also returns whether the frames of free parts turned as they should.
+        """
         damp = self._modal_damping(damping)
-        after = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
-        return self.integrator.stood_in_for(state, MotionState(*after), force, dt)
+        ends = EULER.step(state.coordinates, state.rates, lambda _: force, self.basis.eigenvalues, damp, dt)
+        after = self.integrator.stood_in_for(state, MotionState(*ends), force, dt)
+        if self.frames is None:
+            return after, True
+        return self.frames.flown(state, after, (force, force), dt, damping.mass_factor, self.warped_positions)
 
     def slowed(
         self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array, rule: ModalIntegrator

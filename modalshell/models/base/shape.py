@@ -51,6 +51,9 @@ _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 
 _SMALL = 1e-3
 """Turn [rad], and displacement as a share of the shell's size, over which the shape is differenced."""
 
+_FITS, _LEAST_SHARE = 30, 1e-3
+"""Steps of a fit of a shape, and the share of one below which it leads no nearer."""
+
 
 class ModalShape(Warp):
     """The shape of a shell at modal coordinates q (m,), free parts in their frames.
@@ -141,6 +144,36 @@ class ModalShape(Warp):
         """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
         rows = self._by_differences(lambda q: self.warped(q)[vertices].mean(axis=0), q)
         return self.warped_positions(q)[vertices].mean(axis=0), rows
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
+        return 0.0
+
+    def _projected(self, displacement: Array) -> Array:
+        return np.asarray(self.basis.modes.T @ (np.repeat(self.shell.mass, 3) * displacement.ravel()))
+
+    def nearest(self, positions: Array) -> Array:
+        """Coordinates (m,) whose shape is nearest to positions (n, 3) [m] in the norm of the mass, without frames.
+
+        By Gauss-Newton from the projection, which far from rest is that of another shape: each way as far, of halves
+        of halves, as it leads nearer, and winds nothing up.
+        """
+        moved, root = positions - self.shell.rest_positions, np.sqrt(self.shell.mass)[:, None]
+        q, every = self._projected(moved), np.arange(len(moved))
+        missing, most = root * (moved - self.warped(q)), max(2.0 * np.pi, self.largest_turn(q))
+        for _ in range(0 if self.straight else _FITS):
+            rows, share = (root[:, :, None] * self.warped_rows(q, every)).reshape(-1, q.size), 1.0
+            way = np.linalg.lstsq(rows, missing.ravel(), rcond=None)[0]
+            while share > _LEAST_SHARE:
+                lacks = root * (moved - self.warped(q + share * way))
+                nearer = bool(np.vdot(lacks, lacks) < np.vdot(missing, missing))
+                if nearer and self.largest_turn(q + share * way) <= most:
+                    break
+                share *= 0.5
+            else:
+                break
+            q, missing = q + share * way, lacks
+        return q
 
     def _by_differences(self, function: Callable[[Array], Any], q: Array) -> Array:
         """Derivatives (..., m) of a function at q (m,), of fourth order over small moves of the vertices."""
