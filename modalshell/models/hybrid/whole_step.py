@@ -12,7 +12,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.hybrid.assumed_stress import padded
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
-from modalshell.models.hybrid.bending_kernels import multiply
+from modalshell.models.hybrid.dense_kernels import multiply
 from modalshell.models.hybrid.measures import Measures
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
