@@ -14,7 +14,7 @@ from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import dot
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import Room, fold_rows, make_room, write_bending
-from modalshell.models.hybrid.dense_kernels import add_rows, factorise, solve, width_of, write_products
+from modalshell.models.hybrid.dense_kernels import add_rows, factorise, mirror, solve, width_of, write_products
 from modalshell.models.hybrid.energy_kernels import energy_terms, predict, quadratic, write_hessian
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
@@ -61,10 +61,10 @@ class Step(NamedTuple):
     room: Room
 
 
-_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT = range(8)
+_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT, _DAMPED = range(9)
 """Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy, what
 inertia adds to the diagonal, whether there is a factor of this drag, whether the energy's terms are known at the
-iterate already, and whether the Hessian of bending is."""
+iterate already, whether the Hessian of bending is, and whether there is more than inertia."""
 
 
 @operation_of(Step, method.residual, **_operation)
@@ -90,7 +90,11 @@ def _balance(p):  # type: ignore[no-untyped-def]
     if p.numbers[_BEGUN] == 0.0:
         p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.gradient, p.room)
     p.numbers[_BEGUN] = 0.0
-    add_rows(p.outer, p.moved, 0, count, p.gradient)
+    if p.numbers[_DAMPED] == 0.0:
+        for i in range(count):
+            p.gradient[i] += p.numbers[_INERTIA] * p.moved[i]
+    else:
+        add_rows(p.outer, p.moved, 0, count, p.gradient)
     for i in range(count):
         p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
     return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
@@ -205,10 +209,10 @@ def _damp(p, at, factor):  # type: ignore[no-untyped-def]
     p.numbers[_BEGUN] = p.numbers[_BENT] = 1.0 if begun else 0.0
     quadratic(viscous, p.at, strains, slopes, p.room)
     write_products(p.bending, slopes, slopes, rows, width, p.outer)
-    for i in range(width):
-        for j in range(i + 1):
-            p.outer[i * width + j] *= factor
-            p.outer[j * width + i] = p.outer[i * width + j]
+    for k in range(p.outer.size):
+        p.outer[k] *= factor
+    mirror(p.outer, width)
+    p.numbers[_DAMPED] = 1.0
 
 
 @njit(**_options)
@@ -253,7 +257,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     step = Step(
         reduced, z, outer, push, first, stresses, strains, slopes, np.empty(fold_rows(reduced.bending) * width),
         np.zeros(width), np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at,
-        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0]), room,
+        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0, 0.0]), room,
     )  # fmt: skip
     if viscosity > 0.0:
         _damp(step, viscous_at, viscosity / dt)

@@ -141,6 +141,17 @@ def _write_tile(known, left, right, count, width, i, j, matrix):  # type: ignore
 
 
 @njit(entry=False, **_options)
+def mirror(matrix, width):  # type: ignore[no-untyped-def]
+    """Write what ``matrix`` (width, width), which is flat, has below its diagonal above it."""
+    for i in range(0, width, LANES):
+        for j in range(0, i, LANES):
+            transpose(matrix, i * width + j, width, matrix, j * width + i, width)
+        for k in range(i, i + LANES):
+            for j in range(i, k):
+                matrix[j * width + k] = matrix[k * width + j]
+
+
+@njit(entry=False, **_options)
 def factorise(matrix, width, count):  # type: ignore[no-untyped-def]
     """Factorise in place by ``L D L^T``, no pivots exchanged: rows of ``D L^T`` stay, with zeros before the diagonal.
 
@@ -152,9 +163,7 @@ def factorise(matrix, width, count):  # type: ignore[no-untyped-def]
         for j in range(i):
             matrix[i * width + j] = 0.0
         matrix[i * width + i] = 1.0
-    for i in range(0, width, LANES):
-        for j in range(0, i + LANES, LANES):
-            transpose(matrix, i * width + j, width, matrix, j * width + i, width)
+    mirror(matrix, width)
     for k in range(0, width, _TILE):
         below = _eliminate(matrix, k, width)
         if below < 0:
