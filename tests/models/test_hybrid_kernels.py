@@ -103,7 +103,7 @@ def test_the_membrane_is_the_sum_of_its_quadratic_forms(count):
 
 
 @pytest.mark.parametrize("make", [folded, panel])
-def test_a_step_ends_in_balance_though_the_hessian_of_bending_is_that_of_its_begin(make):
+def test_a_step_ends_in_balance(make):
     shell = make()
     reduced, rng = reduced_to(shell, ms.solve_modes(shell, 6).modes), np.random.default_rng(1)
     z, rates, force = (scale * rng.standard_normal(6) for scale in (0.006, 0.15, 0.3))

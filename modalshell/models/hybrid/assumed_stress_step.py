@@ -34,8 +34,7 @@ class Step(NamedTuple):
     of the coordinates, where the force itself is mostly a stretch that the next correction takes away. It is relative
     to the way that load and inertia alone would go, or in steps longer than the shell's period to the coordinates.
 
-    ``bending`` is the sum of the quadratic part and of the Hessian of bending where Newton's method begins. It serves
-    all iterations: what changes from one to the next is the membrane's.
+    ``bending`` is the sum of the quadratic part and of the Hessian of bending.
 
     Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.dense_kernels`.
     """
@@ -118,7 +117,7 @@ def _assemble(p):  # type: ignore[no-untyped-def]
     width = p.at.size
     if p.numbers[_BENT] == 0.0:
         write_bending(p.outer, p.reduced.bending, width, p.folds, p.room, p.bending)
-        p.numbers[_BENT] = 1.0
+    p.numbers[_BENT] = 0.0
     write_hessian(p.bending, p.reduced.membrane, p.stresses, p.slopes, width, p.hessian)
 
 
@@ -170,7 +169,6 @@ def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
 def _point_downhill(p):  # type: ignore[no-untyped-def]
     """Find the direction in which the potential curves down most."""
     _balance(p)
-    p.numbers[_BENT] = 0.0
     _assemble(p)
     p.numbers[_FACTORED] = 0.0
     count, width = p.x.size, p.at.size
