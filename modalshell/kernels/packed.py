@@ -275,6 +275,38 @@ def total(typing, value):  # type: ignore[no-untyped-def]
 
 
 @_intrinsic
+def transpose(typing, source, at, pitch, target, to, stride):  # type: ignore[no-untyped-def]
+    """Write the columns of a square tile of packed rows to ``to`` and every ``stride`` numbers on.
+
+    The rows begin at ``at`` and every ``pitch`` numbers on. All are read before one is written.
+    """
+    kind = Packed(source.dtype)
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        vector, lanes, align = context.get_value_type(kind), kind.lanes, source.dtype.bitwidth // 8
+        place, rows = args[1], []
+        for _ in range(lanes):
+            rows.append(builder.load(_pointer(context, builder, source, args[0], place, vector), align=align))
+            place = builder.add(place, args[2])
+        apart = lanes // 2
+        while apart:  # blocks off the diagonal change places, halves of halves
+            upper = _indices([n if not n & apart else lanes + n - apart for n in range(lanes)])
+            lower = _indices([n + apart if not n & apart else lanes + n for n in range(lanes)])
+            for row in (row for row in range(lanes) if not row & apart):
+                one, two = rows[row], rows[row + apart]
+                rows[row] = builder.shuffle_vector(one, two, upper)
+                rows[row + apart] = builder.shuffle_vector(one, two, lower)
+            apart //= 2
+        place = args[4]
+        for row in rows:
+            builder.store(row, _pointer(context, builder, target, args[3], place, vector), align=align)
+            place = builder.add(place, args[5])
+        return context.get_dummy_value()
+
+    return types.void(source, types.intp, types.intp, target, types.intp, types.intp), code
+
+
+@_intrinsic
 def fused(typing, first, second, third):  # type: ignore[no-untyped-def]
     """``first second + third`` of float64, rounded once, where nothing else may be fused."""
 

@@ -16,7 +16,7 @@ from modalshell.files.atomic_io import make_folder, write_text
 from modalshell.files.provenance import run_record
 from modalshell.kernels import packed
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes, motion, peers, self_contact
+from studies.benchmarks import crowd, discrete_shell, factorisation, frame, hybrid, modes, motion, peers, self_contact
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 
@@ -31,6 +31,7 @@ def main(
         "frame_scaling": lambda: frame.scaling(),
         "motion": lambda: motion.frames((80, 16) if quick else (250, 52)),
         "motion_rules": lambda: motion.rules((315,) if quick else tuple(motion.STRIPS)),
+        "hybrid": lambda: hybrid.frames((44,), 24, 4, 3) if quick else hybrid.frames(),
         "hinge_kernel": lambda: [frame.hinge_kernel()],
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "refactorisation": lambda: factorisation.refactorisation((50,) if quick else (50, 100, 115)),

@@ -10,7 +10,7 @@ from modalshell.files.atomic_io import write_atomically
 from modalshell.files.provenance import repository_module, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import run
+from studies.benchmarks import hybrid, run
 from studies.reproduce import chosen_studies, studies
 
 
@@ -175,3 +175,14 @@ def test_benchmarks_that_are_stopped_keep_the_tables_that_are_done(tmp_path, mon
         run.main(tmp_path)
     assert json.loads((tmp_path / "benchmarks.json").read_text())["rows"] == {"frame": [{"n": 1000, "seconds": 0.5}]}
     assert "| 1000 | 0.5 |" in (tmp_path / "benchmarks.md").read_text()
+
+
+@pytest.mark.slow
+def test_frames_of_the_hybrid_are_quicker_than_those_of_its_coarse_shell():
+    rows = hybrid.frames((44,), motions=24, loads=4, repeats=2)
+    assert [row["shell"] for row in rows] == list(hybrid.SHELLS)
+    for row in rows:
+        assert row["vectors"] == 44
+        own = [row[kind] for kind in ("without [ms]", "with [ms]") if kind in row]
+        assert own
+        assert max(own) < 0.5 * row["coarse [ms]"]

@@ -30,9 +30,9 @@ class Quadratic(NamedTuple):
     Attributes
     ----------
     linear : ndarray, shape (m, K')
-        ``b_k``, and zeros up to an even number of packed registers.
-    pairs : ndarray, shape (m (m + 1) / 2, K')
-        Lower triangles of the ``B_k``, row by row.
+        ``b_k``, and zeros up to a whole number of packed registers.
+    pairs : ndarray, shape (r, m (m + 1) / 2, K' / r)
+        Lower triangles of the ``B_k``, row by row, of one register after the other.
     modes : int
         K.
     """
@@ -86,10 +86,10 @@ def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Ar
     )
 
 
-def padded(columns: Array, registers: int = 1) -> Array:
-    """An array (..., k) with zeros up to a multiple of some packed registers, which begin where those of memory do."""
+def padded(columns: Array) -> Array:
+    """An array (..., k) with zeros up to a whole number of packed registers, which begin where those of memory do."""
     *rows, count = columns.shape
-    width = count + -count % (registers * LANES)
+    width = count + -count % LANES
     room = np.zeros(int(np.prod(rows)) * width + LANES)
     first = -room.ctypes.data % BYTES // room.itemsize
     whole = room[first : room.size - LANES + first].reshape(*rows, width)
@@ -113,7 +113,8 @@ def _strain_measures(measures: Measures, columns: Array, tensions: Array) -> Qua
     for row in range(columns.shape[2]):  # products of all pairs at once would be large
         products = np.einsum("ex,exj->ej", across[:, :, row], across[:, :, : row + 1])
         pairs[rows == row] = products.T @ tensions
-    return Quadratic(padded(linear, 2), padded(pairs, 2), tensions.shape[1])
+    registers = padded(pairs).reshape(len(rows), -1, LANES)
+    return Quadratic(padded(linear), padded(registers.transpose(1, 0, 2)), tensions.shape[1])
 
 
 def stress_modes(measures: Measures, leading: Array, snapshots: Array, count: int) -> Array:

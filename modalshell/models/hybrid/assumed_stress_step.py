@@ -11,17 +11,11 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, spread, store, total
+from modalshell.kernels.packed import dot
 from modalshell.models.hybrid.assumed_stress import ReducedStress
-from modalshell.models.hybrid.bending_kernels import FIRST, Room, add_products, add_rows, make_room
-from modalshell.models.hybrid.energy_kernels import (
-    add_membrane,
-    energy_terms,
-    predict,
-    quadratic,
-    width_of,
-    write_bending,
-)
+from modalshell.models.hybrid.bending_kernels import Room, fold_rows, make_room, write_bending
+from modalshell.models.hybrid.dense_kernels import add_rows, factorise, mirror, solve, width_of, write_products
+from modalshell.models.hybrid.energy_kernels import energy_terms, predict, quadratic, write_hessian
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
@@ -33,62 +27,6 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 _operation = _options | UNCOUNTED
 
 
-@njit(**_operation)
-def _solve_in_place(matrix, vector, count):  # type: ignore[no-untyped-def]
-    """Solve for the first ``count`` unknowns by ``L D L^T`` in place, no pivots exchanged.
-
-    Of ``matrix`` (width, width), which is flat, the lower triangle is read; ``vector`` (width,) has zeros beyond the
-    unknowns. Returns the number of negative pivots, or -1 where one is zero.
-    """
-    width, negative = vector.size, 0
-    for i in range(count):
-        for j in range(i):
-            matrix[j * width + i] = matrix[i * width + j]
-        for j in range(count, width):
-            matrix[i * width + j] = 0.0
-    for k in range(count):  # rows of D L^T, from the diagonal on
-        row = k * width
-        pivot = matrix[row + k]
-        if not 0.0 < abs(pivot) < np.inf:
-            return -1
-        negative += pivot < 0.0
-        for i in range(k + 1, count):
-            scaled = matrix[row + i] / pivot
-            vector[i] -= scaled * vector[k]
-            factor = spread(-scaled)
-            for j in range(i // LANES * LANES, width, LANES):
-                at = i * width + j
-                store(matrix, at, load(matrix, at) + factor * load(matrix, row + j))
-    for i in range(count - 1, -1, -1):
-        pivot, right = matrix[i * width + i], vector[i]
-        vector[i] = 0.0
-        for j in range(i // LANES * LANES, i):
-            matrix[i * width + j] = 0.0
-        begin, products = i // LANES * LANES, spread(0.0)
-        for j in range(begin, width, LANES):
-            products = products + load(matrix, i * width + j) * load(vector, j)
-        vector[i] = (right - total(products)) / pivot
-    return negative
-
-
-@njit(**_operation)
-def _solve_again(factor, vector, count):  # type: ignore[no-untyped-def]
-    """Solve in place by the rows that :func:`_solve_in_place` has left of a matrix."""
-    width = vector.size
-    for k in range(count):
-        value = vector[k]
-        scaled = spread(-value / factor[k * width + k])
-        for j in range(k // LANES * LANES, width, LANES):
-            store(vector, j, load(vector, j) + scaled * load(factor, k * width + j))
-        vector[k] = value
-    for i in range(count - 1, -1, -1):
-        right, products = vector[i], spread(0.0)
-        vector[i] = 0.0
-        for j in range(i // LANES * LANES, width, LANES):
-            products = products + load(factor, i * width + j) * load(vector, j)
-        vector[i] = (right - total(products)) / factor[i * width + i]
-
-
 class Step(NamedTuple):
     """A step about ``origin`` (m,), ``outer`` being its quadratic part: the problem of mixed Newton.
 
@@ -96,7 +34,9 @@ class Step(NamedTuple):
     of the coordinates, where the force itself is mostly a stretch that the next correction takes away. It is relative
     to the way that load and inertia alone would go, or in steps longer than the shell's period to the coordinates.
 
-    Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.bending_kernels`.
+    ``bending`` is the sum of the quadratic part and of the Hessian of bending.
+
+    Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.dense_kernels`.
     """
 
     reduced: ReducedStress
@@ -107,7 +47,7 @@ class Step(NamedTuple):
     stresses: Array
     strains: Array
     slopes: Array
-    others: Array
+    folds: Array
     gradient: Array
     hessian: Array
     bending: Array
@@ -120,10 +60,10 @@ class Step(NamedTuple):
     room: Room
 
 
-_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT = range(8)
+_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT, _DAMPED = range(9)
 """Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy, what
-inertia adds to the diagonal, whether there is a factor of this drag, and whether the energy's terms and the Hessian of
-bending are known at the iterate already."""
+inertia adds to the diagonal, whether there is a factor of this drag, whether the energy's terms are known at the
+iterate already, whether the Hessian of bending is, and whether there is more than inertia."""
 
 
 @operation_of(Step, method.residual, **_operation)
@@ -134,7 +74,7 @@ def _residual(p):  # type: ignore[no-untyped-def]
         return size
     for i in range(width):
         p.correction[i] = p.gradient[i]
-    _solve_again(p.hessian, p.correction, p.x.size)
+    solve(p.hessian, p.correction)
     far = max(dot(p.origin, 0, p.origin, 0, p.origin.size), dot(p.at, 0, p.at, 0, width))
     way = min(p.numbers[_SCALE] / p.numbers[_INERTIA], np.sqrt(far))
     return np.sqrt(dot(p.correction, 0, p.correction, 0, width)) / way if way > 0.0 else size
@@ -147,10 +87,13 @@ def _balance(p):  # type: ignore[no-untyped-def]
         p.at[i] = p.x[i]
         p.moved[i] = p.x[i] - p.origin[i]
     if p.numbers[_BEGUN] == 0.0:
-        p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
-        p.numbers[_BENT] = 0.0
+        p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.gradient, p.room)
     p.numbers[_BEGUN] = 0.0
-    add_rows(p.outer, 0, p.moved, 0, count, p.gradient)
+    if p.numbers[_DAMPED] == 0.0:
+        for i in range(count):
+            p.gradient[i] += p.numbers[_INERTIA] * p.moved[i]
+    else:
+        add_rows(p.outer, p.moved, 0, count, p.gradient)
     for i in range(count):
         p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
     return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
@@ -171,12 +114,11 @@ def _potential(p):  # type: ignore[no-untyped-def]
 @njit(**_operation)
 def _assemble(p):  # type: ignore[no-untyped-def]
     """Write the Hessian's lower triangle, the inertia's and the damping's with it, where the balance was asked for."""
-    width, membrane = p.at.size, p.reduced.membrane
+    width = p.at.size
     if p.numbers[_BENT] == 0.0:
-        write_bending(p.reduced.bending, p.slopes, membrane.modes, p.others, width, p.bending)
-    for i in range(p.outer.size):
-        p.hessian[i] = p.outer[i] + p.bending[i]
-    add_membrane(membrane, p.stresses, p.slopes, width, p.hessian, p.room)
+        write_bending(p.outer, p.reduced.bending, width, p.folds, p.room, p.bending)
+    p.numbers[_BENT] = 0.0
+    write_hessian(p.bending, p.reduced.membrane, p.stresses, p.slopes, width, p.hessian)
 
 
 @operation_of(Step, method.solve, **_operation)
@@ -186,9 +128,11 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     for i in range(p.x.size):
         p.hessian[i * p.at.size + i] += p.numbers[_DRAG]
         p.gradient[i] = -p.gradient[i]
-    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient, p.x.size)
-    p.numbers[_FACTORED] = 1.0
-    return p.numbers[_NEGATIVE] >= 0.0
+    negative = factorise(p.hessian, p.at.size, p.x.size)
+    p.numbers[_NEGATIVE], p.numbers[_FACTORED] = negative, 1.0
+    if negative >= 0:
+        solve(p.hessian, p.gradient)
+    return negative >= 0
 
 
 @operation_of(Step, method.advance, **_operation)
@@ -209,7 +153,7 @@ def _is_minimum(p):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.drag, **_operation)
 def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
-    p.numbers[_DRAG], p.numbers[_FACTORED] = factor, 0.0
+    p.numbers[_DRAG], p.numbers[_FACTORED], p.numbers[_BENT] = factor, 0.0, 0.0
     _balance(p)
     for k in range(p.stresses.size):
         p.stresses[k] = p.strains[k]
@@ -253,21 +197,20 @@ def _damp(p, at, factor):  # type: ignore[no-untyped-def]
     Where Newton's method begins there, the slopes of bending serve the first iteration, too.
     """
     count, width, viscous, begun = p.x.size, p.at.size, p.reduced.viscous, True
-    slopes, strains = np.zeros(viscous.modes * width), np.empty(viscous.modes)
+    rows = viscous.linear.shape[1]
+    slopes, strains = np.empty(rows * width), np.empty(viscous.modes)
     for i in range(count):
         p.at[i] = at[i]
         begun &= at[i] == p.x[i]
-    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.others, p.gradient, p.room)
-    write_bending(p.reduced.bending, p.slopes, p.reduced.membrane.modes, p.others, width, p.bending)
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.gradient, p.room)
+    write_bending(p.outer, p.reduced.bending, width, p.folds, p.room, p.bending)
     p.numbers[_BEGUN] = p.numbers[_BENT] = 1.0 if begun else 0.0
     quadratic(viscous, p.at, strains, slopes, p.room)
-    for i in range(p.outer.size):
-        p.outer[i] = p.bending[i]
-    add_products(slopes, FIRST, slopes, FIRST, viscous.modes, width, p.outer)
-    for i in range(width):
-        for j in range(i + 1):
-            p.outer[i * width + j] *= factor
-            p.outer[j * width + i] = p.outer[i * width + j]
+    write_products(p.bending, slopes, slopes, rows, width, p.outer)
+    for k in range(p.outer.size):
+        p.outer[k] *= factor
+    mirror(p.outer, width)
+    p.numbers[_DAMPED] = 1.0
 
 
 @njit(**_options)
@@ -292,11 +235,9 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
         Iterations.
     """
     z, rates, near, viscous_at, begin = start
-    count, width, modes = z.size, width_of(z.size), reduced.membrane.modes
-    size, coupled = modes + reduced.bending.angles.size, reduced.bending.across.shape[0]
-    outer, at = np.zeros(width * width), np.zeros(width)
-    rows = max(reduced.membrane.linear.shape[1], reduced.viscous.linear.shape[1])
-    room = make_room(count, rows, reduced.bending.rest.shape[0], coupled)
+    count, width, modes, rows = z.size, width_of(z.size), reduced.membrane.modes, reduced.membrane.linear.shape[1]
+    size = rows + reduced.bending.angles.size
+    outer, at, room = np.zeros(width * width), np.zeros(width), make_room(width, reduced.bending)
     push, first, slots = np.empty(count), np.empty(count), np.empty((2, count))
     known, inertia = True, 1.0 / (dt * dt) + drag / dt
     for i in range(count):
@@ -306,20 +247,23 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
         known &= kept[i] == near[i]
     scale = max(np.sqrt(dot(push, 0, push, 0, count)), 1e-3 * np.sqrt(dot(z, 0, z, 0, count)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
-    strains, slopes, stresses = np.empty(size), np.zeros(size * width), np.empty(modes)
+    strains, slopes, stresses = np.zeros(size), np.empty(rows * width), np.zeros(rows)
     if not known:
         quadratic(reduced.membrane, at, strains, slopes, room)
     for k in range(modes):
         stresses[k] = kept[count + k] if known else strains[k]
     step = Step(
-        reduced, z, outer, push, first, stresses, strains, slopes, np.zeros(coupled * width), np.zeros(width),
-        np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at, np.empty(width),
-        np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0]), room,
+        reduced, z, outer, push, first, stresses, strains, slopes, np.empty(fold_rows(reduced.bending) * width),
+        np.zeros(width), np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at,
+        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0, 0.0]), room,
     )  # fmt: skip
     if viscosity > 0.0:
         _damp(step, viscous_at, viscosity / dt)
     for i in range(count):
         outer[i * width + i] += inertia
+    if step.numbers[_BENT] > 0.0:
+        for i in range(outer.size):
+            step.bending[i] += outer[i]
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
     for i in range(count):
         kept[i] = at[i]

@@ -1,6 +1,7 @@
 """Compiled bending of a reduced energy: angles of hinges that are bent at rest, and what couples them.
 
-Vectors over coordinates are rows of a whole number of packed registers, ``width`` long and padded with zeros.
+Rows over coordinates are as those of :mod:`.dense_kernels`. Hinges have such rows in the Hessian alone; their gradient
+is that of forces on their vertices.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, load, spread, spread_from, store, total
+from modalshell.kernels.packed import LANES, load, spread, spread_from, store
+from modalshell.models.hybrid.dense_kernels import add_rows, multiply, write_products
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
@@ -20,8 +22,8 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 class Room(NamedTuple):
     """What kernels write to on their way: sums over the numbers of quadratic forms, and of bent hinges.
 
-    Of these the positions of their vertices (3 S,) and forces there, the slopes of an angle, and the constant vectors
-    ``P_h z`` (3 H,).
+    Of these the positions of their vertices (3 S,) and forces there, the slopes of an angle, those of all (9 H,) times
+    their roots, the constant vectors ``P_h z`` (3 H,), and the mean normals (3 H,).
     """
 
     products: Array
@@ -29,49 +31,35 @@ class Room(NamedTuple):
     points: Array
     forces: Array
     local: Array
+    slopes: Array
     pulls: Array
+    normals: Array
 
 
 @njit(**_options | COUNTED)
-def make_room(count, modes, vertices, hinges):  # type: ignore[no-untyped-def]
-    """Room for ``count`` coordinates, rows of ``modes`` numbers, and ``hinges`` bent ones on ``vertices``."""
+def make_room(width, bending):  # type: ignore[no-untyped-def]
+    """Room for rows over coordinates (width,), and the bent hinges."""
+    points, hinges, coupled = 3 * bending.rest.shape[0], bending.hinges.shape[0], 3 * bending.across.shape[0]
     return Room(
-        np.empty(count * modes), np.empty(modes), np.empty(3 * vertices), np.empty(3 * vertices), np.empty(9),
-        np.empty(3 * hinges),
+        np.empty(LANES * width), np.empty(LANES), np.empty(points), np.empty(points), np.empty(9),
+        np.empty(9 * hinges), np.empty(coupled), np.empty(coupled),
     )  # fmt: skip
 
 
 @njit(**_options)
-def multiply(rows, z, out):  # type: ignore[no-untyped-def]
-    """Write the products of rows, of the length of ``z`` (width,), with it into ``out``."""
-    width, place, whole = z.size, 0, out.size // 3 * 3
-    for k in range(0, whole, 3):
-        here = load(z, 0)
-        a, b, c = load(rows, place) * here, load(rows, place + width) * here, load(rows, place + 2 * width) * here
-        for i in range(LANES, width, LANES):
-            here, at = load(z, i), place + i
-            a = a + load(rows, at) * here
-            b = b + load(rows, at + width) * here
-            c = c + load(rows, at + 2 * width) * here
-        out[k], out[k + 1], out[k + 2] = total(a), total(b), total(c)
-        place += 3 * width
-    for k in range(whole, out.size):
-        a = load(rows, place) * load(z, 0)
-        for i in range(LANES, width, LANES):
-            a = a + load(rows, place + i) * load(z, i)
-        out[k] = total(a)
-        place += width
+def fold_rows(bending):  # type: ignore[no-untyped-def]
+    """Rows that :func:`write_folds` writes."""
+    return bending.hinges.shape[0] + 2 * bending.across.shape[0]
 
 
 @njit(entry=False, **_options)
-def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-untyped-def]
-    """Write the angles' changes and their slopes, times the roots of their weights, from the ``first`` row on.
+def hinge_angles(bending, z, first, strains, room):  # type: ignore[no-untyped-def]
+    """Write the angles' changes, times the roots of their weights, from the ``first`` place on.
 
-    ``z`` (width,) are the coordinates, ``slopes`` rows of that length, flat. The room gets the hinges' positions.
+    ``z`` (width,) are the coordinates. The room gets the hinges' positions, and the slopes by these.
     """
-    width, modes, x, local = z.size, bending.modes.reshape(-1), room.points, room.local
-    rest = bending.rest.reshape(-1)
-    multiply(modes, z, x)
+    x, local, slopes, rest = room.points, room.local, room.slopes, bending.rest.reshape(-1)
+    multiply(bending.modes.reshape(-1), z, x)
     for k in range(x.size):
         x[k] += rest[k]
     for h in range(bending.hinges.shape[0]):
@@ -81,26 +69,17 @@ def hinge_angles(bending, z, first, strains, slopes, room):  # type: ignore[no-u
             x[c] - x[a], x[c + 1] - x[a + 1], x[c + 2] - x[a + 2],
             x[d] - x[a], x[d + 1] - x[a + 1], x[d + 2] - x[a + 2], local,
         )  # fmt: skip
-        root, row = bending.roots[h], (first + h) * width
+        root = bending.roots[h]
         change = angle - bending.angles[h]
         if abs(change) > np.pi:
             change -= np.copysign(2.0 * np.pi, change)
         strains[first + h] = root * change
-        for i in range(0, width, LANES):
-            to_a, to_b, to_c, to_d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for axis in range(3):
-                p, q, r = root * local[axis], root * local[3 + axis], root * local[6 + axis]
-                to_b = to_b + spread(p) * load(modes, (b + axis) * width + i)
-                to_c = to_c + spread(q) * load(modes, (c + axis) * width + i)
-                to_d = to_d + spread(r) * load(modes, (d + axis) * width + i)
-                to_a = to_a + spread(p + q + r) * load(modes, (a + axis) * width + i)
-            store(slopes, row + i, (to_b + to_c) + (to_d - to_a))
+        for k in range(9):
+            slopes[9 * h + k] = root * local[k]
 
 
 _X, _Y, _Z = np.int64(0), np.int64(1), np.int64(2)
 """Components. Of a number that is written out where a kernel is called numba compiles this once for each."""
-FIRST = _X
-"""The first of some rows, alike."""
 
 
 @njit(**_options)
@@ -149,130 +128,121 @@ def _push(forces, a, b, c, d, axis, on_edge, on_way, foot, height, other_foot, o
 
 
 @njit(**_options)
-def couple(bending, z, first, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
-    """Add what couples bent hinges to the ``gradient``; write the rows of ``others`` that their slopes are coupled to.
+def add_bent(bending, z, first, strains, gradient, room):  # type: ignore[no-untyped-def]
+    """Add the gradient of the bent hinges' energy, whose strains begin with the ``first``.
 
-    Returns the energy. The normals' turning is in the gradient alone.
+    Returns the energy of what couples them. The room gets the mean normals.
     """
-    width, value, across = z.size, 0.0, bending.across.reshape(-1)
-    forces, pulls = room.forces, room.pulls
+    across, value = bending.across.reshape(-1), 0.0
+    forces, pulls, normals, slopes = room.forces, room.pulls, room.normals, room.slopes
+    coupled_count = bending.across.shape[0]
     for k in range(forces.size):
         forces[k] = 0.0
     multiply(across, z, pulls)
-    for h in range(bending.across.shape[0]):
-        bent, row, over = strains[first + h], (first + h) * width, 3 * h * width
-        nx, ny, nz, flat = _pull(bending, room.points, pulls, bent, h, forces)
-        begin, end, coupled = bending.starts[h], bending.starts[h + 1], 0.0
-        for place in range(begin, end):
-            coupled += bending.values[place] * strains[first + bending.others[place]]
-        value += bent * (0.5 * coupled + flat)
-        _write_coupled(bending, begin, end, first, slopes, others, h * width, width)
-        for i in range(0, width, LANES):
-            at = over + i
-            turned = spread(nx) * load(across, at) + spread(ny) * load(across, at + width)
-            turned, other = turned + spread(nz) * load(across, at + 2 * width), load(others, h * width + i)
-            store(others, h * width + i, turned + spread(0.5) * other)
-            force = spread(coupled + flat) * load(slopes, row + i) + spread(bent) * turned
-            store(gradient, i, load(gradient, i) + force)
-    add_rows(bending.modes.reshape(-1), 0, forces, 0, forces.size, gradient)
+    for h in range(bending.hinges.shape[0]):
+        bent = force = strains[first + h]
+        if coupled_count > 0:
+            nx, ny, nz, flat = _pull(bending, room.points, pulls, bent, h, forces)
+            coupled = 0.0
+            for place in range(bending.starts[h], bending.starts[h + 1]):
+                coupled += bending.values[place] * strains[first + bending.others[place]]
+            value += bent * (0.5 * coupled + flat)
+            force += coupled + flat
+            normals[3 * h], normals[3 * h + 1], normals[3 * h + 2] = nx, ny, nz
+            pulls[3 * h], pulls[3 * h + 1], pulls[3 * h + 2] = bent * nx, bent * ny, bent * nz
+        a, b, c, d = _corners(bending, h)
+        for axis in range(3):
+            at = 9 * h + axis
+            to_b, to_c, to_d = force * slopes[at], force * slopes[at + 3], force * slopes[at + 6]
+            forces[b + axis] += to_b
+            forces[c + axis] += to_c
+            forces[d + axis] += to_d
+            forces[a + axis] -= to_b + to_c + to_d
+    add_rows(bending.modes.reshape(-1), forces, 0, forces.size, gradient)
+    add_rows(across, pulls, 0, pulls.size, gradient)
     return value
 
 
+@njit(entry=False, **_options)
+def write_folds(bending, width, folds, room):  # type: ignore[no-untyped-def]
+    """Write rows of hinges by which the Hessian of bending is a sum of products, after :func:`add_bent`.
+
+    ``folds`` has rows (H, width) of the angles' slopes where hinges are not coupled. Where they are, it has three for
+    each: with the slopes S, and half of what they are coupled to, O, the Hessian ``S S + S O + O S`` is that of
+    ``S + O`` less that of O, which is written with both signs.
+    """
+    modes, slopes, count = bending.modes.reshape(-1), room.slopes, bending.hinges.shape[0]
+    for h in range(count):
+        a, b, c, d = _corners(bending, h)
+        for i in range(0, width, LANES):
+            to_a, to_b, to_c, to_d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for axis in range(3):
+                at = 9 * h + axis
+                p, q, r = slopes[at], slopes[at + 3], slopes[at + 6]
+                to_b = to_b + spread(p) * load(modes, (b + axis) * width + i)
+                to_c = to_c + spread(q) * load(modes, (c + axis) * width + i)
+                to_d = to_d + spread(r) * load(modes, (d + axis) * width + i)
+                to_a = to_a + spread(p + q + r) * load(modes, (a + axis) * width + i)
+            store(folds, h * width + i, (to_b + to_c) + (to_d - to_a))
+    coupled = bending.across.shape[0]
+    if coupled == 0:
+        return
+    across, normals, none = bending.across.reshape(-1), room.normals, spread(0.0)
+    for h in range(coupled):
+        begin, end, over, other = bending.starts[h], bending.starts[h + 1], 3 * h * width, (count + h) * width
+        _write_coupled(bending, begin, end, folds, other, width)
+        nx, ny, nz = spread_from(normals, 3 * h), spread_from(normals, 3 * h + 1), spread_from(normals, 3 * h + 2)
+        for i in range(0, width, LANES):
+            at = over + i
+            turned = nx * load(across, at) + ny * load(across, at + width) + nz * load(across, at + 2 * width)
+            store(folds, other + i, turned + spread(0.5) * load(folds, other + i))
+    for k in range(0, coupled * width, LANES):
+        other = load(folds, coupled * width + k)
+        store(folds, k, load(folds, k) + other)
+        store(folds, 2 * coupled * width + k, none - other)
+
+
 @njit(**_options)
-def _write_coupled(bending, begin, end, first, slopes, others, to, width):  # type: ignore[no-untyped-def]
-    """Write the rows of slopes that a hinge is coupled to, times what couples them, from ``to`` on into ``others``."""
+def _write_coupled(bending, begin, end, folds, to, width):  # type: ignore[no-untyped-def]
+    """Write the sum of the slopes that a hinge is coupled to, times what couples them, from ``to`` on."""
     values, together = bending.values, 4 * LANES
     for i in range(0, width - together + 1, together):
         a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
         for place in range(begin, end):
-            there, value = (first + bending.others[place]) * width + i, spread_from(values, place)
-            a = a + value * load(slopes, there)
-            b = b + value * load(slopes, there + LANES)
-            c = c + value * load(slopes, there + 2 * LANES)
-            d = d + value * load(slopes, there + 3 * LANES)
-        store(others, to + i, a)
-        store(others, to + i + LANES, b)
-        store(others, to + i + 2 * LANES, c)
-        store(others, to + i + 3 * LANES, d)
+            there, value = bending.others[place] * width + i, spread_from(values, place)
+            a = a + value * load(folds, there)
+            b = b + value * load(folds, there + LANES)
+            c = c + value * load(folds, there + 2 * LANES)
+            d = d + value * load(folds, there + 3 * LANES)
+        store(folds, to + i, a)
+        store(folds, to + i + LANES, b)
+        store(folds, to + i + 2 * LANES, c)
+        store(folds, to + i + 3 * LANES, d)
     for i in range(width // together * together, width, LANES):
         a, b, paired = spread(0.0), spread(0.0), begin + (end - begin) // 2 * 2
         for place in range(begin, paired, 2):
-            there, here = first + bending.others[place], first + bending.others[place + 1]
-            a = a + spread_from(values, place) * load(slopes, there * width + i)
-            b = b + spread_from(values, place + 1) * load(slopes, here * width + i)
+            there, here = bending.others[place] * width + i, bending.others[place + 1] * width + i
+            a = a + spread_from(values, place) * load(folds, there)
+            b = b + spread_from(values, place + 1) * load(folds, here)
         if paired < end:
-            there = first + bending.others[paired]
-            a = a + spread_from(values, paired) * load(slopes, there * width + i)
-        store(others, to + i, a + b)
+            a = a + spread_from(values, paired) * load(folds, bending.others[paired] * width + i)
+        store(folds, to + i, a + b)
 
 
 @njit(entry=False, **_options)
-def add_rows(rows, begin, factors, first, count, out):  # type: ignore[no-untyped-def]
-    """Add ``count`` rows as long as ``out``, from number ``begin`` on, times the factors from ``first`` on."""
-    width, pairs = out.size, out.size // (2 * LANES) * (2 * LANES)
-    for i in range(0, pairs, 2 * LANES):  # whole lines of memory
-        a, b, at = load(out, i), load(out, i + LANES), begin * width + i
-        for k in range(first, first + count):
-            factor = spread_from(factors, k)
-            a = a + factor * load(rows, at)
-            b = b + factor * load(rows, at + LANES)
-            at += width
-        store(out, i, a)
-        store(out, i + LANES, b)
-    for i in range(pairs, width, LANES):
-        a, at = load(out, i), begin * width + i
-        for k in range(first, first + count):
-            a = a + spread_from(factors, k) * load(rows, at)
-            at += width
-        store(out, i, a)
+def write_bending(known, bending, width, folds, room, matrix):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the sum of ``known`` and the Hessian of bending, after :func:`add_bent`.
 
-
-@njit(entry=False, **_options)
-def add_products(left, begin, right, start, count, width, matrix):  # type: ignore[no-untyped-def]
-    """Add products of ``count`` rows, from number ``begin`` of ``left`` and number ``start`` of ``right`` on.
-
-    To the lower triangle of ``matrix`` (width, width), which is flat; what it has above its diagonal is lost.
+    The second derivatives of the angles and of the normals are left out.
     """
-    for i in range(0, width, 4):
-        most, j = i + 4, 0
-        while j + LANES < most:
-            at, other = i * width + j, start * width + j
-            a, e = load(matrix, at), load(matrix, at + LANES)
-            b, f = load(matrix, at + width), load(matrix, at + width + LANES)
-            c, g = load(matrix, at + 2 * width), load(matrix, at + 2 * width + LANES)
-            d, h = load(matrix, at + 3 * width), load(matrix, at + 3 * width + LANES)
-            for k in range(begin * width + i, (begin + count) * width + i, width):
-                row, more = load(right, other), load(right, other + LANES)
-                factor = spread_from(left, k)
-                a, e = a + factor * row, e + factor * more
-                factor = spread_from(left, k + 1)
-                b, f = b + factor * row, f + factor * more
-                factor = spread_from(left, k + 2)
-                c, g = c + factor * row, g + factor * more
-                factor = spread_from(left, k + 3)
-                d, h = d + factor * row, h + factor * more
-                other += width
-            store(matrix, at, a)
-            store(matrix, at + LANES, e)
-            store(matrix, at + width, b)
-            store(matrix, at + width + LANES, f)
-            store(matrix, at + 2 * width, c)
-            store(matrix, at + 2 * width + LANES, g)
-            store(matrix, at + 3 * width, d)
-            store(matrix, at + 3 * width + LANES, h)
-            j += 2 * LANES
-        if j < most:
-            at, other = i * width + j, start * width + j
-            a, b = load(matrix, at), load(matrix, at + width)
-            c, d = load(matrix, at + 2 * width), load(matrix, at + 3 * width)
-            for k in range(begin * width + i, (begin + count) * width + i, width):
-                row = load(right, other)
-                a = a + spread_from(left, k) * row
-                b = b + spread_from(left, k + 1) * row
-                c = c + spread_from(left, k + 2) * row
-                d = d + spread_from(left, k + 3) * row
-                other += width
-            store(matrix, at, a)
-            store(matrix, at + width, b)
-            store(matrix, at + 2 * width, c)
-            store(matrix, at + 3 * width, d)
+    size, count, coupled = width * width, bending.hinges.shape[0], bending.across.shape[0]
+    write_folds(bending, width, folds, room)
+    flat = bending.flat.reshape(-1)
+    for k in range(0, flat.size, LANES):
+        store(matrix, k, load(known, k) + load(flat, k))
+    for k in range(flat.size, size, LANES):
+        store(matrix, k, load(known, k))
+    write_products(matrix, folds, folds, count, width, matrix)
+    if coupled > 0:
+        others, negative = folds[coupled * width :], folds[2 * coupled * width :]
+        write_products(matrix, others, negative, coupled, width, matrix)

@@ -1,6 +1,6 @@
 """Compiled evaluation of a reduced energy with assumed membrane stresses; see :mod:`.assumed_stress`.
 
-Vectors over coordinates are rows of a whole number of packed registers, ``width`` long and padded with zeros.
+Rows over coordinates are as those of :mod:`.dense_kernels`.
 """
 
 from __future__ import annotations
@@ -10,103 +10,104 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import COUNTED, UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total
-from modalshell.models.hybrid.bending_kernels import (
-    FIRST,
-    add_products,
-    add_rows,
-    couple,
-    hinge_angles,
-    make_room,
-    multiply,
-)
+from modalshell.kernels.packed import LANES, dot, load, spread, spread_from, store, total, transpose
+from modalshell.models.hybrid.bending_kernels import add_bent, fold_rows, hinge_angles, make_room, write_bending
+from modalshell.models.hybrid.dense_kernels import add_rows, multiply, width_of, write_products
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
 
 
 @njit(**_options)
-def width_of(count):  # type: ignore[no-untyped-def]
-    """Length of a row of ``count`` numbers: a whole number of packed registers."""
-    return -(-count // LANES) * LANES
-
-
-@njit(**_options)
 def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
-    """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers."""
-    count, width = form.linear.shape
-    linear, pairs = form.linear.reshape(-1), form.pairs.reshape(-1)
-    products, values, half = room.products, room.values, spread(0.5)
-    for k in range(0, width, 2 * LANES):  # whole lines of memory
-        for i in range(0, count - 1, 2):  # two rows at once: a product is stored once for both
-            place, at = i * (i + 1) // 2 * width + k, k
-            below, here, there = place + (i + 1) * width, spread_from(z, i), spread_from(z, i + 1)
-            a, b, c, d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for j in range(i):
-                known, p, q = spread_from(z, j), load(pairs, place), load(pairs, place + LANES)
-                r, s = load(pairs, below), load(pairs, below + LANES)
-                a, b, c, d = a + p * known, b + q * known, c + r * known, d + s * known
-                store(products, at, load(products, at) + p * here + r * there)
-                store(products, at + LANES, load(products, at + LANES) + q * here + s * there)
-                place, below, at = place + width, below + width, at + width
-            p, q = load(pairs, place), load(pairs, place + LANES)
-            r, s = load(pairs, below), load(pairs, below + LANES)
-            store(products, at, a + p * here + r * there)
-            store(products, at + LANES, b + q * here + s * there)
-            p, q, at = load(pairs, below + width), load(pairs, below + width + LANES), at + width
-            store(products, at, c + r * here + p * there)
-            store(products, at + LANES, d + s * here + q * there)
-        for i in range(count // 2 * 2, count):
-            place, at, here, a, b = i * (i + 1) // 2 * width + k, k, spread_from(z, i), spread(0.0), spread(0.0)
-            for j in range(i):
-                known, p, q = spread_from(z, j), load(pairs, place), load(pairs, place + LANES)
-                a, b = a + p * known, b + q * known
-                store(products, at, load(products, at) + p * here)
-                store(products, at + LANES, load(products, at + LANES) + q * here)
-                place, at = place + width, at + width
-            store(products, at, a + load(pairs, place) * here)
-            store(products, at + LANES, b + load(pairs, place + LANES) * here)
-        a, b = spread(0.0), spread(0.0)
+    """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers.
+
+    There are rows for a whole number of registers.
+    """
+    count, modes = form.linear.shape
+    linear, pairs, products, width = form.linear.reshape(-1), form.pairs.reshape(-1), room.products, z.size
+    for i in range(count * LANES, width * LANES, LANES):
+        store(products, i, spread(0.0))
+    for k in range(0, modes, LANES):
+        _multiply_pairs(pairs, k // LANES * (count * (count + 1) // 2 * LANES), z, count, products)
+        values, half = spread(0.0), spread(0.5)
         for i in range(count):
-            at, here = i * width + k, spread_from(z, i)
-            p, q, r, s = load(linear, at), load(linear, at + LANES), load(products, at), load(products, at + LANES)
-            a, b = a + here * (p + half * r), b + here * (q + half * s)
-            store(products, at, p + r)
-            store(products, at + LANES, q + s)
-        store(values, k, a)
-        store(values, k + LANES, b)
-    for k in range(form.modes):
-        strains[k] = values[k]
-        for i in range(count):
-            slopes[k * z.size + i] = products[i * width + k]
+            p, q = load(linear, i * modes + k), load(products, i * LANES)
+            values = values + spread_from(z, i) * (p + half * q)
+            store(products, i * LANES, p + q)
+        store(room.values, 0, values)
+        for r in range(min(LANES, form.modes - k)):
+            strains[k + r] = room.values[r]
+        for i in range(0, width, LANES):
+            transpose(products, i * LANES, LANES, slopes, k * width + i, width)
 
 
 @njit(**_options)
-def _add_stressed(form, stresses, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Add ``sum_k s_k B_k`` to the lower triangle of ``hessian`` (width, width), which is flat."""
-    pairs, known, place = form.pairs.reshape(-1), room.values, 0
-    count, modes = form.linear.shape
-    for k in range(modes):
-        known[k] = stresses[k] if k < form.modes else 0.0
+def _multiply_pairs(pairs, first, z, count, products):  # type: ignore[no-untyped-def]
+    """Write the products with ``z`` of symmetric matrices, a register of them, whose triangles begin at ``first``.
+
+    Four rows at once: a product is stored once for all.
+    """
+    whole = count // 4 * 4
+    for i in range(0, whole, 4):
+        a = first + i * (i + 1) // 2 * LANES
+        b = a + (i + 1) * LANES
+        c = b + (i + 2) * LANES
+        d = c + (i + 3) * LANES
+        at_a, at_b, at_c, at_d = spread_from(z, i), spread_from(z, i + 1), spread_from(z, i + 2), spread_from(z, i + 3)
+        one, two, three, four = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+        for j in range(i):
+            known, at = spread_from(z, j), j * LANES
+            p, q, r, s = load(pairs, a + at), load(pairs, b + at), load(pairs, c + at), load(pairs, d + at)
+            one, two, three, four = one + p * known, two + q * known, three + r * known, four + s * known
+            store(products, at, (load(products, at) + p * at_a + q * at_b) + (r * at_c + s * at_d))
+        at = i * LANES
+        a, b, c, d = a + at, b + at, c + at, d + at
+        p, q, r = load(pairs, b), load(pairs, c), load(pairs, d)
+        store(products, at, (one + load(pairs, a) * at_a + p * at_b) + (q * at_c + r * at_d))
+        q, r, s = load(pairs, c + LANES), load(pairs, d + LANES), load(pairs, b + LANES)
+        store(products, at + LANES, (two + p * at_a + s * at_b) + (q * at_c + r * at_d))
+        p, s = load(pairs, c), load(pairs, d + 2 * LANES)
+        store(products, at + 2 * LANES, (three + p * at_a + q * at_b) + (load(pairs, c + 2 * LANES) * at_c + s * at_d))
+        p, q = load(pairs, d), load(pairs, d + 3 * LANES)
+        store(products, at + 3 * LANES, (four + p * at_a + r * at_b) + (s * at_c + q * at_d))
+    for i in range(whole, count):
+        place, here, one = first + i * (i + 1) // 2 * LANES, spread_from(z, i), spread(0.0)
+        for j in range(i):
+            p, at = load(pairs, place), j * LANES
+            one = one + p * spread_from(z, j)
+            store(products, at, load(products, at) + p * here)
+            place += LANES
+        store(products, i * LANES, one + load(pairs, place) * here)
+
+
+@njit(**_options)
+def _add_stressed(form, stresses, width, hessian):  # type: ignore[no-untyped-def]
+    """Add ``sum_k s_k B_k``, stresses in whole registers, to the lower triangle of ``hessian``, which is flat."""
+    pairs, (count, modes) = form.pairs.reshape(-1), form.linear.shape
+    place, apart = 0, count * (count + 1) // 2 * LANES
     for i in range(count):
         for j in range(0, i - 2, 4):
-            a, b, c, d, at = spread(0.0), spread(0.0), spread(0.0), spread(0.0), i * width + j
+            a, b, c, d, at = spread(0.0), spread(0.0), spread(0.0), spread(0.0), place
             for k in range(0, modes, LANES):
-                stress = load(known, k)
-                a = a + load(pairs, place + k) * stress
-                b = b + load(pairs, place + modes + k) * stress
-                c = c + load(pairs, place + 2 * modes + k) * stress
-                d = d + load(pairs, place + 3 * modes + k) * stress
+                stress = load(stresses, k)
+                a = a + load(pairs, at) * stress
+                b = b + load(pairs, at + LANES) * stress
+                c = c + load(pairs, at + 2 * LANES) * stress
+                d = d + load(pairs, at + 3 * LANES) * stress
+                at += apart
+            at = i * width + j
             hessian[at] += total(a)
             hessian[at + 1] += total(b)
             hessian[at + 2] += total(c)
             hessian[at + 3] += total(d)
-            place += 4 * modes
+            place += 4 * LANES
         for j in range((i + 1) // 4 * 4, i + 1):
-            a = spread(0.0)
+            a, at = spread(0.0), place
             for k in range(0, modes, LANES):
-                a = a + load(pairs, place + k) * load(known, k)
+                a = a + load(pairs, at) * load(stresses, k)
+                at += apart
             hessian[i * width + j] += total(a)
-            place += modes
+            place += LANES
 
 
 @njit(**_options)
@@ -118,76 +119,49 @@ def predict(slopes, step, strains, stresses):  # type: ignore[no-untyped-def]
 
 
 @njit(entry=False, **_options)
-def energy_terms(reduced, z, strains, slopes, others, gradient, room):  # type: ignore[no-untyped-def]
-    """Energy [J] of coordinates ``z`` (width,); writes strains (K + H,), rows of their slopes, and the gradient.
+def energy_terms(reduced, z, strains, slopes, gradient, room):  # type: ignore[no-untyped-def]
+    """Energy [J] of coordinates ``z`` (width,); writes strains, rows of the membrane's slopes, and the gradient.
 
-    Strains are ``d_k`` and the changes of the hinges' angles, scaled: half their squares are the energy, but for the
-    flat hinges' and what couples hinges, with the rows of ``others``.
+    Strains (K' + H,) are ``d_k``, with zeros up to a whole number of registers, and the changes of the hinges' angles,
+    scaled: half their squares are the energy, but for the flat hinges' and what couples hinges.
     """
-    bending, first, width, energy = reduced.bending, reduced.membrane.modes, z.size, 0.0
+    bending, first, width = reduced.bending, reduced.membrane.linear.shape[1], z.size
     for i in range(width):
         gradient[i] = 0.0
-    add_rows(bending.flat.reshape(-1), 0, z, 0, bending.flat.shape[0], gradient)
-    energy += 0.5 * dot(gradient, 0, z, 0, width)
+    add_rows(bending.flat.reshape(-1), z, 0, bending.flat.shape[0], gradient)
+    energy = 0.5 * dot(gradient, 0, z, 0, width)
     quadratic(reduced.membrane, z, strains, slopes, room)
-    hinge_angles(bending, z, first, strains, slopes, room)
+    hinge_angles(bending, z, first, strains, room)
     energy += 0.5 * dot(strains, 0, strains, 0, strains.size)
-    add_rows(slopes, 0, strains, 0, strains.size, gradient)
-    if bending.across.shape[0] > 0:
-        energy += couple(bending, z, first, strains, slopes, others, gradient, room)
-    return energy
-
-
-@njit(entry=False, **_options)
-def write_bending(bending, slopes, first, others, width, matrix):  # type: ignore[no-untyped-def]
-    """Write the lower triangle of the Hessian of bending, whose rows of slopes begin with the ``first``.
-
-    The second derivatives of the angles and of the normals are left out.
-    """
-    flat, coupled = bending.flat.reshape(-1), bending.across.shape[0]
-    for i in range(flat.size):
-        matrix[i] = flat[i]
-    for i in range(flat.size, matrix.size):
-        matrix[i] = 0.0
-    add_products(slopes, first, slopes, first, bending.angles.size, width, matrix)
-    add_products(slopes, first, others, FIRST, coupled, width, matrix)
-    add_products(others, FIRST, slopes, first, coupled, width, matrix)
+    add_rows(slopes, strains, 0, first, gradient)
+    return energy + add_bent(bending, z, first, strains, gradient, room)
 
 
 @njit(**_options)
-def add_membrane(membrane, stresses, slopes, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Add the Hessian of the membrane, with ``sum_k s_k B_k`` by the ``stresses`` (K,) given, to the lower triangle."""
-    add_products(slopes, FIRST, slopes, FIRST, membrane.modes, width, hessian)
-    _add_stressed(membrane, stresses, width, hessian, room)
-
-
-@njit(entry=False, **_options)
-def write_hessian(reduced, stresses, slopes, others, width, hessian, room):  # type: ignore[no-untyped-def]
-    """Write the lower triangle of the energy's Hessian at given stresses, by what :func:`energy_terms` has written."""
-    write_bending(reduced.bending, slopes, reduced.membrane.modes, others, width, hessian)
-    add_membrane(reduced.membrane, stresses, slopes, width, hessian, room)
+def write_hessian(known, membrane, stresses, slopes, width, hessian):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the sum of ``known`` and the membrane's Hessian at given ``stresses`` (K',)."""
+    write_products(known, slopes, slopes, membrane.linear.shape[1], width, hessian)
+    _add_stressed(membrane, stresses, width, hessian)
 
 
 @njit(**_options | COUNTED)
 def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
-    """Energy, strains (K + H,), their slopes (K + H, m), gradient (m,), and the lower triangle of the Hessian (m, m).
+    """Energy, strains (K + H,), slopes (K, m) of the first, gradient (m,), and the Hessian's lower triangle (m, m).
 
-    Of coordinates z (m,); see :func:`energy_terms` and :func:`write_hessian`.
+    Of coordinates z (m,), at given stresses (K,); see :func:`energy_terms` and :func:`write_hessian`.
     """
-    count, width, size = z.size, width_of(z.size), reduced.membrane.modes + reduced.bending.angles.size
-    coupled = reduced.bending.across.shape[0]
-    padded, slope, rows = np.zeros(width), np.empty(width), np.zeros(size * width)
-    strains, others, matrix = np.empty(size), np.zeros(coupled * width), np.empty(width * width)
+    membrane, bending = reduced.membrane, reduced.bending
+    count, width, modes, rows = z.size, width_of(z.size), membrane.modes, membrane.linear.shape[1]
+    padded, slope, own = np.zeros(width), np.empty(width), np.zeros(rows)
+    strains, slopes, room = np.zeros(rows + bending.angles.size), np.empty(rows * width), make_room(width, bending)
     for i in range(count):
         padded[i] = z[i]
-    room = make_room(count, reduced.membrane.linear.shape[1], reduced.bending.rest.shape[0], coupled)
-    value = energy_terms(reduced, padded, strains, rows, others, slope, room)
-    write_hessian(reduced, stresses, rows, others, width, matrix, room)
-    slopes, gradient, hessian = np.empty((size, count)), np.empty(count), np.empty((count, count))
-    for i in range(count):
-        gradient[i] = slope[i]
-        for j in range(count):
-            hessian[i, j] = matrix[i * width + j]
-        for k in range(size):
-            slopes[k, i] = rows[k * width + i]
-    return value, strains, slopes, gradient, hessian
+    for k in range(modes):
+        own[k] = stresses[k]
+    value = energy_terms(reduced, padded, strains, slopes, slope, room)
+    matrix = np.zeros(width * width)
+    write_bending(matrix, bending, width, np.empty(fold_rows(bending) * width), room, matrix)
+    write_hessian(matrix, membrane, own, slopes, width, matrix)
+    hessian = matrix.reshape(width, width)[:count, :count].copy()
+    found = np.concatenate((strains[:modes], strains[rows:]))
+    return value, found, slopes.reshape(rows, width)[:modes, :count].copy(), slope[:count].copy(), hessian

@@ -19,8 +19,10 @@ from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of
 from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
 from modalshell.models.hybrid.coarse_states import CoarseShape
 from modalshell.models.hybrid.energy_kernels import evaluate
+from modalshell.models.hybrid.flat_record import flat_record
+from modalshell.models.hybrid.surface import surface_of
 from modalshell.models.hybrid.training import SMALL, Trained
-from modalshell.models.hybrid.whole_step import surface_of, whole_step
+from modalshell.models.hybrid.whole_step import whole_step
 from modalshell.shell.damping import Damping
 
 
@@ -59,7 +61,8 @@ class ReducedShell:
     ) -> None:
         self._trained, self._reduced, self._shape, self._push = trained, reduced, shape, push
         self._measures = measures_of(shape.coarse.coarse.shell)
-        self._surface = surface_of(self._measures, trained.basis)
+        surface = surface_of(self._measures, trained.basis)
+        self._looks, self._record = len(surface.edges) > 0, flat_record(reduced, surface)
         self._limits = STEP_GOAL, VIOLENT, SMALL * trained.energy, trained.strain_limit
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes, bending = trained.basis.shape[1], reduced.membrane.modes, reduced.bending
@@ -119,11 +122,11 @@ class ReducedShell:
         rule = float(dt), float(memory["step"][0]), *_factors(damping)
         ends = np.empty((5, state.coordinates.size))
         taken, iterations, energy, seen = whole_step(
-            self._reduced, self._surface, moving, last.push, rule, self._limits, last.kept, ends
+            self._record, moving, last.push, rule, self._limits, last.kept, ends
         )
         self._count_step(iterations)
         z, rates, move, gain, curvature = ends
-        if not taken or not (len(self._surface.edges) or self.sees(z, energy, seen)):
+        if not taken or not (self._looks or self.sees(z, energy, seen)):
             return None
         changes = {"move": move, "gain": gain, "curvature": curvature}
         return MotionState(z, rates, changes | {"step": np.array([dt]), "order": np.array([2.0])})

@@ -2,55 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy.sparse as sps
 
-from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import largest_turn
-from modalshell.models.hybrid.assumed_stress import padded
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
-from modalshell.models.hybrid.bending_kernels import multiply
-from modalshell.models.hybrid.measures import Measures
+from modalshell.models.hybrid.dense_kernels import multiply
+from modalshell.models.hybrid.flat_record import records_of
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
-
-
-class Surface(NamedTuple):
-    """A coarse shell of k vertices, as a reduced step looks at it.
-
-    Attributes
-    ----------
-    rest, columns : ndarray, shape (k, 3) and (3 k, width)
-        Positions at rest [m], and the basis, its rows with zeros up to a whole number of packed registers.
-    faces : ndarray of int64, shape (f, 3)
-        Triangles.
-    edges, lengths : ndarray, shape (E, 2) and (E,)
-        Edges, and half their squared lengths at rest [m^2]; none of a membrane that is looked at elsewhere.
-    starts, others, values : ndarray, shape (E + 1,), (c,) and (c,)
-        The membrane's matrix by rows.
-    """
-
-    rest: Array
-    columns: Array
-    faces: Index
-    edges: Index
-    lengths: Array
-    starts: Index
-    others: Index
-    values: Array
-
-
-def surface_of(measures: Measures, basis: Array) -> Surface:
-    """What steps see of the measures' shell; no edges where its membrane is no quadratic form of squared lengths."""
-    shell, form = measures.shell, measures.quadratic_membrane
-    lengths, matrix = (np.empty(0), sps.csr_array((0, 0))) if form is None else form
-    edges = np.array(measures.edges[: len(lengths)], dtype=np.int64)
-    starts, others = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
-    own = shell.rest_positions.copy(), padded(basis), shell.mesh.faces
-    return Surface(*own, edges, lengths.copy(), starts, others, np.array(matrix.data, dtype=np.float64))
 
 
 @njit(**_options)
@@ -121,13 +83,13 @@ def _end(state, ratio, length, z, start, ends):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # type: ignore[no-untyped-def]
+def whole_step(record, state, force, rule, limits, kept, ends):  # type: ignore[no-untyped-def]
     """Write a step of BDF2, as by :class:`modalshell.integrators.full.BDF2`, into ``ends`` (5, m).
 
-    ``state`` holds coordinates, rates, and the changes of both in the step before; ``rule`` the step and the one before
-    [s], and Rayleigh's factors. ``limits`` are the tolerance of the step's residual, the turn [rad]
-    from which it is violent, a small energy [J], and the unseen share of the membrane's. For ``kept`` see
-    :func:`implicit_step`.
+    ``record`` is a :class:`FlatRecord`. ``state`` holds coordinates, rates, and the changes of both in the step before;
+    ``rule`` the step and the one before [s], and Rayleigh's factors. ``limits`` are the tolerance of the step's
+    residual, the turn [rad] from which it is violent, a small energy [J], and the unseen share of the membrane's. For
+    ``kept`` see :func:`implicit_step`.
 
     Returns
     -------
@@ -138,7 +100,7 @@ def whole_step(reduced, surface, state, force, rule, limits, kept, ends):  # typ
     energy, seen : float
         Elastic energy at its end, and its share in the assumed stresses [J].
     """
-    x, (dt, before, drag, viscosity) = state[0], rule
+    (reduced, surface), x, (dt, before, drag, viscosity) = records_of(record), state[0], rule
     ratio = dt / before
     start, jump = np.empty((3, x.size)), np.empty(x.size)
     _begin(state, ratio, dt, start, jump)

@@ -1,0 +1,94 @@
+"""A reduced energy and its surface in three arrays, for one call from Python: numba takes long to look into records.
+
+Of two dozen arrays that took as long as a tenth of a step. Compiled code makes the records of slices.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from modalshell.core.typing import Array, Index
+from modalshell.kernels.compiler import njit
+from modalshell.models.hybrid.assumed_stress import Quadratic, ReducedStress, padded
+from modalshell.models.hybrid.measures import Bending
+from modalshell.models.hybrid.surface import Surface
+
+_options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+
+
+class FlatRecord(NamedTuple):
+    """A reduced energy and its surface.
+
+    Attributes
+    ----------
+    numbers, indices : ndarray of float64, and of int64
+        What all arrays hold, one after the other; numbers begin where packed registers of memory do.
+    places : ndarray of int64, shape (p, 4)
+        Where each array, or number, begins, and its shape.
+    """
+
+    numbers: Array
+    indices: Index
+    places: Index
+
+
+def flat_record(reduced: ReducedStress, surface: Surface) -> FlatRecord:
+    """Copy the records' arrays, in the order of their names."""
+    numbers: list[Array] = []
+    indices: list[Any] = []
+    places, sizes = [], [0, 0]
+    for part in _parts((reduced, surface)):
+        array = np.asarray(part)
+        whole = array.dtype.kind == "i"
+        places.append([sizes[whole], *array.shape, *[0] * (3 - array.ndim)])
+        flat: Any = array.ravel() if whole else padded(array.ravel())
+        (indices if whole else numbers).append(flat)
+        sizes[whole] += flat.size
+    return FlatRecord(
+        padded(np.concatenate(numbers)), np.concatenate(indices).astype(np.int64), np.array(places, dtype=np.int64)
+    )
+
+
+def _parts(record: Any) -> list[Any]:
+    """Arrays and numbers of records within records."""
+    return [part for whole in record for part in (_parts(whole) if isinstance(whole, tuple) else [whole])]
+
+
+@njit(**_options)
+def _row(values, places, part):  # type: ignore[no-untyped-def]
+    begin, size = places[part, 0], places[part, 1]
+    return values[begin : begin + size]
+
+
+@njit(**_options)
+def _matrix(values, places, part):  # type: ignore[no-untyped-def]
+    begin, rows, columns = places[part, 0], places[part, 1], places[part, 2]
+    return values[begin : begin + rows * columns].reshape(rows, columns)
+
+
+@njit(**_options)
+def _block(values, places, part):  # type: ignore[no-untyped-def]
+    begin, blocks, rows, columns = places[part, 0], places[part, 1], places[part, 2], places[part, 3]
+    return values[begin : begin + blocks * rows * columns].reshape(blocks, rows, columns)
+
+
+@njit(**_options)
+def _quadratic(x, i, at, first):  # type: ignore[no-untyped-def]
+    return Quadratic(_matrix(x, at, first), _block(x, at, first + 1), i[at[first + 2, 0]])
+
+
+@njit(**_options)
+def records_of(record):  # type: ignore[no-untyped-def]
+    """The reduced energy and the surface."""
+    x, i, at = record.numbers, record.indices, record.places
+    bending = Bending(
+        _matrix(x, at, 6), _matrix(x, at, 7), _block(x, at, 8), _matrix(i, at, 9), _row(x, at, 10), _row(x, at, 11),
+        _row(i, at, 12), _row(i, at, 13), _row(x, at, 14), _block(x, at, 15), _matrix(x, at, 16),
+    )  # fmt: skip
+    surface = Surface(
+        _matrix(x, at, 17), _matrix(x, at, 18), _matrix(i, at, 19), _matrix(i, at, 20), _row(x, at, 21),
+        _row(i, at, 22), _row(i, at, 23), _row(x, at, 24),
+    )  # fmt: skip
+    return ReducedStress(_quadratic(x, i, at, 0), _quadratic(x, i, at, 3), bending), surface
