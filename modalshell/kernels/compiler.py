@@ -36,7 +36,7 @@ _usable_thread_count()  # before numba reads it
 import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
-from modalshell.kernels import ahead  # noqa: E402
+from modalshell.kernels import ahead, quick_options  # noqa: E402
 from modalshell.kernels.callees import folder_of, source_digest  # noqa: E402
 from modalshell.kernels.linked import LINKED  # noqa: E402
 from modalshell.kernels.turns import take_turns  # noqa: E402
@@ -123,6 +123,7 @@ Of records of many arrays to count takes a quarter of the time to compile; a ker
 Said outright, or a kernel would be compiled as whichever caller came first.
 """
 
+quick_options.apply()
 notice = _Notice()
 event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
 

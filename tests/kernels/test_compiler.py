@@ -11,18 +11,22 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import ClassVar
 
 import numba
 import numpy as np
 import pytest
 from numba.core import event
+from numba.core.compiler import Flags
+from numba.core.targetconfig import TargetConfig
 
-from modalshell.kernels import callees, compiler
+from modalshell.kernels import callees, compiler, quick_options
 from modalshell.kernels.compiler import cache_folder, njit
 
 ALONE = f"""
 import sys, types
 from pathlib import Path
+from typing import ClassVar
 for name in ("modalshell", "modalshell.models", "modalshell.models.reduction"):
     sys.modules[name] = types.ModuleType(name)
     sys.modules[name].__path__ = [str(Path({str(Path(compiler.__file__).parents[2])!r}, *name.split(".")))]
@@ -95,6 +99,8 @@ def test_a_notice_tells_of_kernels_that_are_compiled_and_not_of_cached_ones(tmp_
 ORDER = """
 import sys
 from numba.core import event
+from numba.core.compiler import Flags
+from numba.core.targetconfig import TargetConfig
 log = []
 class Spy(event.Listener):
     def on_start(self, event):
@@ -297,3 +303,33 @@ def test_of_earlier_sources_some_are_kept(tmp_path):
     assert callees.folder_of(tmp_path, "shell.kernels", "f" * 64).is_dir()
     assert sum(folder.is_dir() for folder in made) == callees._KEPT - 1
     assert made[-1].is_dir()
+
+
+def test_options_of_compilation_are_told_as_numba_tells_them():
+    flags, other = Flags(), Flags()
+    flags.nrt, flags.fastmath, flags.error_model = True, True, "numpy"
+    assert flags.values() == {name: getattr(flags, name) for name in Flags.options}
+    assert list(flags.values()) == list(Flags.options)
+    assert flags == flags.copy()
+    assert hash(flags) == hash(flags.copy())
+    assert flags != other
+    other.nrt = False
+    assert other == Flags()  # set to what it is by default
+    assert TargetConfig.values is quick_options.values
+
+
+def test_options_that_are_kept_otherwise_are_left_alone():
+    class Kept:
+        """As another version of numba might keep them."""
+
+        options: ClassVar[dict] = {}
+
+        def values(self):
+            return {"nrt": True}
+
+    class Own(Kept):
+        _values: ClassVar[dict] = {"nrt": False}
+
+    before = Kept.values
+    quick_options.apply(Kept)
+    assert Kept.values is before

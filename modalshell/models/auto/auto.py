@@ -176,12 +176,11 @@ class Auto(Model):
         bar = bar_on_shell(self.shell, found.positions, loading)
         good = bar.valid and found.outcome in (Outcome.CONVERGED, Outcome.DISTORTED)
         if good and bar.displacement <= 0.5 * self.error:
-            message = f"{modal.name}, corrected: it was {bar}"
             return replace(
                 found,
                 positions=bar.corrected,
                 outcome=Outcome.CONVERGED,
-                message=message,
+                message=f"{modal.name}, corrected: it was {bar}",
                 stable=True,
                 coordinates=None,
             )

@@ -55,7 +55,7 @@ class Drift:
 
     @staticmethod
     def forgotten(rows: Array) -> Array:
-        """The same without a check: what has added up beyond the present s, which the next level mends."""
+        """The same without a check: what has added up beyond the present s, which the next level may lack."""
         return np.vstack([rows[0] - rows[2], rows[1], np.zeros_like(rows[2:])])
 
     def coordinates(self, x: Array) -> Array:

@@ -15,7 +15,7 @@ from modalshell.models.hybrid.assumed_stress import Quadratic, ReducedStress, pa
 from modalshell.models.hybrid.measures import Bending
 from modalshell.models.hybrid.surface import Surface
 
-_options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+_options: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": True}
 
 
 class FlatRecord(NamedTuple):
