@@ -11,6 +11,7 @@ import numpy as np
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
+from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import LoadsAhead
@@ -163,6 +164,18 @@ class LeveledStepper(Stepper):
         (x, v), times = (step.frames[2], step.velocities()), (step.time - step.dt, step.time, step.time + step.dt)
         frames = step.frames[1], x, x + step.dt * v
         return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
+
+    def _gained(
+        self,
+        levels: tuple[int, int],
+        states: tuple[MotionState, MotionState],
+        motion: tuple[Array, Array],
+        now: tuple[float, Array],
+    ) -> float:
+        """Change of the energy where the second level's state takes the place of the first one's."""
+        (time, dead), loading = now, self.setup.loading
+        force = dead + loading.live_force(*motion, time) if loading.live else dead
+        return energy_change((self._stepper(levels[0]), self._stepper(levels[1])), states, force)
 
     def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether a level of modes would rest as far as it must not from where a check's steps lead to."""

@@ -21,7 +21,6 @@ from modalshell.models.auto.account import (
     STRIKES,
     TOUCHES,
     cost_of,
-    energy_change,
 )
 from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
@@ -251,8 +250,7 @@ class AutoStepper(LeveledStepper):
         A full one takes over without the stretch of modes, or of a coarse shell between its vertices, which DS would
         throw off.
         """
-        (x, v), (time, dead), new = motion, now, switch[1]
-        far, loading = self._allowed(memory), self.setup.loading
+        (x, v), time, new, far = motion, now[0], switch[1], self._allowed(memory)
         after = self._levels[new].entered(self._stepper(new), x, v, time)
         while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
             new += 1
@@ -261,9 +259,7 @@ class AutoStepper(LeveledStepper):
         if full and float(memory["largest"][0]) > 0.0:
             after = self._slack(new, after, time)
         switch = (switch[0], new, *switch[2:])
-        force = dead + loading.live_force(x, v, time) if loading.live else dead
-        gained = energy_change((self._stepper(int(memory["level"][0])), self._stepper(new)), (inner, after), force)
-        self._note(memory, switch, gained)
+        self._note(memory, switch, self._gained((int(memory["level"][0]), new), (inner, after), (x, v), now))
         return new, after
 
     def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
@@ -365,8 +361,8 @@ class AutoStepper(LeveledStepper):
     def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
 
-        It comes near, its rates as well, the margin holds, the level would rest near under d'Alembert's load, and would
-        not be left at once: the cheapest first.
+        It comes near, its rates and its energy as well, the margin holds, the level would rest near under d'Alembert's
+        load, and would not be left at once: the cheapest first.
         """
         allowed = _BACK * self.model.error * max(memory["largest"][0], self._check.least)
         if self._watch.drift(memory) > allowed or (self._check.contacts and not self._is_clear(step)):
@@ -376,6 +372,10 @@ class AutoStepper(LeveledStepper):
         fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
         if not max(self._length(fitted - x), lost) <= allowed:
+            return None
+        # Of energy an amplitude takes twice its share: a fold that looks near may have another one.
+        gained = self._gained((step.level, 0), (step.after, state), (x, v), (step.time, step.load))
+        if not abs(gained) <= 2.0 * _BACK * self.model.error:
             return None
         seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
