@@ -63,22 +63,31 @@ class Drift:
         return np.asarray(self._projection @ (x - self._rest).ravel())
 
     def checked(
-        self, rows: Array, frames: tuple[Array, Array, Array], corrected: Array, dt: float, power: int
+        self, rows: Array, seen: tuple[tuple[Array, Array, Array], Array], dt: float, power: int, *, first: bool
     ) -> Array:
-        """The same after a check of the middle one of three frames (n, 3) [m], which leads to ``corrected`` (n, 3).
+        """The same after a check of the middle one of three frames (n, 3) [m], and where that leads (n, 3): ``seen``.
 
-        What it finds otherwise than was taken has not come at once: errors stay as far from s as they were.
+        What it finds otherwise than was taken has not come at once: errors stay as far from s as they were. But the
+        first one after a switch finds what the level has brought: errors stay as they were.
         """
-        before, x, after = frames
+        (before, x, after), corrected = seen
         with np.errstate(over="ignore", invalid="ignore"):
             bent = self._projection @ (before - 2.0 * x + after).ravel()
             missing = self._projection @ (corrected - x).ravel() - self._at(dt)[1] * bent
         missing[self._stiffness * dt**2 > _SEEN**2] = 0.0
         if not np.isfinite(missing).all():
             missing = np.zeros_like(missing)
-        seen = self.coordinates(x)
-        present = self._share(seen, after) ** power * missing
-        return np.vstack([rows[0] + present - rows[2], rows[1], present, missing, seen])
+        at = self.coordinates(x)
+        present = self._share(at, after) ** power * missing
+        error = rows[0] if first else rows[0] + present - rows[2]
+        return np.vstack([error, rows[1], present, missing, at])
+
+    @staticmethod
+    def share(rows: Array) -> float:
+        """How much of s errors have taken on: 1 where they follow it, as under a load that grows slowly."""
+        error, present = rows[0], rows[2]
+        size = float(present @ present)
+        return max(0.0, min(1.0, float(error @ present) / size)) if size > 0.0 else 0.0
 
     def advanced(self, rows: Array, x: Array, dt: float, power: int) -> Array:
         """The same after a step of ``dt`` [s] to positions x (n, 3) [m], by a level that errs with a power of c."""

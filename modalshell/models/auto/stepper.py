@@ -158,7 +158,8 @@ class AutoStepper(LeveledStepper):
             if drifts is None:
                 level, after = self._switched(step, memory)
             else:
-                level, after = self._taken_over(after, (x, rates()), memory, (time, load), drifts)
+                motion = self._watch.undrifted((x, rates()), memory)
+                level, after = self._taken_over(after, motion, memory, (time, load), drifts)
         memory["before"] = state.coordinates
         if memory["step"].item() != dt:
             memory["step"] = np.array([dt])
@@ -225,7 +226,8 @@ class AutoStepper(LeveledStepper):
                     wanted = 0
         if wanted == level or seen is None:
             return level, step.after
-        switch, motion = (step.time, wanted, seen.bar, seen.margin, 0.0), (step.frames[2], step.velocities())
+        switch = (step.time, wanted, seen.bar, seen.margin, 0.0)
+        motion = self._watch.corrected(step, seen, memory, wanted), step.velocities()
         return self._taken_over(step.after, motion, memory, (step.time, step.load), switch)
 
     def _drifts(self, step: Step, memory: dict[str, Array]) -> Switch | None:

@@ -17,7 +17,7 @@ from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
 from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
-from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
+from modalshell.statics.error_bar import LARGEST_BAR, LEAST_MARGIN, ErrorBar
 
 SWITCH = 0.5
 """Bar over the error allowed from which a rung is left."""
@@ -174,6 +174,26 @@ class Watch:
         """The same without a step."""
         return 0.0 if self._drift is None else self._drift.size(memory["drift"])
 
+    def corrected(self, step: Step, seen: Seen, memory: dict[str, Array], wanted: int) -> Array:
+        """Positions (n, 3) [m] after a step for the level that is to take over.
+
+        For one of DS those of modes are corrected by the check, as far as errors have followed what it finds: those of
+        a motion that the level has just begun have not.
+        """
+        x, levels = step.frames[2], self._model.levels
+        full = levels[step.level].quadratic and not levels[wanted].quadratic
+        if self._drift is None or not full or seen.alarm or not seen.bar <= LARGEST_BAR:
+            return x
+        return np.asarray(x + self._drift.share(memory["drift"]) * (seen.corrected - step.frames[1]))
+
+    def undrifted(self, motion: tuple[Array, Array], memory: dict[str, Array]) -> tuple[Array, Array]:
+        """Positions (n, 3) [m] and velocities (n, 3) [m/s] without what has added up.
+
+        It is still remembered: it is no more than a scale.
+        """
+        (x, v), rows, modes = motion, memory["drift"], self._model.basis.modes
+        return x + (modes @ rows[0]).reshape(-1, 3), v + (modes @ rows[1]).reshape(-1, 3)
+
     def _power(self, step: Step) -> int:
         """Of the displacement, by which a level's errors grow."""
         return 3 if self._model.levels[step.level].quadratic else 1
@@ -183,8 +203,9 @@ class Watch:
         seen = self._seen(step, memory)
         even = memory["step"][0] == step.dt
         if self._drift is not None and even and step.level + 1 < len(self._model.levels):
-            now = step.frames, seen.corrected, step.dt, self._power(step)
-            memory["drift"] = self._drift.checked(memory["drift"], *now)
+            rows, found = memory["drift"], (step.frames, seen.corrected)
+            first = memory["switches"][0] > 0.0 and not rows[3:].any()
+            memory["drift"] = self._drift.checked(rows, found, step.dt, self._power(step), first=first)
         return seen
 
     def _seen(self, step: Step, memory: dict[str, Array]) -> Seen:
