@@ -26,15 +26,15 @@ def advice_text(
     refused: Mapping[str, str],
     ties: Sequence[Measurement],
     asked: tuple[float, float],
-    missed: Sequence[tuple[float, float]],
+    further: Sequence[str],
 ) -> str:
     """Explanation of a choice: the first of the ``ties`` at nearly the cheapest frame, if there are any.
 
-    ``asked`` are the error and the frame rate, ``missed`` the loads between which the choice may miss the error.
+    ``asked`` are the error and the frame rate, ``further`` sentences about the choice.
     """
     error, fps = asked
     if ties:
-        text = [*_chosen_text(ties[0], error, fps), *_missed_text(missed), *_bar_text(measured, ties[0])]
+        text = [*_chosen_text(ties[0], error, fps), *further, *_bar_text(measured, ties[0])]
         if (table := ties[0].candidate.model_table) is not None:
             text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
     else:
@@ -66,7 +66,7 @@ def _plain(value: float, digits: int) -> str:
     return f"{rounded:,.{max(0, digits - 1 - math.floor(math.log10(rounded)))}f}"
 
 
-def _missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:
+def missed_text(missed: Sequence[tuple[float, float]]) -> list[str]:
     """Between which loads it is not known to hold."""
     between = " or ".join(f"between {low:.4g} and {high:.4g}" for low, high in missed)
     return [
@@ -85,7 +85,7 @@ def _bar_text(measured: Tradeoff, row: Measurement) -> list[str]:
         )
     elif row.candidate.spec.needs == "training":
         text.append("It was trained on this load; loads unlike it need a training of their own.")
-    if not row.is_truth and row.converged:
+    if not row.is_truth and row.converged and not case.live:  # a bar would be that of loads as they are at rest
         bar = ErrorEstimator(case.shell).bar(row.positions, case.load)
         text.append(f"Its error bar under the whole load, which needs no answer of DS (bar = true in a scene): {bar}.")
     return text

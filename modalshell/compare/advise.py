@@ -10,13 +10,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text
+from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text, missed_text
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.near_snap import missed_loads
 from modalshell.compare.path import Snap
 from modalshell.compare.report import html_table
-from modalshell.compare.runs import Measurement
+from modalshell.compare.runs import Measurement, answer_error
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
@@ -25,6 +25,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
+from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.scene.write import write_scene_with
@@ -54,6 +55,9 @@ class Advice:
     missed_loads : list of (float, float)
         Next to each snap the shares of the load between which the chosen rung may miss the error, as it and DS do not
         snap under quite the same load; empty for DS, and without a snap.
+    live_error : float or None
+        Error of the chosen rung against DS under the whole load where its loads follow the shell, which they do not at
+        the other measurements; None without such loads, for DS, and where DS has no answer.
     """
 
     chosen: Measurement | None
@@ -63,6 +67,7 @@ class Advice:
     measured: Tradeoff = field(repr=False)
     explanation: str
     missed_loads: list[tuple[float, float]] = field(default_factory=list)
+    live_error: float | None = None
 
     @property
     def rows(self) -> list[Measurement]:
@@ -89,7 +94,7 @@ class Advice:
         """Requested error over the chosen model's worst error, and its frame rate over the requested one."""
         if self.chosen is None:
             return None
-        error = self.chosen.largest_error
+        error = max(self.chosen.largest_error, self.live_error or 0.0)
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
 
     def plot(self) -> Picture:
@@ -136,6 +141,9 @@ def advise(
     snap, the loads between which it misses the error are found to 0.03 %, by at most ten answers of its own and of DS,
     and stated.
 
+    All this is under loads as they are at rest. Where those of a scene follow the shell, as pressure and wind do, the
+    advised rung must also meet the error under the whole load as it does so, by one answer of its own and of DS.
+
     Parameters
     ----------
     scene : Scene, path or Shell
@@ -170,12 +178,52 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
     refused = refusals(measured)
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
     fitting = [row for row in allowed if row.largest_error <= error and row.frames_per_second >= RATE_MARGIN * fps]
-    ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
-    ties.sort(key=lambda row: (row.candidate.spec.cost, row.cost))
+    ties = _ties(fitting)
+    live = _LiveErrors(measured.case)
+    while ties and (fault := live.fault(ties[0], error)):
+        refused[ties[0].label] = fault
+        fitting.remove(ties[0])
+        ties = _ties(fitting)
     chosen = ties[0] if ties else None
     missed = [] if chosen is None else missed_loads(chosen, measured.case, measured.path, error)
-    text = advice_text(measured, refused, ties, (error, fps), missed)
-    return Advice(chosen, error, fps, refused, measured, text, missed)
+    text = advice_text(measured, refused, ties, (error, fps), [*live.text, *missed_text(missed)])
+    return Advice(chosen, error, fps, refused, measured, text, missed, live.error)
+
+
+def _ties(fitting: Sequence[Measurement]) -> list[Measurement]:
+    """Those of nearly the cheapest frame, simplest first; ``fitting`` have the cheapest first."""
+    ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
+    return sorted(ties, key=lambda row: (row.candidate.spec.cost, row.cost))
+
+
+class _LiveErrors:
+    """Errors under the whole load of a case as it follows the shell: of the last rung asked, with what to say of it."""
+
+    def __init__(self, case: Case) -> None:
+        self.error: float | None = None
+        self.text: list[str] = []
+        self._case = case
+        self._exact: Equilibrium | None = None
+
+    def fault(self, row: Measurement, error: float) -> str:
+        """Why a rung that meets the ``error`` under loads as they are at rest does not; empty where it does."""
+        self.error, self.text, case = None, [], self._case
+        if not case.live or row.is_truth or row.model is None:
+            return ""
+        if self._exact is None:
+            self._exact = DiscreteShell(case.shell).equilibrium(**case.statics(1.0))
+        if not self._exact.converged:
+            self.text = [
+                "DS finds no equilibrium under the whole load as it follows the shell "
+                f"({self._exact.status}): what is said here holds for loads as they are at rest alone."
+            ]
+            return ""
+        found = answer_error(row.model.equilibrium(**case.statics(1.0)), self._exact, case.shell)
+        if found is None:
+            return "without an equilibrium under the whole load as it follows the shell"
+        self.error = found
+        self.text = [f"Under the whole load as it follows the shell it is {100 * found:.2g} % off DS."]
+        return "" if found <= error else f"{100 * found:.3g} % off DS under the whole load as it follows the shell"
 
 
 def refusals(measured: Tradeoff) -> dict[str, str]:

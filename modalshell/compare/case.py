@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -12,13 +13,14 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
+from modalshell.loads import Load, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
-from modalshell.scene.parts import build_damping
+from modalshell.scene.parts import build_damping, build_path
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 
@@ -49,6 +51,9 @@ class Case:
         Note on the origin of the load, if needed, in sentences.
     integrator : str or None
         Key of the integrator of modal models; by default their own.
+    live : sequence of Load
+        Those loads of ``load``, which holds them as they are at rest, that follow the shell, without their change in
+        time.
     """
 
     name: str
@@ -59,6 +64,7 @@ class Case:
     coarse: Sequence[CoarseMesh] = ()
     note: str = ""
     integrator: str | None = None
+    live: Sequence[Load] = ()
 
     def __post_init__(self) -> None:
         if loose := rigid_motions(self.shell).shape[1]:
@@ -70,6 +76,13 @@ class Case:
             raise OptionError(
                 f"{self.name!r}: no load moves the shell, so there is nothing to compare: give gravity or forces"
             )
+
+    def statics(self, share: float) -> dict[str, Any]:
+        """What ``model.equilibrium`` takes for a share of the load, with loads that follow the shell as they do so."""
+        if not self.live:
+            return {"force": share * self.load}
+        dead = self.load - self.shell.loading(loads=self.live).largest_force()
+        return {"force": share * dead, "loads": [Scaled(load, lambda _: share) for load in self.live]}
 
     @property
     def notes(self) -> str:
@@ -122,4 +135,26 @@ def scene_case(scene: ShellScene) -> Case:
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
         rule,
+        _live_loads(scene, shell),
     )
+
+
+def _live_loads(scene: ShellScene, shell: Shell) -> list[Load]:
+    """The loads that change, as :meth:`~modalshell.scene.ShellScene.largest_load` takes them, but free to follow.
+
+    None where supports move, whose load is an instant's, or where a load changes in time by more than a factor.
+    """
+    if build_path(scene.supports) is not None:
+        return []
+    held = list[Load]()
+    for load in scene.build_forces(shell)[1]:
+        for one in shell.loading(loads=[load]).live:
+            if one.is_field:
+                return []
+            if not one.by_position:
+                continue
+            largest, kind = max((one.factor_at(time) for time in one.times), key=abs), load
+            while isinstance(kind, Scaled):
+                kind = kind.load
+            held.append(Scaled(kind, lambda _, largest=largest: largest))  # type: ignore[misc]
+    return held

@@ -155,7 +155,7 @@ def _bars(candidate: Candidate, case: Case, factory: Any, factors: Sequence[floa
     try:
         model = candidate.build(factory)[0]
         for factor in factors:
-            bar = model.equilibrium(force=factor * case.load, bar=True).bar
+            bar = model.equilibrium(**case.statics(factor), bar=True).bar
             assert bar is not None
             bars.append(bar)
             if not bar.valid:

@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from scenes import timed
 
 import modalshell as ms
 from modalshell.commands.cli import main
@@ -145,3 +146,77 @@ def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
     with pytest.raises(ms.OptionError, match="no scene to write: No rung meets both"):
         advice.write_scene(file, tmp_path / "out.toml")
     assert not (tmp_path / "out.toml").exists()
+
+
+FOLLOWED = """
+mesh = {shape = "flat_beam", cells = [10, 2]}
+material = {young = 1e9, poisson = 0.3, thickness = 1e-3, density = 1000.0}
+supports = {clamped = "x < 0.001"}
+model = {name = "ds"}
+[loads]
+gravity = [0, 0, 0]
+[[loads.pressure]]
+p = 0.4
+"""
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """Measurements of a plate under pressure, its shell, and the pressure."""
+    file = tmp_path_factory.mktemp("followed") / "plate.toml"
+    file.write_text(FOLLOWED)
+    scene = ms.load_scene(file)
+    measured = ms.tradeoff(scene, modes=(4,), loads=(1.0,))
+    return timed(measured), measured.case.shell, [ms.Pressure(0.4)]
+
+
+def test_advice_holds_under_a_load_that_follows_the_shell(followed):
+    """Warped modes are nearer to DS under the pressure's forces at rest than under the pressure."""
+    measured, shell, loads = followed
+    exact = ms.DiscreteShell(shell).equilibrium(loads=loads).positions
+    off = {
+        row.label: ms.measure.displacement_error(row.model.equilibrium(loads=loads).positions, exact, shell)
+        for row in measured.rows
+    }
+    row = next(row for row in measured.rows if row.label == "MWTS 4")
+    assert 1.3 * row.largest_error < off["MWTS 4"]
+    error = 0.5 * (row.largest_error + off["MWTS 4"])
+    advice = choose(measured, error, 60.0)
+    fault = "off DS under the whole load as it follows the shell"
+    assert advice.refused["MWTS 4"] == f"{100 * off['MWTS 4']:.3g} % {fault}"
+    assert advice.live_error == pytest.approx(off[advice.chosen.label], rel=1e-6)
+    assert advice.live_error <= error
+    assert advice.margin[0] == error / max(advice.live_error, advice.chosen.largest_error)
+    assert f"Under the whole load as it follows the shell it is {100 * advice.live_error:.2g} %" in advice.explanation
+    assert choose(measured, 1e-9, 60.0).live_error is None  # DS itself
+
+
+def test_shares_of_loads_that_follow_the_shell(tmp_path):
+    """Of two pressures, one with the largest factor of its table, and a force whose factor alone changes."""
+    file = tmp_path / "plate.toml"
+    tables = """times = [0, 1, 2]
+factors = [0, -3, 1]
+[[loads.pressure]]
+p = 0.1
+[[loads.point]]
+sel = "x > 0.99"
+force = [0, 0.001, 0]
+times = [0, 1]
+factors = [1, 2]
+[motion]
+duration = 2
+dt = 0.1
+"""
+    file.write_text(FOLLOWED + tables)
+    case = make_case(file, None, None, ())
+    shell = case.shell
+    given = case.statics(0.5)
+    rest = shell.loading(None, given["force"], given["loads"])
+    np.testing.assert_allclose(rest.force(shell.rest_positions), 0.5 * case.load, atol=1e-15)
+    point = ms.PointForce("x > 0.99", (0, 0.001, 0))
+    same = shell.loading(loads=[ms.Pressure(-0.55), point])
+    bent = shell.rest_positions + 0.1 * np.sin(3.0 * shell.rest_positions)
+    np.testing.assert_allclose(rest.force(bent), same.force(bent), atol=1e-15)
+    file.write_text(FOLLOWED.replace("p = 0.4", "p = 0.4\nfollower = false"))
+    dead = make_case(file, None, None, ())
+    assert set(dead.statics(0.5)) == {"force"}

@@ -131,3 +131,23 @@ def test_the_quick_command_writes_table_and_pictures(tmp_path, capsys):
 def test_more_modes_than_unknowns_are_refused(shell, ask):
     with pytest.raises(ms.OptionError, match=r"modes must have a count of at most \d+, the free unknowns of the shell"):
         ask(shell, gravity=(0.0, 0.0, -1.0), modes=(9999,))
+
+
+def test_bars_are_those_of_loads_that_follow_the_shell(tmp_path):
+    file = tmp_path / "plate.toml"
+    file.write_text(
+        """
+mesh = {shape = "flat_beam", cells = [10, 2]}
+material = {young = 1e9, poisson = 0.3, thickness = 1e-3, density = 1000.0}
+supports = {clamped = "x < 0.001"}
+model = {name = "ds"}
+loads = {pressure = [{p = 0.4}]}
+"""
+    )
+    row = ms.quick_advice(file, error=0.1, modes=(4,), loads=(1.0,)).rows[-1]
+    shell, loads = ms.load_scene(file).build_shell(), [ms.Pressure(0.4)]
+    exact = ms.DiscreteShell(shell).equilibrium(loads=loads).positions
+    factory = ms.compare.candidates.case_factory(ms.compare.Case("a", shell, np.ones_like(exact)))
+    answer = row.candidate.build(factory)[0].equilibrium(loads=loads)
+    error = ms.measure.displacement_error(answer.positions, exact, shell)
+    assert row.bars[0].displacement == pytest.approx(error, rel=0.05)
