@@ -233,7 +233,8 @@ class TouchingSteps:
         if solver.problem.unsymmetric or solver.is_inside(begin):
             return True
         least = solver.potential(begin)[0]
-        return solver.potential(rest.point)[0] <= least + HIGHER * abs(least) + self._deep * solver.scale(rest.pushes)
+        most = least + HIGHER * abs(least) + self._deep * solver.scale(rest.pushes)
+        return not solver.potential(rest.point)[0] > most
 
     @staticmethod
     def _lower(solver: ActiveSet, begin: Array, reached: Array) -> Array:

@@ -1,6 +1,7 @@
 """Smoothed Coulomb friction of discrete shells in motion: slope, creep, energy, its own derivatives, resume."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ def test_a_step_under_better_forces_begins_at_the_answer_under_those_before(monk
 
     monkeypatch.setattr(ActiveSet, "iterate", noted)
     assert fall().unconverged_steps == 0
-    pairs = [(a[1], b[1]) for a, b in zip(solves, solves[1:], strict=False) if a[0] is b[0]]
+    pairs = [(a[1], b[1]) for a, b in pairwise(solves) if a[0] is b[0]]
     first, again = np.array([(one.iterations, other.iterations) for one, other in pairs]).sum(axis=0)
     assert len(pairs) > 8
     assert again < 1.5 * first
