@@ -19,7 +19,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.shell import Shell
-from modalshell.statics.mixed_newton import Rules
+from modalshell.statics.mixed_newton import HIGHER, Rules
 from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
 
@@ -197,23 +197,44 @@ class TouchingSteps:
         chosen: Mask | None = None,
     ) -> Rest:
         """Minimum from a ``first`` guess (n, 3), with friction by the forces at the ``start`` of the step."""
-        (before, lagged, dt), settled = start, False
+        (before, lagged, dt), settled, answered = start, False, None
+        begin, held = problem.origin.copy(), problem.shell.clamped
+        begin[held] = first[held]  # where supports have moved to
         while True:
             friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
-            if friction is not None:
-                first = friction.held_back(first, self.now.shell.mass / dt**2)
             solver = ActiveSet(problem, self.now, scale, friction)
-            rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
-            if not rest.converged or self.now.crossed(problem.origin, rest.point):
-                begin, held = problem.origin.copy(), problem.shell.clamped
-                begin[held] = first[held]  # where supports have moved to
+            serves = False
+            if answered is not None:  # forces change an answer by little: Newton's method is near the next one there
+                near = problem.shell.predicted_stresses(answered.point, np.zeros_like(first))
+                rest = solver.iterate(answered.point, answered.active, rules, near)
+                serves = self._serves(solver, begin, rest)
+            if not serves:
+                if friction is not None:
+                    first = friction.held_back(first, self.now.shell.mass / dt**2)
+                rest = solver.iterate(first, solver.near(first) if chosen is None else chosen, rules, stresses)
+                serves = self._serves(solver, begin, rest)
+            if not serves:
                 among = self.layers is not None
                 rest = descend(solver, self._lower(solver, begin, rest.point) if among else begin, rules, limp=among)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             better = better_forces(pushes, lagged, settled=False) if self.rubs and rest.converged else None
             if settled or better is None:
                 return rest
-            lagged, chosen, settled = better, rest.active, True
+            lagged, chosen, settled, answered = better, rest.active, True, rest
+
+    def _serves(self, solver: ActiveSet, begin: Array, rest: Rest) -> bool:
+        """Whether Newton's method ended at an answer of a step from ``begin`` (n, 3), on this side of the colliders.
+
+        It may find another one far away, folded over and under tension: none to which a step leads lies higher than
+        where this begins.
+        """
+        if not rest.converged or self.now.crossed(solver.problem.origin, rest.point):
+            return False
+        if solver.problem.unsymmetric or solver.is_inside(begin):
+            return True
+        least = solver.potential(begin)[0]
+        most = least + HIGHER * abs(least) + self._deep * solver.scale(rest.pushes)
+        return not solver.potential(rest.point)[0] > most
 
     @staticmethod
     def _lower(solver: ActiveSet, begin: Array, reached: Array) -> Array:

@@ -1,9 +1,13 @@
 """Smoothed Coulomb friction of discrete shells in motion: slope, creep, energy, its own derivatives, resume."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.contact.active_set import ActiveSet
 from modalshell.contact.descent import descend
 from modalshell.contact.friction import SLIP, Friction
 from modalshell.contact.touching import Touching
@@ -44,17 +48,63 @@ def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps)
     assert f"creeps at {creep:.2g} m/s" in run.message
 
 
-@pytest.mark.slow
-def test_a_falling_strip_with_friction_gains_no_energy():
-    shell = strip()
+def fall(thickness=1e-3, **options):
+    """Motion of a strip that falls onto its end, and then over."""
+    shell = strip(thickness)
     x = shell.mesh.vertices[:, 0] - 0.5
     start = np.stack([x * np.cos(0.3), shell.mesh.vertices[:, 1], x * np.sin(0.3) + 0.2], axis=1)
     contact = ms.Contact(ms.Plane(), friction=MU)
-    model = ms.DiscreteShell(shell, integrator="bdf2")
-    run = ms.simulate(model, duration=0.7, dt=STEP, gravity=(0, 0, -9.81), start=start, contacts=[contact])
+    model = ms.DiscreteShell(shell, integrator="bdf2", **options)
+    return ms.simulate(model, duration=0.7, dt=STEP, gravity=(0, 0, -9.81), start=start, contacts=[contact])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("thickness", "options"), [(1e-3, {}), (2e-3, {"step_tolerance": 1e-9})])
+def test_a_falling_strip_with_friction_gains_no_energy(thickness, options):
+    run = fall(thickness, **options)
     assert run.unconverged_steps == 0
     assert run.positions[..., 2].min() >= -1e-9
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-10 * np.ptp(run.energies[:, 2])
+
+
+def test_a_step_under_better_forces_begins_at_the_answer_under_those_before(monkeypatch):
+    solves, iterate = [], ActiveSet.iterate
+
+    def noted(solver, *given):
+        solves.append((solver.problem, iterate(solver, *given)))
+        return solves[-1][1]
+
+    monkeypatch.setattr(ActiveSet, "iterate", noted)
+    assert fall().unconverged_steps == 0
+    pairs = [(a[1], b[1]) for a, b in pairwise(solves) if a[0] is b[0]]
+    first, again = np.array([(one.iterations, other.iterations) for one, other in pairs]).sum(axis=0)
+    assert len(pairs) > 8
+    assert again < 1.5 * first
+    assert sum(other.converged for _, other in pairs) > 0.8 * len(pairs)
+
+
+def test_what_lies_higher_than_where_a_step_begins_is_no_answer(monkeypatch):
+    floor, shell, iterate, count = (
+        ms.Contact(ms.Plane(offset=-0.02)),
+        strip().holding(np.arange(3)),
+        ActiveSet.iterate,
+        0,
+    )
+
+    def sagging():
+        return ms.simulate(ms.DiscreteShell(shell), duration=0.15, dt=STEP, gravity=(0, 0, -9.81), contacts=[floor])
+
+    def stretched(solver, start, active, rules, stresses=None):
+        nonlocal count
+        count, rest = count + 1, iterate(solver, start, active, rules, stresses)
+        return replace(rest, point=1.01 * rest.point + [0.0, 0.0, 1e-3]) if count == 3 else rest
+
+    expected = sagging()
+    monkeypatch.setattr(ActiveSet, "iterate", stretched)
+    run = sagging()
+    assert count > 3
+    assert expected.in_contact[-1].any()
+    assert np.allclose(run.positions, expected.positions, rtol=0.0, atol=1e-7)
 
 
 @pytest.mark.slow
