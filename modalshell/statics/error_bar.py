@@ -46,6 +46,8 @@ _NOTHING = 1e-14
 """Displacement, in sizes of the shell, that is none."""
 _SLIGHT = 1e-3
 """Third step, as a share of the displacement, that any factor may take."""
+_LARGE, _CONTRACTS, _ALIKE = 0.1, 0.9, 0.1
+"""Bar from which steps must contract; the second over both, up to which they do; and what a third may change of it."""
 _FEEBLE = 0.1
 """What the stresses take of the stiffness up to which no critical load is foretold."""
 
@@ -63,7 +65,8 @@ class ErrorBar:
     Attributes
     ----------
     displacement : float
-        Estimated error, as of :func:`modalshell.measure.displacement_error`: a share of the displacement.
+        Estimated error, as of :func:`modalshell.measure.displacement_error`: a share of the displacement. Where the
+        second step takes back what the first has gone, and a third one finds otherwise, it is the length of these.
     margin : float
         Stability margin: the least ratio of the stiffness under stress to that without; 1 without stress, 0 where the
         branch ends, minus infinity where there is a ``message``.
@@ -168,9 +171,9 @@ class Estimator(ABC):
         off = self.length(corrected - x)
         tiny = _NOTHING * shell.size
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
-        softer = 1.0 - margin
-        critical = 1.0 / softer if softer > 0.0 else np.inf
-        valid = margin > LEAST_MARGIN
+        if displacement > _LARGE:
+            displacement = max(displacement, self._astray(x, load, live) / max(moved, tiny))
+        critical, valid = (1.0 / (1.0 - margin) if margin < 1.0 else np.inf), margin > LEAST_MARGIN
         return ErrorBar(displacement, margin, critical, valid, corrected + self.origin, watch(), on=on)
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
@@ -183,6 +186,10 @@ class Estimator(ABC):
         """The shell's potential, about the origin, under a dead load (n, 3) [N] and live ones."""
         live = None if live is None else replace(live, origin=self.origin)
         return Potential(load, self.shell.rest_positions, self.shell, self._factoriser, self.costs, live)
+
+    def _astray(self, x: Array, load: Array, live: LiveLoads | None) -> float:  # noqa: ARG002 (of two steps alone)
+        """Length [kg^(1/2) m] of the steps from x (n, 3) where these lead nowhere; else, and of more than two, zero."""
+        return 0.0
 
     @abstractmethod
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
@@ -314,6 +321,17 @@ class ErrorEstimator(Estimator):
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
         return x, stresses, begun
+
+    def _astray(self, x: Array, load: Array, live: LiveLoads | None) -> float:
+        """By the second step and, where that is as long as both, a third one, which must find about the same error."""
+        problem = self.problem(load, live)
+        end, stresses, begun = self._both_steps(problem, x)
+        off, first, second = (self.length(way) for way in (end - x, begun.x - x, end - begun.x))
+        if second <= _CONTRACTS * off:
+            return 0.0
+        gradient, hessian = problem.linearise(end, MIXED, stresses)
+        further = problem.moved(end, problem.step(problem.factor(hessian), gradient))[0]
+        return 0.0 if abs(self.length(further - x) - off) <= _ALIKE * off else first + second
 
     def _margin_before(self, begun: _Begun, x: Array) -> float | None:
         """The margin where a step to x (n, 3) began, under dead loads; None where that is long, or it is not clear.

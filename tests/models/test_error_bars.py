@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.statics.error_bar import ErrorEstimator
 
 SUPPORTS = {
     "clamp": [ms.Clamp("x < 0.001")],
@@ -206,3 +207,24 @@ def test_what_has_no_bar_is_refused():
         ms.error_bar(held, np.zeros((3, 3)))
     with pytest.raises(ms.OptionError, match="bar must be"):
         ms.DiscreteShell(held).equilibrium(bar=1)
+
+
+@pytest.mark.parametrize("gravity", [4.0, 8.0])
+def test_steps_that_take_back_one_another_are_told_as_beyond(gravity):
+    """Of a panel blown open: at 4 m/s^2 the bar is right, at 8 both steps are long and their sum short, by chance."""
+    panel = ms.cylinder_panel(angle=60.0, cells=(6, 10))
+    x = panel.vertices[:, 0]
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=3e-3, density=1000.0)
+    shell = ms.Shell(panel, sheet, clamped=x < x.min() + 0.12)
+    model = ms.RotationStrain(ms.solve_modes(shell, 16))
+    load = {"gravity": (0.0, 0.0, gravity)}
+    answer, exact = model.equilibrium(**load), ms.DiscreteShell(shell).equilibrium(**load)
+    off = ms.measure.displacement_error(answer.positions, exact.positions, shell)
+    force = shell.gravity_force(load["gravity"])
+    for bar in (ms.error_bar(model, answer), ErrorEstimator(shell).bar(answer.positions, force)):
+        assert bar.valid
+        if gravity < 5.0:
+            assert bar.displacement == pytest.approx(off, rel=0.06)
+        else:
+            assert off > 0.4
+            assert bar.beyond
