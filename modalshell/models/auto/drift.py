@@ -27,6 +27,8 @@ from modalshell.shell.damping import Damping
 
 _FARTHEST = 1.25
 """Share of the coordinates of a check up to which its errors are taken to grow: further on they are as they were."""
+_TINY, _SLOW = 1e-300, 1e-3
+"""Least eigenvalue [1/s^2] that is divided by, and angle of a mode between two frames."""
 _SEEN = 2.0
 """Angle ``omega h`` of a mode between two frames up to which three of them tell its acceleration."""
 
@@ -44,7 +46,7 @@ class Drift:
     """
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
-        self._stiffness, self._damp = basis.eigenvalues, damping.of_modes(basis.eigenvalues)
+        self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
         self._rest = basis.shell.rest_positions
         self._flow: tuple[float, Flow, Array] | None = None
@@ -109,7 +111,8 @@ class Drift:
         known = self._flow
         if known is None or known[0] != dt:
             angle = np.minimum(np.sqrt(self._stiffness) * dt, _SEEN)
-            lacking = (1.0 / np.sinc(angle / (2.0 * np.pi)) ** 2 - 1.0) / angle**2
+            slow = np.maximum(angle, _SLOW)  # of slower ones the difference cancels, and the limit serves
+            lacking = (1.0 / np.sinc(slow / (2.0 * np.pi)) ** 2 - 1.0) / slow**2
             known = self._flow = dt, flow(self._stiffness, self._damp, dt), lacking
         return known[1:]
 
