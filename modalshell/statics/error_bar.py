@@ -167,8 +167,7 @@ class Estimator(ABC):
                 corrected, margin = self._found(x, load, live)
         except SolverError as error:
             return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
-        moved = self.length(corrected - shell.rest_positions)
-        off = self.length(corrected - x)
+        moved, off = self.length(corrected - shell.rest_positions), self.length(corrected - x)
         tiny = _NOTHING * shell.size
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
         if displacement > _LARGE:
@@ -293,9 +292,11 @@ class ErrorEstimator(Estimator):
     def __init__(self, shell: Shell, compiled: QuickCheck | None = None, *, early: bool = False) -> None:
         super().__init__(shell)
         self._compiled, self._early = compiled, early
+        self._taken: tuple[Array, list[Array], _Begun] | None = None
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """By compiled code where that serves."""
+        self._taken = None
         found = None if self._compiled is None or live is not None else self._compiled(x, load)
         if found is None and self._early and live is None:
             problem = self.problem(load)
@@ -320,12 +321,13 @@ class ErrorEstimator(Estimator):
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
-        return x, stresses, begun
+        self._taken = x, stresses, begun
+        return self._taken
 
     def _astray(self, x: Array, load: Array, live: LiveLoads | None) -> float:
         """By the second step and, where that is as long as both, a third one, which must find about the same error."""
         problem = self.problem(load, live)
-        end, stresses, begun = self._both_steps(problem, x)
+        end, stresses, begun = self._taken or self._both_steps(problem, x)
         off, first, second = (self.length(way) for way in (end - x, begun.x - x, end - begun.x))
         if second <= _CONTRACTS * off:
             return 0.0
@@ -348,8 +350,7 @@ class ErrorEstimator(Estimator):
         def softening(values: Array) -> Array:
             return np.asarray(shell.unknowns.restrict(geometric @ shell.unknowns.prolong(values)))
 
-        ratio = lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value - 1.0
-        margin = 1.0 / (1.0 - ratio)
+        margin = 1.0 / (1.0 - (lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value - 1.0))
         return margin if margin > CLEAR else None
 
 
