@@ -8,6 +8,7 @@ import scipy.sparse as sps
 from modalshell.core.typing import Array
 from modalshell.linalg import Stop
 from modalshell.modes.factorisation import CondensedFactor, Factor
+from modalshell.modes.krylov import Krylov
 
 _SHARE = 0.75
 """Iterations at most, in those that take the time of another factorisation."""
@@ -68,29 +69,18 @@ def unsymmetric_by_kept_factor(
     length = float(np.linalg.norm(whole_side))
     if not length > 0.0:
         return None
-    basis, ways = np.empty((most + 1, whole_side.size)), np.empty((most, whole_side.size))
-    basis[0] = whole_side / length
-    seen, goal = np.zeros((most + 1, most)), np.zeros(most + 1)
-    goal[0] = 1.0
+    krylov, ways = Krylov(whole_side, length, most), np.empty((most, whole_side.size))
     for k in range(most):
-        ways[k] = _turned(whole.solve(_turned(basis[k], axes, "kvj,vj->vk")), axes, "jvk,vj->vk")
+        ways[k] = _turned(whole.solve(_turned(krylov.directions[k], axes, "kvj,vj->vk")), axes, "jvk,vj->vk")
         image = matrix @ ways[k]
         if not ways[k] @ image > 0.0:
             return None
-        for _ in range(2):  # twice is enough
-            parts = basis[: k + 1] @ image
-            image -= parts @ basis[: k + 1]
-            seen[: k + 1, k] += parts
-        seen[k + 1, k] = np.linalg.norm(image)
-        known = seen[: k + 2, : k + 1]
-        shares = np.linalg.lstsq(known, goal[: k + 2], rcond=None)[0]
-        relative = float(np.linalg.norm(known @ shares - goal[: k + 2]))
+        shares, relative = krylov.nearest(k, image, 1.0)
         if relative <= accuracy or (k + 1 == most and relative <= _SERVES):
             found = length * (shares @ ways[: k + 1])
             return found[: right_side.size] if found @ whole_side > 0.0 else None
         if k + 1 == _JUDGED and not relative ** (most / _JUDGED) <= accuracy**0.5:
             return None
-        basis[k + 1] = image / seen[k + 1, k]
     return None
 
 

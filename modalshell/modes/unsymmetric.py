@@ -14,6 +14,7 @@ from modalshell.core.cost import count_factorisation
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.modes.factorisation import Factor, Factoriser, check_finite, sparse_lu
+from modalshell.modes.krylov import Krylov
 
 _SMALL = 3000
 """Unknowns below which SuperLU is fast enough."""
@@ -100,24 +101,13 @@ class _NearlySymmetric(Factor):
         length = float(np.linalg.norm(first))
         if not length > 0.0:
             return first if length == 0.0 else None
-        basis = np.empty((_MOST + 1, side.size))
-        basis[0] = first / length
-        seen = np.zeros((_MOST + 1, _MOST))
+        krylov = Krylov(first, length, _MOST)
         for k in range(_MOST):
-            image = self._half.solve(self._matrix @ basis[k])
-            for _ in range(2):  # twice is enough
-                parts = basis[: k + 1] @ image
-                image -= parts @ basis[: k + 1]
-                seen[: k + 1, k] += parts
-            seen[k + 1, k] = np.linalg.norm(image)
-            if not np.isfinite(seen[k + 1, k]):
+            shares, gap = krylov.nearest(k, self._half.solve(self._matrix @ krylov.directions[k]), length)
+            if not np.isfinite(gap):
                 return None
-            goal = np.zeros(k + 2)
-            goal[0] = length
-            shares = np.linalg.lstsq(seen[: k + 2, : k + 1], goal, rcond=None)[0]
-            if np.linalg.norm(seen[: k + 2, : k + 1] @ shares - goal) <= _EXACT * length:
-                return np.asarray(shares @ basis[: k + 1])
-            basis[k + 1] = image / seen[k + 1, k]
+            if gap <= _EXACT * length:
+                return np.asarray(shares @ krylov.directions[: k + 1])
         return None
 
     def is_definite(self) -> bool:

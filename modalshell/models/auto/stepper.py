@@ -59,10 +59,11 @@ class AutoStepper(LeveledStepper):
     ("level"), the steps taken on it ("since"), the level's own state ("inner"), the frame before ("before"), the length
     of the step from there ("step") and how many are known, what the last step cost, the largest displacement so far and
     that of the last check of a modal rung ("checked"), the step of the level that was ("looked"), the states that
-    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), levels that are barred, the
-    steps before the modal rung may come back ("wait"), how often in a row it could have ("ready"), the last load that
-    was compared with what the modes answer ("pushed", "answer"), the linear answers at the last look at a load ("felt")
-    and at the last look ahead ("ahead"), steps by level, and what was switched when and why ("log").
+    checks vouch for ("known") and the steps until one is checked all the same ("seldom"), errors that add up ("drift"),
+    levels that are barred, the steps before the modal rung may come back ("wait"), how often in a row it could have
+    ("ready"), the last load that was compared with what the modes answer ("pushed", "answer"), the linear answers at
+    the last look at a load ("felt") and at the last look ahead ("ahead"), steps by level, and what was switched when
+    and why ("log").
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
