@@ -11,12 +11,13 @@ from modalshell.render.curves import Curve, Panel, draw_curves
 COLORS = {
     "exponential": "#2b5fc8",
     "implicit_midpoint": "#66c2a5",
-    "sdirk2": "#2f9e44",
+    "composite": "#2f9e44",
+    "sdirk2": "#8a5a9e",
     "bdf2": "#d98200",
     "implicit_euler": "#c8322b",
 }
 NAMES = {"exponential": "exponential", "implicit_midpoint": "midpoint", "sdirk2": "SDIRK2", "bdf2": "BDF2"}
-NAMES["implicit_euler"] = "implicit Euler"
+NAMES |= {"implicit_euler": "implicit Euler", "composite": "composite"}
 WARPING, COARSE, REFERENCE = models()["mwts"].name, models()["coarse-ds"].name, models()[TRUTH].name
 MARKERS = {WARPING: "s", COARSE: "v", REFERENCE: "o"}
 

@@ -24,9 +24,9 @@ ENERGIES: dict[str, ms.Material | ms.Isotropic] = {"hinges": HINGES, "Isotropic"
 MOTIONS = 6
 """Motions that the hybrid is trained on."""
 MODAL_RULES = ("exponential", "implicit_midpoint", "implicit_euler")
-FULL_RULES = ("sdirk2", "bdf2", "implicit_euler")
+FULL_RULES = ("composite", "bdf2", "sdirk2", "implicit_euler")
 DEFAULTS = {
-    ms.DiscreteShell.name: "sdirk2",
+    ms.DiscreteShell.name: "composite",
     ms.CoarseDiscreteShell.name: "bdf2",
     ms.HybridStress.name: "bdf2",
     ms.SpringSheet.name: "bdf2",

@@ -96,8 +96,8 @@ ADVICE = """Before choosing a step:
   membrane and needles shorten it; so do springs across hinges. It is a limit of small motion about rest: under very
   large loads even half of it may fail. The classical grid has its own, `SheetGrid.stable_step()`.
 * The exponential rule of modal models, their default, follows every mode exactly while forces do not turn. BDF2 and
-  SDIRK2, the defaults of models of vertices, are stable at any step as such; they add less than 5 % of damping to the
-  first mode, and shift its frequency by less, up to {bdf2} / ω₁ and {sdirk2} / ω₁.
+  the composite rule, the defaults of models of vertices, are stable at any step as such; they add less than 5 % of
+  damping to the first mode, and shift its frequency by less, up to {bdf2} / ω₁ and {composite} / ω₁.
 * Implicit Euler is stable at any step as such, but adds less than 5 % of damping to the first mode only below 0.1 / ω₁.
   The midpoint rule shifts that mode's frequency by less than 5 % up to {midpoint} / ω₁, and rings on at long steps.
 * Linearised implicit Euler solves once a step, and gives up less often than the Newton of implicit Euler; but nothing
@@ -217,7 +217,7 @@ def crossings(row: IntegratedModel, plane: Slice, base: StripScene, y: float) ->
 
 def coloured_step(row: IntegratedModel, scene: StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
-    if not row.bends or row.theory not in ("implicit", "midpoint", "bdf2", "sdirk2"):
+    if not row.bends or row.theory not in ("implicit", "midpoint", "bdf2", "sdirk2", "composite"):
         return None
     return uncoloured(row.theory) / models.first_frequency(scene.ratio, scene.fold)
 
@@ -304,7 +304,7 @@ def table(result: StudyResult) -> str:
     return paragraphs(
         ADVICE.format(
             steps=f" (here, undamped, {steps})",
-            **{rule: f"{uncoloured(rule):.2g}" for rule in ("bdf2", "sdirk2", "midpoint")},
+            **{rule: f"{uncoloured(rule):.2g}" for rule in ("bdf2", "composite", "midpoint")},
         ).rstrip("\n"),
         "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
         "outcome.",

@@ -9,9 +9,10 @@ Limits are those of small motion about an equilibrium:
   predicted end by the exponential rule, which keeps it as a third part of its state: all can miss an equilibrium that
   the model has.
 * Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
-* Numerical damping of implicit Euler, BDF2 and SDIRK2, and frequencies of the other rules, mode by mode; of full models
-  in the stiffest. BDF2's are the roots of ``(3/2 - z) r^2 - 2 r + 1/2``, SDIRK2's ``(1 + (1 - 2 g) z) / (1 - g z)^2``,
-  z being h times a root of ``z^2 + c z + omega^2``.
+* Numerical damping of implicit Euler, BDF2, SDIRK2 and the composite rule, and frequencies of the other rules, mode by
+  mode; of full models in the stiffest. BDF2's are the roots of ``(3/2 - z) r^2 - 2 r + 1/2``, SDIRK2's
+  ``(1 + (1 - 2 g) z) / (1 - g z)^2``, those of the composite rule of a cubic, z being h times a root of
+  ``z^2 + c z + omega^2``.
 * A rigid body that spins: one radian a step.
 """
 
@@ -122,7 +123,7 @@ def linear_limits(row: IntegratedModel, model: ms.LinearModal, quick: bool) -> I
 
 
 def multipliers(theory: str, omega: np.ndarray | float, damp: float, dt: np.ndarray | float) -> np.ndarray:
-    """What a step of BDF2, SDIRK2 or implicit Euler multiplies oscillations by, of frequencies ``omega`` [rad/s]."""
+    """What a step of an implicit rule multiplies oscillations by, of frequencies ``omega`` [rad/s]."""
     stiffness = np.asarray(omega) ** 2
     z = dt * (-0.5 * damp + 1j * np.sqrt(stiffness - 0.25 * damp**2))
     rule = FullIntegrator.chosen(theory)

@@ -31,6 +31,7 @@ THEORY = {
     "implicit_midpoint": "midpoint",
     "bdf2": "bdf2",
     "sdirk2": "sdirk2",
+    "composite": "composite",
     "explicit": "explicit",
     "verlet": "explicit",
 }
@@ -72,7 +73,7 @@ class IntegratedModel:
         For readers.
     make : callable
         The model of a shell.
-    theory : {"implicit", "exact", "midpoint", "bdf2", "sdirk2", "explicit", "rigid"}
+    theory : {"implicit", "exact", "midpoint", "bdf2", "sdirk2", "composite", "explicit", "rigid"}
         Which theory its limits have: that of implicit Euler, of the exact flow of each mode, and so on. Explicit rows
         take half their longest stable step at the base point for their own.
     kind : {"rigid", "linear", "modal", "full", "other"}

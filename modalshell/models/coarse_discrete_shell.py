@@ -61,7 +61,7 @@ class CoarseDiscreteShell(OnCoarse):
     step_tolerance : float
         Out-of-balance force at which a step's Newton stops, as a share of its load and inertia.
     integrator : str or FullIntegrator
-        Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
+        Rule of its steps: "bdf2", "composite", "sdirk2" or "implicit" (Euler).
 
     Raises
     ------

@@ -39,8 +39,9 @@ class DiscreteShell(FullModel):
     shell : Shell
         The shell.
     integrator : str or FullIntegrator
-        ``"sdirk2"``: two solves a step, to ``step_tolerance`` (second order, stable at any step). ``"bdf2"``: one solve
-        (second order). ``"implicit"``, or ``"implicit_euler"``: implicit Euler (first order, loses energy).
+        ``"composite"``: two solves a step, to ``step_tolerance`` (second order, stable at any step). ``"sdirk2"``: two
+        solves (second order, but first where a stiff sheet swings about its supports). ``"bdf2"``: one solve (second
+        order). ``"implicit"``, or ``"implicit_euler"``: implicit Euler (first order, loses energy).
         ``"linear_implicit"``: one Newton step of it (first order). ``"explicit"``: symplectic Euler (first order, the
         paper's choice for DS) and ``"verlet"`` (second order), both stable below :meth:`stable_step` only. Or
         the key of any other :class:`modalshell.integrators.full.FullIntegrator`, or a rule itself.

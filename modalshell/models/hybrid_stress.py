@@ -145,7 +145,7 @@ class HybridStress(OnCoarse):
         on_step : callable, optional
             Called with the motions done and their total.
         integrator : str or FullIntegrator
-            Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
+            Rule of its steps: "bdf2", "composite", "sdirk2" or "implicit" (Euler).
 
         Raises
         ------

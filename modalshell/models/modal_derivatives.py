@@ -78,7 +78,7 @@ class ModalDerivatives(ImplicitModel):
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
     integrator : str or FullIntegrator
-        Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
+        Rule of its steps: "bdf2", "composite", "sdirk2" or "implicit" (Euler).
 
     Attributes
     ----------

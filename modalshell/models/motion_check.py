@@ -100,7 +100,7 @@ def touching_frames(
         return TouchingFrames(shell, contacts, supports)
     rule = getattr(getattr(model, "full", model), "integrator", None)
     if not isinstance(rule, ImplicitRule):
-        raise OptionError("bars of motions with friction take implicit steps: take 'sdirk2', or set friction to 0")
+        raise OptionError("bars of motions with friction take implicit steps: take 'composite', or set friction to 0")
     return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins)
 
 

@@ -265,7 +265,7 @@ class Recorder:
             words = (
                 f"steps on contacts have added {gained:.2g} times the energy that the load has put in: take shorter "
             )
-            words += "ones, or integrator 'sdirk2' or 'implicit', which add none"
+            words += "ones, or integrator 'composite' or 'implicit', which add none"
             if gained > 1.0:
                 found[Outcome.RUNS_AWAY] = words
             else:
@@ -340,7 +340,7 @@ class Recorder:
         if lost <= _LOST * put_in:
             return ""
         swings = isinstance(getattr(motion.model, "integrator", None), SDIRK2)
-        other = ", or integrator 'bdf2', which keeps that of sheets that swing" if swings else ""
+        other = ", or integrator 'composite', which keeps that of sheets that swing" if swings else ""
         share = f"{lost / put_in:.2g} of the energy that start and load put in"
         return f"steps have taken {share}: take shorter ones{other}"
 

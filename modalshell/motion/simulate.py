@@ -83,7 +83,7 @@ def simulate(
         step by implicit Euler.
     integrator : str, optional
         Another rule of the steps than the model's own: "exponential", "implicit_euler" or "implicit_midpoint" of modal
-        models; of others "sdirk2", "bdf2", "implicit", and further ones of those with every vertex free.
+        models; of others "composite", "sdirk2", "bdf2", "implicit", and further ones of those with every vertex free.
     tolerance : float, optional
         Error, as a share of ``mesh.moment_length``, that steps may make by their length. Each is then taken in as
         many halves of halves as that needs; frames stay where they are.

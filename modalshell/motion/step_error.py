@@ -1,6 +1,6 @@
 """What the steps of a motion cost in accuracy: the error that they add up to, and the damping that they add.
 
-See theory 12, eq. 10 and 11.
+See theory 12, eq. 11 and 12.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def test_modal_rungs_have_the_damping_that_was_asked(energy, name, steps):
 @pytest.mark.by_default("hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_ds_has_the_damping_that_was_asked_at_20_steps_a_period(energy):
-    assert off(energy, "DS", "sdirk2", 20) < 0.01
+    assert off(energy, "DS", "composite", 20) < 0.01
 
 
 @pytest.mark.by_default("hinges-MD-ROM", "Isotropic-coarse DS")
@@ -69,7 +69,7 @@ def test_the_hybrid_has_it_at_75_and_is_of_order_two():
 
 
 @pytest.mark.by_default("bdf2")
-@pytest.mark.parametrize("rule", ["bdf2", "sdirk2"])
+@pytest.mark.parametrize("rule", ["bdf2", "composite", "sdirk2"])
 def test_implicit_euler_adds_damping_and_second_order_does_not(rule):
     assert off("hinges", "coarse DS", "implicit_euler", 75) > 0.3
     assert off("hinges", "coarse DS", rule, 75) < 0.01
@@ -84,7 +84,7 @@ def test_modal_rungs_are_of_order_two(energy, name):
 
 
 @pytest.mark.by_default("bdf2")
-@pytest.mark.parametrize("rule", ["bdf2", "sdirk2"])
+@pytest.mark.parametrize("rule", ["bdf2", "composite", "sdirk2"])
 def test_coarse_ds_is_of_order_two(rule):
     rung, shell = rung_of("hinges", "coarse DS")
     found = motion_damping.order_of(rung, shell, rule, (100, 200, 400))
@@ -92,7 +92,7 @@ def test_coarse_ds_is_of_order_two(rule):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "rule"), [("DS", "sdirk2"), ("DS", "bdf2"), ("MD-ROM", "bdf2")])
+@pytest.mark.parametrize(("name", "rule"), [("DS", "composite"), ("DS", "bdf2"), ("MD-ROM", "bdf2")])
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_full_rungs_are_of_order_two(energy, name, rule):
     rung, shell = rung_of(energy, name)
@@ -109,13 +109,13 @@ def test_lma_follows_loads_of_straight_pieces_exactly(energy, steps):
 def test_a_stiff_sheet_that_is_damped_by_strain_rates_turns_freely():
     # The viscous matrix of a part of a step is that of where it ends: another one resists turning.
     rung, shell = rung_of("hinges", "coarse DS")
-    found = motion_damping.order_of(rung, shell, "sdirk2", (50, 100, 200))
+    found = motion_damping.order_of(rung, shell, "composite", (50, 100, 200))
     assert found["changes"][0] < 0.01
 
 
 @pytest.mark.slow
 def test_plate_under_sudden_pressure_follows_its_own_exact_answer():
-    rows = {row["steps"]: row for row in motion_scenes.plate_rows("Isotropic", (20, 100), ("sdirk2",))}
+    rows = {row["steps"]: row for row in motion_scenes.plate_rows("Isotropic", (20, 100), ("composite",))}
     assert rows[20]["error"] < 0.04
     assert rows[100]["error"] < 0.006
     assert rows[100]["against_series"] < 0.2  # of which the coarse mesh is 0.17
@@ -135,7 +135,7 @@ def snapping_tip():
 
 
 @pytest.mark.by_default("coarse DS-bdf2-0.04")
-@pytest.mark.parametrize(("name", "rule", "most"), [("DS", "sdirk2", 0.015), ("coarse DS", "bdf2", 0.04)])
+@pytest.mark.parametrize(("name", "rule", "most"), [("DS", "composite", 0.01), ("coarse DS", "bdf2", 0.04)])
 def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, most, snapping_tip):
     tip, took = motion_scenes.snap_tip(motion_scenes.snap_models()[name](rule), 1)
     assert took["status"] == "completed"
@@ -146,7 +146,7 @@ def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, mo
 @pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
 def test_held_strip_vibrates_faster_the_farther_it_goes(amplitude):
-    found = motion_scenes.held_strip_ratio("Isotropic", "sdirk2", amplitude, periods=2)
+    found = motion_scenes.held_strip_ratio("Isotropic", "composite", amplitude, periods=2)
     assert found["error"] == pytest.approx(0.0, abs=0.003)
 
 
@@ -176,7 +176,7 @@ def quick(quick_study):
 @pytest.mark.slow
 def test_stiff_scenes_gain_no_energy(quick):
     rows = quick["stiff"]
-    assert {row["rule"] for row in rows} == {"sdirk2", "bdf2", "implicit_euler"}
+    assert {row["rule"] for row in rows} == {"composite", "bdf2", "sdirk2", "implicit_euler"}
     assert len({row["scene"] for row in rows}) == 6
     for row in rows:
         assert row["energy"] <= 1.0 + 1e-9, row

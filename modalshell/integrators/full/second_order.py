@@ -44,13 +44,19 @@ class SecondOrderRule(ImplicitRule):
         if "order" not in state.memory:  # not made by the rule: taken for a start
             state = MotionState(state.coordinates, state.rates, self.at_rest(state.coordinates).memory)
         go_on = self.go_on if state.memory["order"][0] else started
-        after, solved, order = go_on(euler, state, dt)
-        after = euler.landed(state, after, dt)
-        return MotionState(after.coordinates, after.rates, _memory(state, after, dt, order)), solved
+        end, solved, order = go_on(euler, state, dt)
+        after = euler.landed(state, end, dt)
+        memory = _memory(state, after, dt, order) | self.further(end, after)
+        return MotionState(after.coordinates, after.rates, memory), solved
+
+    def further(self, end: MotionState, after: MotionState) -> dict[str, Array]:  # noqa: ARG002
+        """What else is kept of a step that :meth:`go_on` ended at ``end``, and that landed at ``after``."""
+        return {}
 
     def stood_in_for(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
         """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start."""
-        return MotionState(after.coordinates, after.rates, _memory(before, after, dt, 0))
+        none = MotionState(after.coordinates, after.rates)
+        return MotionState(after.coordinates, after.rates, _memory(before, after, dt, 0) | self.further(none, after))
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
         """Error of a step, and that of implicit Euler where it stood in."""

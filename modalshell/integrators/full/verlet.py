@@ -1,4 +1,4 @@
-"""Velocity Verlet of full models (theory 12, eq. 9)."""
+"""Velocity Verlet of full models (theory 12, eq. 10)."""
 
 from __future__ import annotations
 

@@ -71,11 +71,11 @@ class ContactMotion:
         given, own = parted(setup.contacts if contacts is None else contacts, frame)
         for index, contact in enumerate(given):
             if contact.push_out and not isinstance(rule, ImplicitRule):
-                raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'sdirk2'")
+                raise OptionError(f"contact {index} has push_out, which {rule.name} does not take: take 'composite'")
         layers = None
         if own is not None:
             if not isinstance(rule, ImplicitRule):
-                raise OptionError(f"self-contact needs implicit steps (got {rule.name}): take 'sdirk2'")
+                raise OptionError(f"self-contact needs implicit steps (got {rule.name}): take 'composite'")
             layers = Layers(own, shell)
             weight = np.linalg.norm(setup.loading.dead, axis=1).sum()
             layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)

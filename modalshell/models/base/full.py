@@ -86,7 +86,7 @@ class FullModel(Model):
         self,
         shell: Shell,
         *,
-        integrator: str | FullIntegrator = "sdirk2",
+        integrator: str | FullIntegrator = "composite",
         allow_unstable_step: bool = False,
         step_tolerance: float = 1e-6,
         backend: str | None = None,
