@@ -156,7 +156,7 @@ def held_strip_ratio(energy: str, rule: str, amplitude: float, steps: int = 100,
 
 
 def swing_rows(steps: tuple[int, ...] = SWING_STEPS, rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
-    """DS of a stiff panel that falls from level about its pinned edge for a second, by every rule."""
+    """DS of a stiff panel that falls from level about its supported edge for a second, by every rule."""
     mesh = ms.sheet(length=0.3, width=0.1, cells=(3, 1))
     material = ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=400.0)
     shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])

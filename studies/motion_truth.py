@@ -166,7 +166,7 @@ def table(result: StudyResult) -> str:
             "{energy} | {rule} | {amplitude:g} | {ratio:.4f} | {exact:.4f} | {error:100*.2f} %",
             found["strip"],
         ),
-        "A stiff panel falls from level about its pinned edge for a second. Energy that steps take, over what its "
+        "A stiff panel falls from level about its supported edge for a second. Energy that steps take, over what its "
         "weight puts in, and the largest error [length] against 32 times the steps of BDF2:",
         markdown(
             "rule | steps a second | energy taken | error | estimated by `step_error`",

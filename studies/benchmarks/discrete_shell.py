@@ -55,7 +55,7 @@ def implicit_steps(sides: tuple[int, ...] = (50, 100, 150)) -> list[dict[str, An
         steps = max(3, round(10 * (50 / side)))
         shell = hanging_sheet(side, energy)
         backends = BACKENDS if side <= _PEERS else BACKENDS[:1]
-        for backend, rule in itertools.product(backends, ("implicit", "sdirk2", "linear_implicit")):
+        for backend, rule in itertools.product(backends, ("implicit", "composite", "linear_implicit")):
             model = ms.DiscreteShell(shell, backend=backend, integrator=rule)
             ms.simulate(model, duration=STEP, dt=STEP, gravity=GRAVITY, damping=DAMPING)  # compiles, orders
             model = ms.DiscreteShell(shell, backend=backend, integrator=rule)

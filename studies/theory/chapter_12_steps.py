@@ -44,7 +44,7 @@ def estimated(rule: str, share: float, count: int) -> float:
 
 
 def lost(integrator: str) -> float:
-    """Share of what its weight puts in that a stiff panel loses as it swings about its pinned edge for a second."""
+    """Share of what its weight puts in that a stiff panel loses as it swings about its supported edge for a second."""
     mesh = ms.sheet(length=0.3, width=0.1, cells=(3, 1))
     material = ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=400.0)
     shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])

@@ -39,8 +39,8 @@ def rise(run):
     [
         ("implicit", 1e-2),
         ("bdf2", 1e-3),
-        pytest.param("sdirk2", 1e-3, marks=pytest.mark.slow),
-        pytest.param("sdirk2", 1e-2, marks=pytest.mark.slow),
+        pytest.param("composite", 1e-3, marks=pytest.mark.slow),
+        pytest.param("composite", 1e-2, marks=pytest.mark.slow),
         pytest.param("bdf2", 1e-2, marks=pytest.mark.slow),
         pytest.param("implicit", 1e-3, marks=pytest.mark.slow),
     ],

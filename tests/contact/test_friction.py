@@ -40,10 +40,10 @@ def test_a_strip_slides_down_a_steep_slope_as_a_block(thickness):
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-12
 
 
-@pytest.mark.parametrize(("integrator", "steps"), [("bdf2", 1), ("sdirk2", 2)])
+@pytest.mark.parametrize(("integrator", "steps"), [("bdf2", 1), ("composite", 2)])
 def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps):
     speed, run = on_slope(np.arctan(0.9 * MU), integrator=integrator)
-    creep = SLIP * 1.0 / STEP * steps  # two steps of implicit Euler stand in for one of SDIRK2
+    creep = SLIP * 1.0 / STEP * steps  # two steps of implicit Euler stand in for one of the composite rule
     assert speed == pytest.approx(creep * (1.0 - np.sqrt(0.1)), rel=1e-3)
     assert f"creeps at {creep:.2g} m/s" in run.message
 

@@ -172,7 +172,7 @@ def test_steps_that_two_stand_in_for_are_two_on_a_collider_that_moves(model):
     """Both met it where it is at the end of the step, which threw the shell off, and forces were the last one's."""
     lift = ms.SupportPath([0.0, 0.2, 0.4], [(0, 0, 0), (0, 0, 0.03), (0, 0, 0.02)])
     given = {"duration": 0.2, "gravity": GRAVITY, "contacts": [ms.Contact(ms.Plane(), sel="x > 0.8", motion=lift)]}
-    whole = ms.simulate(model, dt=1 / 60, integrator="sdirk2", **given)
+    whole = ms.simulate(model, dt=1 / 60, integrator="composite", **given)
     halves = ms.simulate(model, dt=1 / 120, integrator="implicit", **given)
     assert whole.in_contact[1:].any(axis=1).all()
     assert np.abs(whole.positions - halves.positions[::2]).max() <= 1e-12

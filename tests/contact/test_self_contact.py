@@ -107,7 +107,7 @@ def test_a_fold_rests_on_itself(rest):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["sdirk2", pytest.param("bdf2", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("integrator", ["composite", pytest.param("bdf2", marks=pytest.mark.slow)])
 def test_a_closing_fold_neither_crosses_nor_gains_energy(integrator):
     shell = folded((6, 6))
     model = ms.DiscreteShell(shell, integrator=integrator)

@@ -215,13 +215,13 @@ def test_a_load_is_compared_as_it_changes(beam):
     pinch = [ms.Scaled(ms.PointForce("nearest(0.5, 0.1, 0)", (0.0, 0.0, -1.0)), ([0.0, 0.3, 0.32, 1.0], [0, 0, 6, 6]))]
     loads = [ms.SelfWeight((0.0, 0.0, -8.0)), *pinch]
     runs = [
-        ms.simulate(model, duration=0.6, dt=DT, loads=loads, damping=(2.0, 0.001))
+        ms.simulate(model, duration=0.6, dt=0.5 * DT, loads=loads, damping=(2.0, 0.001), store_every=2)
         for model in (ms.Auto(beam, 2, check_every=1000), ms.DiscreteShell(beam))
     ]
     assert runs[0].levels[:17] == ("MWTS",) * 17
     assert "to DS at 0.3" in runs[0].message
     assert "of the linear answer to the load" in runs[0].message
-    assert worst(beam, *runs) < 0.05
+    assert worst(beam, *runs) < 0.01  # with steps as long as frames DS itself is 0.21 off in its snap
 
 
 @pytest.mark.parametrize("kind", ["buckles", "stiffens"])

@@ -246,7 +246,7 @@ def test_closest_points_are_found_over_each_triangle():
     assert distance[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2", "implicit"])
+@pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
 def test_compiled_steps_are_those_of_discrete_shells(damping, integrator):
     """Through a snap, up and down: the same equations, solved by other code."""

@@ -473,7 +473,7 @@ def test_derivatives_take_any_factorisation(curved):
 
 
 @pytest.mark.by_default("bdf2")
-@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
+@pytest.mark.parametrize("integrator", ["bdf2", "composite"])
 def test_motions_as_small_as_rounding_are_damped_as_asked(integrator):
     """The membrane's forces by the rounding of positions are beyond a share of the motion's own."""
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 4))

@@ -127,7 +127,7 @@ def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, suppor
         ("implicit", "implicit_euler"),
         ("linear_implicit", "implicit_euler"),
         ("bdf2", "exponential"),
-        ("sdirk2", "exponential"),
+        ("composite", "exponential"),
     ],
 )
 def test_steps_of_a_carried_clamp_follow_the_linear_modes_where_the_motion_is_small(integrator, of_modes):

@@ -6,10 +6,11 @@ import pytest
 from modalshell.integrators.full.implicit_rule import Flight
 from modalshell.motion import Motion
 from studies import motion_limits
+from studies.theory.oscillator import weights
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 SHARE = 1.0 - np.sqrt(0.5)
-"""Length of SDIRK2's stages over that of a step."""
+"""Length of the parts of SDIRK2 and of the composite rule over that of a step."""
 
 
 def spin_of(shell, x, v):
@@ -20,15 +21,25 @@ def spin_of(shell, x, v):
 
 def impulses(rule, stages, dt):
     """Impulses (k, 3) that moments (3,) of the stages of k steps add up to, by the rule's own recursion."""
-    found = [np.zeros(3)]
+    found, middle = [np.zeros(3)], None
+    usual, last = weights()
+    second = np.linalg.solve(np.vander([-1.0, 0.0, 0.5], increasing=True).T, [1.0, 1.0 - SHARE, 1.0 - 2.0 * SHARE])
     for taken in stages:
         length, moment = taken[-1]
         if rule == "bdf2" and len(taken) == 1:
             assert np.isclose(length, 2.0 / 3.0 * dt)
             found.append((4.0 * found[-1] - found[-2]) / 3.0 + length * moment)
-        else:  # after the two half steps of a start
+        elif len(found) == 1 or rule == "bdf2":  # by SDIRK2, after the two half steps of a start
             assert np.isclose(length, SHARE * dt)
             found.append(found[-1] + dt * ((1.0 - SHARE) * taken[-2][1] + SHARE * moment))
+        else:
+            assert len(taken) == 2
+            assert np.isclose(taken[0][0], (0.375 if middle is None else SHARE) * dt)
+            assert np.isclose(length, SHARE * dt)
+            known = np.array(found[-2:] if middle is None else [found[-2], middle, found[-1]])
+            first, end = ([-0.125, 1.125], second) if middle is None else (usual, last)
+            middle = first @ known + taken[0][0] * taken[0][1]
+            found.append(end @ [*known, middle] + length * moment)
     return np.array(found[1:])
 
 
@@ -36,7 +47,7 @@ def impulses(rule, stages, dt):
 @pytest.mark.parametrize(
     ("rung", "rule"),
     [
-        ("DS", "sdirk2"),
+        ("DS", "composite"),
         ("coarse DS", "bdf2"),
         ("MD-ROM", "bdf2"),
         pytest.param("hybrid", "bdf2", marks=pytest.mark.slow),

@@ -20,7 +20,7 @@ def shell():
         (lambda shell, **options: ms.ModalWarping(ms.solve_modes(shell, 4), **options), "implicit_euler"),
         (lambda shell, **options: ms.LinearModal(ms.solve_modes(shell, 4), **options), "implicit_midpoint"),
         (ms.DiscreteShell, "bdf2"),
-        (lambda shell, **options: ms.CoarseDiscreteShell(shell, shell, **options), "sdirk2"),
+        (lambda shell, **options: ms.CoarseDiscreteShell(shell, shell, **options), "composite"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.* fewer than 4 edges a half wave")

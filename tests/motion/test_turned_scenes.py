@@ -114,7 +114,7 @@ def test_a_turned_scene_is_the_same(surface, energy, rung):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["sdirk2", "bdf2"])
+@pytest.mark.parametrize("integrator", ["composite", "bdf2"])
 def test_a_turned_fold_under_great_stress_moves_alike(integrator):
     """Its first step has many ends: the way downhill is measured by a length that turns with the shell."""
     mesh = ms.v_beam(length=0.6, width=0.15, fold=120.0, cells=(12, 4))

@@ -201,7 +201,7 @@ def test_creases_that_do_not_yield_change_no_bit(material):
 
 @pytest.mark.by_default("implicit-hinges")
 @ENERGIES
-@pytest.mark.parametrize("rule", ["implicit", "sdirk2", "bdf2"])
+@pytest.mark.parametrize("rule", ["implicit", "composite", "bdf2"])
 def test_motion_comes_to_a_rest_of_statics(material, rule):
     shell, load = strip(material), {"gravity": (0.0, 0.0, -0.5)}
     model = ms.DiscreteShell(shell, integrator=rule)

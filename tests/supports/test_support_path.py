@@ -261,7 +261,7 @@ def test_accelerations_have_two_sides_where_a_path_begins_and_ends():
 
 
 @pytest.mark.by_default("bdf2")
-@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
+@pytest.mark.parametrize("integrator", ["bdf2", "composite"])
 def test_implicit_steps_in_the_frame_feel_the_side_of_a_jump_that_is_theirs(integrator):
     """Of first order, and 8 and 30 times as far off, with all of the acceleration at both ends of a path."""
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))

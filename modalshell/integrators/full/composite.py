@@ -136,7 +136,8 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     ahead = x + 0.5 * dt * (v + last)
     start = EulerStart(*_combined(second, states), GAMMA * dt, 1.0, last, near, ahead, 1.0, viscous_ahead=True)
     after, solved = euler.solve(replace(start, made_of=tuple(zip(second, states, strict=True)), side="before"))
-    return MotionState(after.coordinates, after.rates, {"middle_at": near, "middle_rates": middle.rates}), solved
+    after.memory = {"middle_at": near, "middle_rates": middle.rates}  # of itself, whose momenta are known by it
+    return after, solved
 
 
 def _combined(weights: tuple[float, ...], states: list[MotionState]) -> tuple[Array, Array]:
