@@ -3,7 +3,7 @@
 Isotropic shells have a fold share per edge between pairs of triangles as a further unknown, and smooth their membrane
 over edges; calibrated hinges have neither. Both are timed on the same meshes in one process, in turns; the least time
 of the processor counts.
-Steps are of the default rule, SDIRK2, from rest under weight, 1/60 s each; statics is the rest under 0.3 of that
+Steps are of the default rule, from rest under weight, 1/60 s each; statics is the rest under 0.3 of that
 weight. Second, a supported plate (:mod:`studies.mesh_bias`): the error of its deflection over the seconds of the static
 answer.
 """

@@ -9,7 +9,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.integrators.full import FullIntegrator
+from modalshell.models.base.implicit import implicit_rule
 from modalshell.motion import Motion
 from studies.motion_rungs import FULL_RULES, first_frequency, moved, rungs, strip, weight
 from studies.pages import counted
@@ -163,7 +163,7 @@ def stiff_rows(rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
             rows.append({"scene": name, "rule": rule, "steps": 120} | own | took)
     for row in rows:
         euler = next(r for r in rows if r["scene"] == row["scene"] and r["rule"] == "implicit_euler")
-        problems = FullIntegrator.chosen(row["rule"]).stand_ins
+        problems = implicit_rule(row["rule"]).stand_ins
         row["iterations"] = row["solves"] / row["steps"] / problems
         row["over_euler"] = row["iterations"] * euler["steps"] / euler["solves"]
     return rows

@@ -162,8 +162,8 @@ def swing_rows(steps: tuple[int, ...] = SWING_STEPS, rules: tuple[str, ...] = FU
     shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])
 
     def swing(rule: str, count: int, kept: int = 1) -> ms.Trajectory:
-        model, motion = ms.DiscreteShell(shell, integrator=rule), {"gravity": (0.0, 0.0, -9.81), "store_every": kept}
-        return ms.simulate(model, duration=1.0, dt=1.0 / count, **motion)
+        model = ms.DiscreteShell(shell, integrator=rule)
+        return ms.simulate(model, duration=1.0, dt=1.0 / count, gravity=(0.0, 0.0, -9.81), store_every=kept)
 
     rows = []
     for count in steps:

@@ -47,7 +47,7 @@ def weights() -> tuple[Array, Array]:
     first = np.linalg.solve(np.vander([-1.0, -0.5, 0.0], increasing=True).T, moments(0.5))
     given = EARLIER * np.array([1.0, -1.0, 1.0])
     last = np.linalg.solve(np.vander([-0.5, 0.0, 0.5], increasing=True).T, moments(1.0) - given)
-    return first, np.append(EARLIER, last)
+    return np.asarray(first), np.asarray(np.append(EARLIER, last))
 
 
 def composite(step: float, ratio: float) -> Array:

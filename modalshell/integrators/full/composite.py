@@ -31,7 +31,8 @@ def _weights(ratio: float, *, middle: bool = True) -> tuple[float, tuple[float, 
     begin, before = -1.0 / ratio, -0.5 / ratio
     if middle:
         first = _exact([begin, before, 0.0], 0.5, GAMMA)
-        return GAMMA, first, (EARLIER, *_exact([before, 0.0, 0.5], 1.0, GAMMA, (EARLIER, begin)))
+        given = EARLIER * min(1.0, ratio**2)  # far from where a much longer step began
+        return GAMMA, first, (given, *_exact([before, 0.0, 0.5], 1.0, GAMMA, (given, begin)))
     earlier, length = 0.25 * ratio**2 / (1.0 + ratio), 0.25 * (2.0 + ratio) / (1.0 + ratio)
     return length, (-earlier, 1.0 + earlier), _exact([begin, 0.0, 0.5], 1.0, GAMMA)
 
@@ -88,7 +89,7 @@ class Composite(SecondOrderRule, key="composite"):
     def at_rest(self, coordinates: Array) -> MotionState:
         """State at rest, with room for what is kept of a step and its middle."""
         state = super().at_rest(coordinates)
-        return MotionState(state.coordinates, state.rates, state.memory | _no_middle(coordinates))
+        return MotionState(state.coordinates, state.rates, state.memory | no_middle(coordinates))
 
     def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Two half steps of implicit Euler, which cost as much as a step of the rule; and whether they were solved."""
@@ -96,8 +97,8 @@ class Composite(SecondOrderRule, key="composite"):
 
     def further(self, end: MotionState, after: MotionState) -> dict[str, Array]:
         """Changes of coordinates and rates since the middle of the step, where that is known."""
-        if not end.memory:
-            return _no_middle(after.coordinates)
+        if "middle_at" not in end.memory:
+            return no_middle(after.coordinates)
         move, gain = after.coordinates - end.memory["middle_at"], after.rates - end.memory["middle_rates"]
         return {"middle_move": move, "middle_gain": gain, "middle": np.ones(1)}
 
@@ -120,10 +121,11 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     gain = ratio * memory["gain"]
     if euler.turn(x, dt * gain) > VIOLENT:
         return state, False
-    names = ["move", "gain"], ["middle_move", "middle_gain"]
-    known = names if memory["middle"][0] else names[:1]
-    length, first, second = _weights(ratio, middle=len(known) > 1)
-    states = [*(MotionState(x - memory[move], v - memory[gained]) for move, gained in known), state]
+    known = "middle" in memory and bool(memory["middle"][0])
+    length, first, second = _weights(ratio, middle=known)
+    states = [MotionState(x - memory["move"], v - memory["gain"]), state]
+    if known:
+        states.insert(1, MotionState(x - memory["middle_move"], v - memory["middle_gain"]))
     # Viscous matrices are those of where parts end, else turning of a stiff sheet is resisted.
     ahead = x + 0.5 * dt * (v + 0.25 * gain)
     start = EulerStart(*_combined(first, states), length * dt, 0.5, v + 0.5 * gain, x, ahead, 0.5, viscous_ahead=True)
@@ -148,7 +150,7 @@ def _combined(weights: tuple[float, ...], states: list[MotionState]) -> tuple[Ar
     return x, v
 
 
-def _no_middle(coordinates: Array) -> dict[str, Array]:
-    """What is kept of a step's middle where that is not known."""
+def no_middle(coordinates: Array) -> dict[str, Array]:
+    """What the memory of a state keeps of a step's middle that is not known."""
     none = np.zeros_like(coordinates)
     return {"middle_move": none, "middle_gain": none.copy(), "middle": np.zeros(1)}

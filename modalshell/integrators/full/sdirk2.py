@@ -19,7 +19,8 @@ class SDIRK2(SecondOrderRule, key="sdirk2"):
 
     Of order one where a sheet much stiffer than steps resolve swings about a line of supports: the first part meets
     its stretch with half the pull towards the axis, and each step of a turn by :math:`h \omega` takes
-    :math:`(h \omega)^2 / 4` of the speed, which ``step_error`` does not see. :class:`Composite` and :class:`BDF2` keep it.
+    :math:`(h \omega)^2 / 4` of the speed, which ``step_error`` does not see. :class:`Composite` and
+    :class:`BDF2` keep it.
     """
 
     name = "SDIRK2"

@@ -19,6 +19,7 @@ from modalshell.integrators.free_parts import (
     turn_of,
     vector_of,
 )
+from modalshell.integrators.full.composite import no_middle
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
@@ -185,6 +186,8 @@ class FlownStates:
         memory = dict(after.memory)
         if "move" in memory:
             memory |= {"move": memory["move"] + (x - q), "gain": memory["gain"] + (v - rates)}
+        if "middle" in memory:
+            memory |= no_middle(x)
         return MotionState(x, v, memory)
 
     def _up(self, q: Array, rates: Array) -> tuple[Array, Array]:
@@ -241,6 +244,8 @@ def _with_memory(state: MotionState, place: Callable[[Array, Array], tuple[Array
         before = place(x - memory["move"], v - memory["gain"])
         changes = {"move": here[0] - before[0], "gain": here[1] - before[1]}
         memory |= changes | {"curvature": np.zeros_like(here[1])}
+    if "middle" in memory:
+        memory |= no_middle(here[0])
     return MotionState(*here, memory)
 
 
