@@ -134,10 +134,11 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
         return middle, False
     middle = euler.landed(state, middle, 0.5 * dt)
     states.append(middle)
+    # Loads at the end stand for both sides of it: all ends together feel half of what jumps there, all middles the rest.
     near, last = middle.coordinates, 2.0 * middle.rates - v
     ahead = x + 0.5 * dt * (v + last)
     start = EulerStart(*_combined(second, states), GAMMA * dt, 1.0, last, near, ahead, 1.0, viscous_ahead=True)
-    after, solved = euler.solve(replace(start, made_of=tuple(zip(second, states, strict=True)), side="before"))
+    after, solved = euler.solve(replace(start, made_of=tuple(zip(second, states, strict=True))))
     after.memory = {"middle_at": near, "middle_rates": middle.rates}  # of itself, whose momenta are known by it
     return after, solved
 
