@@ -269,5 +269,5 @@ def test_implicit_steps_in_the_frame_feel_the_side_of_a_jump_that_is_theirs(inte
     model = ms.CoarseDiscreteShell(shell, shell, integrator=integrator)
     path = ms.SupportPath([0.1, 0.3], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1)], [(0.0, 0.0, 0.0), (0.0, 0.4, 0.0)])
     errors, stated = errors_led_by(path, model)
-    assert errors[0] < 0.5 * stated[0]
+    assert errors[0] < 0.6 * stated[0]
     assert errors[0] > 2.5 * errors[1]

@@ -134,7 +134,7 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
         return middle, False
     middle = euler.landed(state, middle, 0.5 * dt)
     states.append(middle)
-    # Loads at the end stand for both sides of it: all ends together feel half of what jumps there, all middles the rest.
+    # Loads at the end stand for both sides of it: ends feel half of a jump there, which middles alone would lack.
     near, last = middle.coordinates, 2.0 * middle.rates - v
     ahead = x + 0.5 * dt * (v + last)
     start = EulerStart(*_combined(second, states), GAMMA * dt, 1.0, last, near, ahead, 1.0, viscous_ahead=True)
