@@ -14,7 +14,7 @@ from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.touched import TOUCHED, TouchedFrame
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.full import SDIRK2, FullIntegrator, ImplicitRule
+from modalshell.integrators.full import Composite, FullIntegrator, ImplicitRule
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.model import NO_POTENTIAL
@@ -339,8 +339,9 @@ class Recorder:
         lost = float(energies[0].sum() - energies[-1].sum())
         if lost <= _LOST * put_in:
             return ""
-        swings = isinstance(getattr(motion.model, "integrator", None), SDIRK2)
-        other = ", or integrator 'composite', which keeps that of sheets that swing" if swings else ""
+        rule = getattr(motion.model, "integrator", None)
+        keeps = not isinstance(rule, ImplicitRule) or isinstance(rule, Composite)
+        other = "" if keeps else ", or integrator 'composite', which keeps more of it"
         share = f"{lost / put_in:.2g} of the energy that start and load put in"
         return f"steps have taken {share}: take shorter ones{other}"
 
