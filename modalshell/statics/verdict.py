@@ -7,7 +7,7 @@ from modalshell.statics.mixed_newton import ACCEPTED
 
 _GROWS = (
     "in balance, but without damping the smallest push aside grows, as at a saddle or in flutter: whether damping, "
-    "that of wind too, holds it is told by a motion from there"
+    "that of wind too, holds it is shown by a motion from there"
 )
 
 
