@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from modalshell.core.errors import ModalShellError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Progress
+from modalshell.models.error_bars import error_bar
 from modalshell.models.registry import TRUTH, models
 from modalshell.scene import Scene
 from modalshell.scene.write import write_scene_with
@@ -145,7 +147,7 @@ def quick_advice(
             break
         if row.largest == np.inf:  # as the shell's own margin has failed: what the most exact rung says will do
             tried = tried[-1:]
-    snap = _snap(rows, factors)
+    snap = _snap(case, rows[-1].bars, factors)
     return QuickAdvice(chosen, wanted, rows, snap, _told(chosen, rows, snap, wanted, chosen is truth))
 
 
@@ -165,10 +167,19 @@ def _bars(candidate: Candidate, case: Case, factory: Any, factors: Sequence[floa
     return BarRow(candidate, bars, watch())
 
 
-def _snap(rows: Sequence[BarRow], factors: Sequence[float]) -> float | None:
-    """Share of the load at which the last rung's bars expect a branch to end."""
-    found = [factor * bar.critical_load for factor, bar in zip(factors, rows[-1].bars, strict=False) if not bar.message]
-    return found[-1] if found and found[-1] < _FAR else None
+def _snap(case: Case, bars: Sequence[ErrorBar], factors: Sequence[float]) -> float | None:
+    """Share of the load at which the branch ends, where the last rung's bars foretell one or are void.
+
+    A bar past the end foretells it by a stress that is of another branch, up to ten times too low: it is walked to.
+    """
+    found = [factor * bar.critical_load for factor, bar in zip(factors, bars, strict=False) if not bar.message]
+    near = found[-1] if found else np.inf
+    if near >= 2.0 * _FAR and bars[-1].valid:
+        return None
+    with contextlib.suppress(ModalShellError):
+        walked = error_bar(case.shell, case.shell.rest_positions, walk=True, **case.statics(1.0))
+        near = walked.critical_load if walked.walked else near
+    return near if near < _FAR else None
 
 
 def _told(chosen: Candidate, rows: Sequence[BarRow], snap: float | None, error: float, none: bool) -> str:

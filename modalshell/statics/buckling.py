@@ -163,7 +163,13 @@ def _inverses(
     if size <= max(_DENSE_BELOW, 3 * wanted):
         identity = np.eye(size)
         left, right = softening(identity), resisting(identity)
-        values, vectors = scipy.linalg.eigh(0.5 * (left + left.T), 0.5 * (right + right.T))
+        try:
+            values, vectors = scipy.linalg.eigh(0.5 * (left + left.T), 0.5 * (right + right.T))
+        except scipy.linalg.LinAlgError as error:
+            raise SolverError(
+                "the stiffness at rest is singular to rounding, so that there is nothing to soften: hold more "
+                "vertices, or give a material that resists shear"
+            ) from error
         return np.asarray(values), np.asarray(vectors)
     operator, mass, inverse = (
         spla.LinearOperator((size, size), matvec=product, dtype=np.float64)

@@ -56,6 +56,18 @@ def test_before_a_snap_it_names_ds(shell):
     assert len(advice.rows) == 2  # the first rung, and the most exact one
 
 
+@pytest.mark.parametrize("angle", [45.0, 90.0])
+def test_a_snap_far_below_the_load_is_named_where_the_path_finds_it(angle):
+    """The first bar stands at a quarter of the load, past the end of the branch, and foretells it up to 9 times off."""
+    mesh = ms.cylinder_panel(length=0.5, radius=0.5, angle=angle, cells=(10, 10))
+    material = ms.Isotropic(young=1e8, poisson=0.3, thickness=1.5e-3, density=1000.0)
+    low = np.isclose(mesh.vertices[:, 2], mesh.vertices[:, 2].min())
+    shell = ms.Shell(mesh, material, supports=[ms.Pin(low)])
+    gravity = (0.0, 0.0, -100.0)
+    end = ms.equilibrium_path(shell, gravity=gravity, until=0.2).events[0].factor
+    assert ms.quick_advice(shell, gravity=gravity, modes=(8,)).snap == pytest.approx(end, rel=0.01)
+
+
 def test_the_command_names_it_and_writes_a_scene(tmp_path, capsys):
     scene, out = tmp_path / "scene.toml", tmp_path / "new.toml"
     scene.write_text(SCENE % -50.0)

@@ -259,6 +259,8 @@ def test_becks_column_flutters_at_twenty_and_never_buckles(load, stable):
     if stable:
         assert state.converged
         assert np.abs(state.positions[:, 2]).max() < 1e-12
+    else:
+        assert "flutter" in state.message  # no saddle: what damps may hold it
 
 
 def disc(rings):

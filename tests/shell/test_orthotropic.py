@@ -127,6 +127,19 @@ def test_a_plate_turned_with_its_material_is_the_same_plate(angle):
         np.testing.assert_allclose(turned, still, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("family", "poisson"), [("equilateral", 0.3), ("alternating", -1.0)])
+def test_constants_whose_stiffnesses_cancel_bend_as_their_neighbours(family, poisson):
+    """Sums of the fold shares' stiffness vanish on one side of the diagonal alone, which factors refused."""
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(4, 4), family=family)
+
+    def bent(shear):
+        sheet = ms.Orthotropic(young=(1e8, 5e7), shear=shear, poisson=poisson, thickness=1e-3, density=1.0)
+        shell = ms.Shell(mesh, sheet, clamped="x < 1e-6")
+        return ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1.0)).positions
+
+    np.testing.assert_allclose(bent(5e7), bent(5e7 * (1.0 + 1e-9)), atol=1e-8)
+
+
 def test_an_angle_is_not_its_opposite():
     mesh = plate("jittered", (6, 4))
     shell, other = (ms.Shell(mesh, ms.Orthotropic(**WOOD, direction=angle)) for angle in (30.0, -30.0))

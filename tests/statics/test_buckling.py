@@ -1,5 +1,7 @@
 """Linear buckling: what models of quadratic energy cannot see, and `modalshell run` says."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from scenes import stiff_beam_text
@@ -17,6 +19,17 @@ name = "%s"
 modes = 4
 """
 )
+
+
+@pytest.mark.parametrize("cells", [(2, 2), (3, 2), (2, 4)])
+@pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")  # of the coarse mesh's modes
+def test_sheets_that_nothing_keeps_from_shearing_end_in_no_error_of_linear_algebra(cells):
+    """Their stiffness is singular, but for rounding."""
+    mesh = ms.sheet(length=1.0, width=0.2, cells=cells)
+    sides = np.isclose(np.abs(mesh.vertices[:, 1]), 0.1)
+    shell = ms.Shell(mesh, ms.Material(stretch=1000.0, shear=0.0, flexure=0.025, density=0.2), supports=[ms.Pin(sides)])
+    with contextlib.suppress(ms.SolverError):
+        ms.buckling_factors(shell, gravity=(0.0, 0.0, -9.81))
 
 
 @pytest.mark.parametrize("material", ["hinges", "shell theory"])

@@ -162,7 +162,7 @@ class FullModel(Model):
             note = left_free(self.shell) or note
         return Equilibrium(
             result.point + origin if origin.any() else result.point,
-            *verdict(result.residual, result.stable, limited=result.limited, note=note),
+            *verdict(result.residual, result.stable, limited=result.limited, note=note, follows=problem.unsymmetric),
             result.iterations,
             result.residual,
             result.stable,
