@@ -53,6 +53,8 @@ class TouchingSteps:
         Where that is in the world [m].
     dt : float
         Step [s].
+    stand_ins : int
+        Steps of implicit Euler that stand in for one.
     layers : Layers, optional
         Those of self-contact.
 
@@ -72,12 +74,19 @@ class TouchingSteps:
     """
 
     def __init__(
-        self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float, layers: Layers | None = None
+        self,
+        contacts: Sequence[Contact],
+        shell: Shell,
+        origin: Array,
+        dt: float,
+        stand_ins: int,
+        layers: Layers | None = None,
     ) -> None:
         self.layers, self._patterns = layers, Patterns(None)
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
+        self._whole = dt / stand_ins
         self._dt, self._impulses = dt, dict[float, Array]()  # (n, 3) [N s] of implicit steps, by when these begin
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
@@ -90,11 +99,10 @@ class TouchingSteps:
         if self.layers is not None:
             self.layers.refuse_crossing(x, "at the start")
 
-    def told(self, dt: float) -> str:
+    @property
+    def told(self) -> str:
         """What is said of friction; "" without it."""
-        if not self._creeps:
-            return ""
-        return creep_told(self.now.size, dt)
+        return creep_told(self.now.size, self._whole) if self._creeps else ""
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""
@@ -146,7 +154,7 @@ class TouchingSteps:
         self.now = before.at(time, problem.shell)
         rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
-            layers = self.layers.rubbed(problem.origin)
+            layers = self.layers.rubbed(problem.origin, time - before.time, self._whole)
             problem = replace(problem, further=LayeredEnergy(layers, self._patterns))
             first, free, stresses = self._begun(problem, first, stresses)
             if not free:
@@ -201,7 +209,7 @@ class TouchingSteps:
         begin, held = problem.origin.copy(), problem.shell.clamped
         begin[held] = first[held]  # where supports have moved to
         while True:
-            friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
+            friction = Friction(before, lagged, problem.origin, dt, self._whole) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
             serves = False
             if answered is not None:  # forces change an answer by little: Newton's method is near the next one there

@@ -81,14 +81,15 @@ class ContactMotion:
             layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)
         self._rule: Any = rule
         self._setup = setup
-        self.steps = TouchingSteps(given, shell, origin, setup.dt, layers)
+        stand_ins = rule.stand_ins if isinstance(rule, ImplicitRule) else 1
+        self.steps = TouchingSteps(given, shell, origin, setup.dt, stand_ins, layers)
 
     @property
     def told(self) -> str:
         """What is said of friction: what sticks creeps by a part of each step of implicit Euler; of others nothing."""
         if not isinstance(self._rule, ImplicitRule):
             return ""
-        return self.steps.told(self._setup.dt / self._rule.stand_ins)
+        return self.steps.told
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None

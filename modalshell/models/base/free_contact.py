@@ -108,7 +108,8 @@ class FreeContactMotion(ModalPressedMotion):
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
-        friction, lagged, pace, settled = pressing.friction(pushes, begin, when), pushes, _Pace(), False
+        lagged, pace, settled, steps = pushes, _Pace(), False, (*when, self._setup.dt)
+        friction = pressing.friction(pushes, begin, steps)
         while pace.tried < most:
             rows = pressing.candidates(gaps, pushes, reach)
             rubbing, at, last = None if friction is None else (friction, pace.rule), end, pushes
@@ -126,7 +127,7 @@ class FreeContactMotion(ModalPressedMotion):
             if better is None:
                 break
             lagged, settled = better, True
-            friction, pace = pressing.friction(lagged, begin, when), _Pace()
+            friction, pace = pressing.friction(lagged, begin, steps), _Pace()
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
         memory = model.integrator.stood_in_for(before, state, force, dt).memory
         memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
