@@ -49,7 +49,7 @@ def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps)
 
 
 def gone(share, *, rung="full", **given):
-    """Way of a plate in 0.05 s, of whole steps, on a slope at a share of the threshold, and the speed that the message states."""
+    """Way of a plate in 0.05 s on a slope at a share of the threshold, and the speed that the message states."""
     slope, mesh = np.arctan(share * MU), ms.flat_beam(length=1.0, width=1.0, cells=(2, 2))
     shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=0.05, density=500.0))
     gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
