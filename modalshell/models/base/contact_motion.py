@@ -127,8 +127,7 @@ class ContactMotion:
             return steps.solve(problem, first, scale, goal, stresses, begin + share * dt)
 
         after, solved = rule.standing_in(ShellSteps(model, felt, damping, minimum), state, dt)
-        reach = dt * np.linalg.norm(loads, axis=1) / model.shell.mass
-        rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
+        rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), loads)
         return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
 
     def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
