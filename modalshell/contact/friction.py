@@ -2,7 +2,8 @@ r"""Coulomb's friction in steps of implicit Euler, smoothed, with the contact fo
 
 The work of friction in a step is taken as the potential :math:`D = \sum_v \mu \lambda_v f(|s_v|)` of the slips s, with
 :math:`f' = 2 y - y^2` at :math:`y = |s| / s_0 < 1` and one beyond [li2020]. It is convex and never negative, so that a
-step still lowers the energy. Below the threshold a body creeps, at ``s_0 / h (1 - sqrt(1 - tan(slope) / mu))``.
+step still lowers the energy. Below the threshold a body creeps, at ``s_0 / h (1 - sqrt(1 - tan(slope) / mu))``;
+``s_0`` falls with the square of short steps ``h``, so that creep goes with them (theory 13).
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from modalshell.contact.touching import Touching
 from modalshell.core.typing import Array
 
 SLIP = 2e-4
-"""Slip in a step, as a share of the shell's size, up to which friction has not reached its full size."""
+"""Slip in a step, as a share of the shell's size, up to which friction has not reached its full size, at most."""
+
+_LEAST = 1e-3
+"""Share of that slip below which it does not fall: what it is would be lost in the error of a step's solution."""
 
 _STEADY = 0.25
 """Change of a contact force in a step, over the largest, up to which friction takes that of the step before."""
@@ -30,8 +34,29 @@ def creep_told(size: float, dt: float) -> str:
     """What a motion of a shell of a size [m] in steps of ``dt`` [s] says of friction."""
     return (
         f"friction is smoothed: what sticks creeps at {SLIP * size / dt:.2g} m/s (1 - sqrt(1 - r)), r being the share "
-        "of Coulomb's limit that it needs"
+        "of Coulomb's limit that it needs, and no faster than that limit by itself would make it in a step"
     )
+
+
+def slip_limit(size: float, strengths: Array, masses: Array, dt: float, whole: float) -> float:
+    """Slip [m] in a step up to which friction has not reached its full size.
+
+    At most that to which this size would take what it acts on, from rest: were it longer, friction would vanish as
+    steps become short. Parts of a step have their share of it, and creep at the speed of the whole.
+
+    Parameters
+    ----------
+    size : float
+        Of the shell [m].
+    strengths, masses : ndarray
+        Largest forces [N] of friction, and the masses [kg] of the vertices that they act on.
+    dt, whole : float
+        How long the step of implicit Euler is [s], and how long one is that is not divided.
+    """
+    most, force, mass = SLIP * size, float(strengths.sum()), float(masses.sum())
+    if force * whole**2 < most * mass:
+        most = max(force * whole**2 / mass, _LEAST * most)
+    return most * dt / whole
 
 
 def better_forces(pushes: Array, lagged: Array, *, settled: bool) -> Array | None:
@@ -68,8 +93,8 @@ class Friction:
         Contact forces [N] by which it acts.
     x : ndarray, shape (n, 3)
         Positions [m] at its beginning.
-    dt : float
-        The step [s].
+    dt, whole : float
+        The step [s], and one that is not divided.
 
     Attributes
     ----------
@@ -77,12 +102,12 @@ class Friction:
         The vertices that it acts on.
     """
 
-    def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float) -> None:
+    def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float, whole: float) -> None:
         strength = touching.friction * pushes
         self._rows = np.flatnonzero(strength > 0.0)
         self._strength = strength[self._rows]
         self._touching, self.vertices = touching, touching.vertices[self._rows]
-        self._limit = SLIP * touching.size
+        self._limit = slip_limit(touching.size, self._strength, touching.shell.mass[self.vertices], dt, whole)
         normals = touching.normals(x, self._rows)
         self._across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
         self._begin = x[self.vertices] + touching.ways(x, self._rows, dt)

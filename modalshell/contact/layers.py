@@ -10,7 +10,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from modalshell.contact import pair_kernels, pair_move_kernels
-from modalshell.contact.friction import SLIP
+from modalshell.contact.friction import slip_limit
 from modalshell.contact.near_pairs import Barrier, NearPairs, Rubbing
 from modalshell.contact.self_contact import SelfContact
 from modalshell.core.errors import OptionError
@@ -75,7 +75,7 @@ class Layers:
             )
         self.friction, self.stiffness = contact.friction, 1.0
         self._near, self._stride = NearPairs(faces, rest, self.gap, _MARGIN * self.gap), _STRIDE * long
-        self._limit = SLIP * shell.mesh.moment_length
+        self._size, self._mass, self._limit = shell.mesh.moment_length, shell.mass, 0.0
         self._rubbing: Rubbing | None = None
         self._known: tuple[Array, Barrier] | None = None
         self._known_slid: tuple[Rubbing, Array, tuple[float, Array]] | None = None
@@ -86,12 +86,13 @@ class Layers:
         other.stiffness = stiffness
         return other
 
-    def rubbed(self, x: Array) -> Self:
-        """The same with the friction of a step from x (n, 3), by the forces there."""
+    def rubbed(self, x: Array, dt: float, whole: float) -> Self:
+        """The same with the friction of a step of ``dt`` [s] from x (n, 3), by the forces there; see `slip_limit`."""
         if not self.friction:
             return self
         other, at = copy.copy(self), self._at(x)
-        other._rubbing = self._near.rubbing(x, self.gap, at, self.friction * self.stiffness)
+        rubbing = other._rubbing = self._near.rubbing(x, self.gap, at, self.friction * self.stiffness)
+        other._limit = slip_limit(self._size, rubbing.strengths, self._mass[np.unique(rubbing.pairs)], dt, whole)
         return other
 
     def value(self, x: Array, *, rubbing: bool = True) -> float:

@@ -134,15 +134,15 @@ class ModalContacts:
         normal = None if self._bodies is None else common_normal(self._bodies)
         self._directions = np.eye(3) if normal is None else normal[None]
 
-    def friction(self, pushes: Array, x: Array, when: tuple[float, float]) -> Friction | None:
-        """Friction of a step that ends at a time, and how long it is [s], by ``pushes`` (r,) [N]; None without any.
+    def friction(self, pushes: Array, x: Array, when: tuple[float, float, float]) -> Friction | None:
+        """Friction of a step by ``pushes`` (r,) [N]; None without any.
+
+        ``when`` it ends, how long it is, and one that is not divided [s].
 
         ``x`` (n, 3) [m] are the positions at its beginning.
         """
-        if not (self.rubs and pushes.any()):
-            return None
-        time, dt = when
-        return Friction(self.touching.at(time - dt), pushes, x, dt)
+        time, dt, whole = when
+        return Friction(self.touching.at(time - dt), pushes, x, dt, whole) if self.rubs and pushes.any() else None
 
     def positions(self, q: Array) -> Array:
         """Positions (n, 3) [m] at q (m,), without what is beyond the modes."""

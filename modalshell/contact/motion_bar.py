@@ -115,7 +115,7 @@ class TouchingFrames:
             for k in (1, 2):
                 share = min(1.0, self._part / float(times[k] - times[k - 1]))
                 before, dt = self._touching.at(float(times[k - 1])), share * float(times[k] - times[k - 1])
-                law = Friction(before, self._pushes(float(times[k]), own[k], forces[k]), own[k - 1], dt)
+                law = Friction(before, self._pushes(float(times[k]), own[k], forces[k]), own[k - 1], dt, self._part)
                 rubbing -= 0.5 * law.forces(own[k - 1] + share * (own[k] - own[k - 1]))
         return rubbing
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from modalshell.contact.descent import descend
 from modalshell.contact.friction import Friction, better_forces, creep_told
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
+from modalshell.contact.rebound import rebounded
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
@@ -35,8 +36,6 @@ _SAME = 1e-6
 """Part of a frame's step by which times differ that are the same."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
-BOUNCE = 3.0
-"""Speed, over what the load gives a vertex in a step, below which nothing bounces."""
 
 
 @final
@@ -53,6 +52,8 @@ class TouchingSteps:
         Where that is in the world [m].
     dt : float
         Step [s].
+    stand_ins : int
+        Steps of implicit Euler that stand in for one.
     layers : Layers, optional
         Those of self-contact.
 
@@ -72,13 +73,21 @@ class TouchingSteps:
     """
 
     def __init__(
-        self, contacts: Sequence[Contact], shell: Shell, origin: Array, dt: float, layers: Layers | None = None
+        self,
+        contacts: Sequence[Contact],
+        shell: Shell,
+        origin: Array,
+        dt: float,
+        stand_ins: int,
+        layers: Layers | None = None,
     ) -> None:
         self.layers, self._patterns = layers, Patterns(None)
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
+        self._whole = dt / stand_ins
         self._dt, self._impulses = dt, dict[float, Array]()  # (n, 3) [N s] of implicit steps, by when these begin
+        self._last: tuple[Potential, float] | None = None  # that of implicit steps, and how long it was [s]
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
         self._deep = EXACT_GAP * self.now.size
@@ -90,11 +99,10 @@ class TouchingSteps:
         if self.layers is not None:
             self.layers.refuse_crossing(x, "at the start")
 
-    def told(self, dt: float) -> str:
+    @property
+    def told(self) -> str:
         """What is said of friction; "" without it."""
-        if not self._creeps:
-            return ""
-        return creep_told(self.now.size, dt)
+        return creep_told(self.now.size, self._whole) if self._creeps else ""
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""
@@ -143,10 +151,11 @@ class TouchingSteps:
         what keeps touching [gonzalez1996].
         """
         before, lagged = self.now, self.pushes
+        self._last = problem, time - before.time
         self.now = before.at(time, problem.shell)
         rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
-            layers = self.layers.rubbed(problem.origin)
+            layers = self.layers.rubbed(problem.origin, time - before.time, self._whole)
             problem = replace(problem, further=LayeredEnergy(layers, self._patterns))
             first, free, stresses = self._begun(problem, first, stresses)
             if not free:
@@ -201,7 +210,7 @@ class TouchingSteps:
         begin, held = problem.origin.copy(), problem.shell.clamped
         begin[held] = first[held]  # where supports have moved to
         while True:
-            friction = Friction(before, lagged, problem.origin, dt) if self.rubs else None
+            friction = Friction(before, lagged, problem.origin, dt, self._whole) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
             serves = False
             if answered is not None:  # forces change an answer by little: Newton's method is near the next one there
@@ -309,7 +318,7 @@ class TouchingSteps:
         self._stopping = (1.0 + drag) * touching.shell.mass[:, None] * (rates - given) / dt
         return x, rates
 
-    def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], reach: Array) -> Array:
+    def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], loads: Array) -> Array:
         """Rates (n, 3) [m/s] after restitution and its friction, and without those of vertices that were pushed out.
 
         Parameters
@@ -318,45 +327,25 @@ class TouchingSteps:
             At the end of a step.
         before : tuple
             Positions and rates at its beginning, and when that was [s].
-        reach : ndarray, shape (n,)
-            Speed [m/s] that the load gives each vertex in the step.
+        loads : ndarray, shape (n, 3)
+            What the load pushes with [N].
         """
-        touching, (old, old_rates, time) = self.now, before
-        rows = np.flatnonzero(self.pushes)
-        bounded = touching.bounds
-        if not rows.size or (bounded is None and not any(contact.restitution for contact in touching.contacts)):
+        touching, rows, (_, _, time) = self.now, np.flatnonzero(self.pushes), before
+        if self._last is not None and touching.restitution[rows].any():
+            near = time - _SAME * self._dt
+            given = sum((one for begin, one in self._impulses.items() if begin >= near), np.zeros_like(x))
+            rates, impulses = rebounded(touching, self._last, before, (x, rates, given), loads, rows)
+            self._impulses[time] = self._impulses.get(time, 0.0) + impulses
+        out = np.zeros(0, np.int64) if touching.bounds is None else rows[touching.bounds[rows] < 0.0]
+        if not out.size:
             return rates
-        rates = rates.copy()
-        normals = touching.normals(x, rows)
-        earlier, dt = touching.at(time).with_bounds(None).gaps(old, rows)[0], touching.time - time
-        near = time - _SAME * self._dt
-        given = sum((one for begin, one in self._impulses.items() if begin >= near), np.zeros_like(x))
-        alone, drift = rates - given / np.maximum(touching.shell.mass, 1e-300)[:, None], touching.velocities(x, rows)
-        for row, normal, gap, carried in zip(rows, normals, earlier, drift, strict=True):
-            vertex = touching.vertices[row]
-            struck = float(normal @ (old_rates[vertex] - carried))
-            leaves = float(normal @ (rates[vertex] - carried))
-            wanted = leaves
-            if gap > self._deep and touching.restitution[row] and -struck > BOUNCE * reach[vertex]:
-                gained = min(max(struck - float(normal @ (alone[vertex] - carried)), 0.0), reach[vertex])
-                wanted = touching.restitution[row] * striking(-struck, gained, gap / dt)
-            elif bounded is not None and bounded[row] < 0.0:
-                wanted = min(leaves, 0.0)
-            along = rates[vertex] - carried - leaves * normal
-            slip, most = float(np.linalg.norm(along)), touching.friction[row] * max(0.0, wanted - leaves)
-            rates[vertex] += (wanted - leaves) * normal - (min(1.0, most / slip) if slip > 0.0 else 0.0) * along
-            given = self._impulses.setdefault(time, np.zeros_like(x))
-            given[vertex] += touching.shell.mass[vertex] * (wanted - leaves) * normal
+        rates, given = rates.copy(), self._impulses.setdefault(time, np.zeros_like(x))
+        normals, drift = touching.normals(x, out), touching.velocities(x, out)
+        for vertex, normal, carried in zip(touching.vertices[out], normals, drift, strict=True):
+            leaves = max(0.0, float(normal @ (rates[vertex] - carried)))
+            rates[vertex] -= leaves * normal
+            given[vertex] -= touching.shell.mass[vertex] * leaves * normal
         return rates
-
-
-def striking(speed: float | Array, gained: float | Array, needed: float | Array) -> Any:
-    """Speed [m/s] with which what closes with a ``speed`` at the beginning of a step strikes within it.
-
-    ``gained`` is what it would gain in the whole step, and ``needed`` the speed that would close the gap in just that.
-    By the speed of the beginning a rebound would lose what the load gives on the way (theory 13, eq. 11).
-    """
-    return np.sqrt(speed**2 + 2.0 * gained * needed)
 
 
 def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:

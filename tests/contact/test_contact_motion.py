@@ -99,21 +99,51 @@ def test_a_plate_bounces_as_often_halved():
     assert rise(run) <= 1e-9
 
 
-def test_a_rod_turns_as_the_impulse_says():
+@pytest.mark.by_default("0.0")
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_a_rod_turns_as_the_impulse_says(restitution):
+    """Only the vertices that struck were thrown back, and the rod took them along: it turned as without a rebound."""
     mesh, material = strip(young=1e13)
-    angle, height = 0.6, 0.02
-    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="bdf2")
-    start = tilted(mesh, angle, height)
-    run = ms.simulate(model, duration=0.08, dt=1e-3, gravity=GRAVITY, start=start, contacts=[FLOOR])
-    low = run.positions[..., 2].min(axis=1)
-    hit = int(np.argmax(low < 1e-9))
+    angle, height, dt = 0.6, 0.02, 1e-3
+    shell = ms.Shell(mesh, material)
+    given = {"dt": dt, "gravity": GRAVITY, "start": tilted(mesh, angle, height)}
+    contact = ms.Contact(ms.Plane(), restitution=restitution)
+    run = ms.simulate(ms.DiscreteShell(shell, integrator="bdf2"), duration=0.08, contacts=[contact], **given)
+    hit = int(np.argmax(run.in_contact.any(axis=1)))
     along = run.positions[:, mesh.vertices[:, 0].argmax()] - run.positions[:, mesh.vertices[:, 0].argmin()]
     turn = np.arctan2(along[:, 2], along[:, 0])
     after = slice(hit + 1, hit + 13)
     # Gravity turns it further: what the impulse gave is the spin as it began.
     spin = -np.polyfit(run.times[after] - run.times[hit - 1], turn[after], 2)[1]
-    expected = 6.0 * np.cos(angle) * np.sqrt(2.0 * 9.81 * height) / (1.0 + 3.0 * np.cos(angle) ** 2)
+    share = (1.0 + restitution) / (1.0 + 3.0 * np.cos(angle) ** 2)
+    expected = 6.0 * np.cos(angle) * share * np.sqrt(2.0 * 9.81 * height)
     assert spin == pytest.approx(expected, rel=0.03)
+    if restitution:  # it leaves the floor: all that this gave is one impulse
+        impulse = dt * run.contact_forces[..., 2].sum()
+        assert impulse == pytest.approx(shell.mass.sum() * share * np.sqrt(2.0 * 9.81 * height), rel=0.03)
+    assert rise(run) <= 1e-12
+
+
+@pytest.mark.by_default("bdf2-0.0")
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("integrator", ["bdf2", "sdirk2"])
+def test_a_rod_that_a_moving_floor_strikes_bounces_as_one_that_strikes(integrator, friction):
+    """Weightless, it leaves by the impulse of the relative speed; friction then works against the slip alone."""
+    mesh, material = strip(young=1e13)
+    angle, dt, times = 0.6, 1e-3, np.linspace(-1.0, 1.0, 81)
+    path = ms.SupportPath(times, times[:, None] * [0.0, 0.0, 1.0])
+    contact = ms.Contact(ms.Plane(), restitution=1.0, friction=friction, motion=path)
+    model = ms.DiscreteShell(ms.Shell(mesh, material), integrator=integrator)
+    run = ms.simulate(model, duration=0.04, dt=dt, start=tilted(mesh, angle, 0.02), contacts=[contact])
+    centre = np.einsum("fnd,n->fd", run.positions, model.shell.mass) / model.shell.mass.sum()
+    gained = (centre[-1] - centre[-11]) / (10.0 * dt)
+    if friction:
+        impulse = dt * run.contact_forces[..., 2].sum() / model.shell.mass.sum()
+        assert gained[2] == pytest.approx(impulse, rel=1e-6)
+        assert 0.0 < abs(gained[0]) <= 0.3 * gained[2] * (1.0 + 1e-9)
+    else:
+        assert gained[2] == pytest.approx(2.0 / (1.0 + 3.0 * np.cos(angle) ** 2), rel=0.03)
+        assert abs(gained[0]) <= 1e-6
 
 
 def test_a_resumed_motion_has_the_same_bits():

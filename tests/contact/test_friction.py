@@ -48,6 +48,43 @@ def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps)
     assert f"creeps at {creep:.2g} m/s" in run.message
 
 
+def gone(share, *, rung="full", **given):
+    """Way of a plate in 0.05 s on a slope at a share of the threshold, and the speed that the message states."""
+    slope, mesh = np.arctan(share * MU), ms.flat_beam(length=1.0, width=1.0, cells=(2, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=0.05, density=500.0))
+    gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    model = {
+        "full": lambda: ms.DiscreteShell(shell, integrator="bdf2"),
+        "sdirk2": lambda: ms.DiscreteShell(shell),
+        "modal": lambda: ms.ModalWarping(ms.solve_modes(shell, count=8)),
+    }[rung]()
+    run = ms.simulate(model, duration=0.05, gravity=gravity, contacts=[ms.Contact(ms.Plane(), friction=MU)], **given)
+    assert run.unconverged_steps == 0
+    way = (run.positions[-1] - run.positions[0])[:, 0].mean() * 0.05 / run.times[-1]
+    return way, float(run.message.split("creeps at ")[1].split(" m/s")[0])
+
+
+@pytest.mark.by_default("full")
+@pytest.mark.parametrize("rung", ["full", "sdirk2", "modal"])
+def test_friction_stays_in_short_steps(rung):
+    """The slip of full friction was one for all steps: in 1920 a second a block slid twice as far as it does."""
+    share = 1.5
+    block = 0.5 * 9.81 * (share - 1.0) * MU * np.cos(np.arctan(share * MU)) * 0.05**2
+    off = [abs(gone(share, rung=rung, dt=1 / rate)[0] / block - 1.0) for rate in (240, 960)]
+    assert off[0] < 0.2
+    assert off[1] < 0.3 * off[0]
+    crept = [gone(0.75, rung=rung, dt=1 / rate)[0] for rate in (240, 960)]
+    assert crept[1] < 0.3 * crept[0]
+
+
+@pytest.mark.by_default("full")
+@pytest.mark.parametrize("rung", ["full", "modal"])
+def test_steps_divided_by_a_tolerance_creep_no_faster_than_whole_ones(rung):
+    """Each part had the slip of a whole step: what sticks crept ten times as fast as the message said."""
+    way, told = gone(0.75, rung=rung, dt=1 / 30, tolerance=2e-4)
+    assert 0.2 * told * 0.05 < way < 0.51 * told * 0.05  # at 1 - sqrt(1 - 3/4) of what is told
+
+
 def fall(thickness=1e-3, **options):
     """Motion of a strip that falls onto its end, and then over."""
     shell = strip(thickness)
@@ -124,7 +161,7 @@ def test_derivatives_of_the_smoothed_work():
     random = np.random.default_rng(0)
     pushes = random.uniform(0.0, 2.0, touching.vertices.size)
     x = shell.rest_positions
-    friction = Friction(touching, pushes, x, STEP)
+    friction = Friction(touching, pushes, x, STEP, STEP)
     y = x + SLIP * random.standard_normal(x.shape)
     way = random.standard_normal(x.shape)
     for step in (1e-7,):

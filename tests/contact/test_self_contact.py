@@ -59,7 +59,7 @@ def test_derivatives_by_taylor_slopes(rest, friction):
     random = np.random.default_rng(3)
     # Meshes of both flanges that lie on each other are where pairs change what is nearest in them.
     x = answer.positions - origin + 5e-4 * random.standard_normal(answer.positions.shape)
-    layers = layers.rubbed(x - 1e-5)
+    layers = layers.rubbed(x - 1e-5, 0.01, 0.01)
     layered = replace(problem, further=LayeredEnergy(layers, Patterns(None)))
     way = random.standard_normal(problem.push.size)
     full = problem.shell.unknowns.prolong(way).reshape(-1, 3)

@@ -81,14 +81,15 @@ class ContactMotion:
             layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)
         self._rule: Any = rule
         self._setup = setup
-        self.steps = TouchingSteps(given, shell, origin, setup.dt, layers)
+        stand_ins = rule.stand_ins if isinstance(rule, ImplicitRule) else 1
+        self.steps = TouchingSteps(given, shell, origin, setup.dt, stand_ins, layers)
 
     @property
     def told(self) -> str:
         """What is said of friction: what sticks creeps by a part of each step of implicit Euler; of others nothing."""
         if not isinstance(self._rule, ImplicitRule):
             return ""
-        return self.steps.told(self._setup.dt / self._rule.stand_ins)
+        return self.steps.told
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None
@@ -126,8 +127,7 @@ class ContactMotion:
             return steps.solve(problem, first, scale, goal, stresses, begin + share * dt)
 
         after, solved = rule.standing_in(ShellSteps(model, felt, damping, minimum), state, dt)
-        reach = dt * np.linalg.norm(loads, axis=1) / model.shell.mass
-        rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), reach)
+        rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), loads)
         return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
 
     def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:

@@ -18,8 +18,7 @@ from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
-from modalshell.contact.steps import BOUNCE, striking
-from modalshell.contact.touching import EXACT_GAP
+from modalshell.contact.rebound import BOUNCE, begun, striking
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
@@ -108,7 +107,8 @@ class FreeContactMotion(ModalPressedMotion):
         gaps = np.minimum(gaps, pressing.gaps(end.base))
         pushes, energy, solved, moved = before.memory[PUSHES], 0.0, False, _RUBBED if pressing.rubs else _MOVED
         begin, most = base + before.memory[LOCAL], _RUBBING if pressing.rubs else _PASSES
-        friction, lagged, pace, settled = pressing.friction(pushes, begin, when), pushes, _Pace(), False
+        lagged, pace, settled, steps = pushes, _Pace(), False, (*when, self._setup.dt)
+        friction = pressing.friction(pushes, begin, steps)
         while pace.tried < most:
             rows = pressing.candidates(gaps, pushes, reach)
             rubbing, at, last = None if friction is None else (friction, pace.rule), end, pushes
@@ -126,7 +126,7 @@ class FreeContactMotion(ModalPressedMotion):
             if better is None:
                 break
             lagged, settled = better, True
-            friction, pace = pressing.friction(lagged, begin, when), _Pace()
+            friction, pace = pressing.friction(lagged, begin, steps), _Pace()
         state, model = self._rebound(flight, (before, begin, end, alone), (pushes, energy), when), self._model
         memory = model.integrator.stood_in_for(before, state, force, dt).memory
         memory |= {LOCAL: flight.in_world(end), PUSHES: pushes, BEYOND: np.array([energy])}
@@ -160,8 +160,8 @@ class FreeContactMotion(ModalPressedMotion):
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
         )
-        gaps = touching.at(time - dt).gaps(begin, rows)[0]
-        strikes = (gaps > EXACT_GAP * touching.size) & (carried - first > BOUNCE * np.abs(free - first))
+        gaps, faster = begun(touching, rows, begin, time - dt, (normals, drift))
+        strikes = carried - first > BOUNCE * (np.abs(free - first) + faster)
         if not (strikes & (kept > 0.0)).any():
             return end.state
         speeds = striking(carried - first, np.maximum(first - free, 0.0), np.maximum(gaps, 0.0) / dt)
