@@ -182,9 +182,7 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     measures = measures_of(coarse, turned) if turned.size else at_rest
     for size in sizes:
         found, reduced = _reduce(measures, loads, frames, size)
-        errors, unseen = zip(
-            *(_held_out(found, reduced, measures, loads, *run) for run in held_out), strict=True
-        )
+        errors, unseen = zip(*(_held_out(found, reduced, measures, loads, *run) for run in held_out), strict=True)
         right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
         limit = max(1.0, 2.0 * max(right, default=0.0))
         missed = float(np.quantile(errors, 0.9))
