@@ -27,8 +27,8 @@ from modalshell.statics.warped import descent_length, sized_way, turned_axes, wa
 
 _SETTLING = 20
 """Descents under dead loads at most in place of one under loads without a potential."""
-_EPSILON = float(np.finfo(np.float64).eps)
-_STILL = 1e-8
+EPSILON = float(np.finfo(np.float64).eps)
+STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
 
 
@@ -280,9 +280,9 @@ class Potential(Problem[sps.csc_array]):
         A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced further in double
         precision; :mod:`modalshell.statics.refine` continues from there.
         """
-        if length > _STILL * self.shell.size:
+        if length > STILL * self.shell.size:
             return 0.0
-        return _EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal()))
+        return EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal()))
 
     def descend(self, start: Array, scale: float) -> NewtonResult:
         """Go downhill to a minimum; see :func:`.mixed_newton.descend`."""

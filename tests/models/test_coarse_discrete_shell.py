@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
+from modalshell.core.cost import counted
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.mesh.closest import closest_points
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
@@ -265,6 +266,21 @@ def test_compiled_steps_are_those_of_discrete_shells(damping, integrator):
         np.testing.assert_allclose(state.coordinates, other.coordinates, atol=1e-6)
         other = type(other)(state.coordinates, state.rates, state.memory)
     np.testing.assert_allclose(coarse.positions(state), state.coordinates, atol=1e-6)
+
+
+def test_steps_of_a_small_swing_end_where_rounding_balances_no_further():
+    """Nothing pushes in the first step, and the membrane's rounding is above a millionth of that inertia."""
+    mesh = ms.flat_beam(length=1.0, width=0.5, cells=(10, 5))
+    sheet = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 1e-3, 1000.0), clamped=mesh.vertices[:, 0] < 1e-6)
+    basis = ms.solve_modes(sheet, count=1)
+    mode = basis.modes[:, 0].reshape(-1, 3)
+    start = mesh.vertices + 1e-6 / np.abs(mode).max() * mode
+    dt = 0.04 / float(basis.frequencies[0])
+    with counted() as work:
+        run = ms.simulate(CoarseDiscreteShell(sheet, sheet), duration=10 * dt, dt=dt, start=start)
+    assert run.unconverged_steps == 0
+    assert work.factorisations < 10 * len(run.times)
+    np.testing.assert_allclose(run.positions[5, -1, 2], start[-1, 2] * np.cos(0.4 * np.pi), atol=0.05e-6)
 
 
 def test_positions_at_rest_do_not_compile_the_step_once_more():

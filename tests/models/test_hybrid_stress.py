@@ -197,6 +197,20 @@ def test_training_counts_and_repeats_itself():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:no basis of up to 24 vectors")
+@pytest.mark.parametrize("rates", [(20.0, 60.0), (0.01, 0.003)])
+def test_training_of_far_faster_and_slower_shells_is_similar(rates):
+    """A shell of steel moves through many periods in frames of 1/30 s: training motions failed, or saw nothing."""
+    mesh, found = stiff_beam((8, 2)).mesh, []
+    for rate in rates:
+        stiffness = np.array([2000.0, 2000.0, 0.05]) * rate**2
+        shell = ms.Shell(mesh, ms.Material(*stiffness, 0.2), mesh.vertices[:, 0] < 0.19)
+        gravity = (0, 0, -60.0 * rate**2)
+        found.append(ms.HybridStress.trained(shell, gravity=gravity, modes=24, motions=4).held_out_error)
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no basis of up to 16 vectors")
 def test_its_basis_grows_until_a_wanted_error_is_met():
     shell = stiff_beam((8, 2))

@@ -28,6 +28,7 @@ from modalshell.statics.mixed_newton import (
     solve_step,
     write,
 )
+from modalshell.statics.potential import EPSILON, STILL
 
 _UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 """First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
@@ -85,7 +86,7 @@ def make_room(body: Body) -> Room:
     own, pivots = np.empty((body.first.size, 3)), np.empty(unknowns + LANES)
     return Room(
         x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, viscous, own, pivots, residual,
-        displacement, way, body.elastic.room(), np.zeros(4),
+        displacement, way, body.elastic.room(), np.zeros(5),
     )  # fmt: skip
 
 
@@ -109,8 +110,9 @@ class Step(NamedTuple):
     slots: Array
 
 
-_SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
-"""Places in a room's numbers: of forces, of the mass, of a descent, and the negative pivots of the last factor."""
+_SCALE, _INERTIA, _DRAG, _NEGATIVE, _STIFF = range(5)
+"""Places in a room's numbers: of forces, of the mass, of a descent, and of the last Hessian the negative pivots, and
+the size of its diagonal."""
 
 
 @njit(entry=False, **_options)
@@ -182,6 +184,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
             values[place] += inertia * body.mass[body.free[k]]
     for k in range(p.viscous.size):
         values[k] += p.viscous[k]
+    room.numbers[_STIFF] = _diagonal(body, values)
     negative = factorise(values, body.first, body.starts, room.own, room.pivots)
     room.numbers[_NEGATIVE] = negative
     if negative >= 0:
@@ -215,14 +218,31 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
             room.moved[v, axis] += x[v, axis]
 
 
+@njit(entry=False, **_options)
+def _diagonal(body, values):  # type: ignore[no-untyped-def]
+    """Size of the diagonal of a matrix in the profile, at the free vertices."""
+    total = 0.0
+    for k in range(body.free.size):
+        row, stride = body.rows[k], body.strides[body.free[k]]
+        for axis in range(3):
+            total += values[body.starts[row] + axis * stride + 3 * row - body.first[row] + axis] ** 2
+    return np.sqrt(total)
+
+
 @operation_of(Step, method.advance, **_options)
 def _advance(p):  # type: ignore[no-untyped-def]
-    """Move along the warped direction."""
+    """Move along the warped direction; the residual that rounding explains after a step of nothing, as of statics."""
     body, room = p.body, p.room
     _warp(body, room, p.x)
     elasticity.predict(body.elastic, room, p.x)
     write(room.moved, p.x)
-    return 0.0
+    longest, furthest = 0.0, 0.0
+    for v in range(p.x.shape[0]):
+        for axis in range(3):
+            longest, furthest = max(longest, abs(room.step[v, axis])), max(furthest, abs(p.x[v, axis]))
+    if not longest <= STILL * body.size:
+        return 0.0
+    return EPSILON * furthest * room.numbers[_STIFF] / room.numbers[_SCALE]
 
 
 @operation_of(Step, method.is_minimum, **_options)

@@ -32,7 +32,9 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
 LOADED, RELEASED, DT = 30, 15, 1.0 / 30.0
-"""Frames under the load and after it, and their length [s]."""
+"""Frames under the load and after it, and their length [s], but of shells that are far faster or slower."""
+_IN_A_PERIOD = 1.0, 128.0
+"""Frames in a period of the lowest mode, at least and at most."""
 _SIZES = (0.5, 1.2)
 _AROUND = np.radians(30.0)
 """Sizes of the loads over the given one, and largest angle between half of them and it."""
@@ -180,9 +182,7 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
     measures = measures_of(coarse, turned) if turned.size else at_rest
     for size in sizes:
         found, reduced = _reduce(measures, loads, frames, size)
-        errors, unseen = zip(
-            *(_held_out(found, reduced, measures, loads.frames, *run) for run in held_out), strict=True
-        )
+        errors, unseen = zip(*(_held_out(found, reduced, measures, loads, *run) for run in held_out), strict=True)
         right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
         limit = max(1.0, 2.0 * max(right, default=0.0))
         missed = float(np.quantile(errors, 0.9))
@@ -208,10 +208,10 @@ def _random_motions(
 ) -> list[tuple[Array, Damping, Array]]:
     """Load, damping and frames of the motions to train on, and of those held out after them."""
     rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse, integrator=RULE)
-    runs, total = [], training.drawn
+    runs, total, dt = [], training.drawn, frame_length(loads.eigenvalues[0])
     for done in range(total):
         drawn = loads.drawn(random_load(coarse, load, rng), rng)
-        runs.append(motion_under(model, drawn, random_damping(rng), loads.frames))
+        runs.append(motion_under(model, drawn, random_damping(rng, dt), loads.frames, dt))
         if on_step is not None:
             on_step(done + 1, total)
     return runs
@@ -271,14 +271,25 @@ def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
     return turned * rng.uniform(*_SIZES)
 
 
-def random_damping(rng: np.random.Generator) -> Damping:
-    """Damping by the mass and, half of the time, by the stiffness."""
+def frame_length(eigenvalue: float) -> float:
+    """Length of a frame [s] of a shell by its lowest eigenvalue [1/s^2].
+
+    Of a shell of steel a frame may be several periods, in which it snaps to and fro; of a huge one they all may be less
+    than the time that the load takes to bend it. There training does not depend on the unit of time.
+    """
+    period = 2.0 * np.pi / np.sqrt(max(eigenvalue, np.finfo(np.float64).tiny))
+    fewest, most = _IN_A_PERIOD
+    return float(min(max(DT, period / most), period / fewest))
+
+
+def random_damping(rng: np.random.Generator, dt: float = DT) -> Damping:
+    """Damping by the mass and, half of the time, by the stiffness, for frames of ``dt`` [s]."""
     drag, viscosity = rng.uniform(*_DRAG), np.exp(rng.uniform(*np.log(_VISCOSITY)))
-    return Damping(drag, viscosity if rng.random() < 0.5 else 0.0)
+    return Damping(drag * (DT / dt), viscosity * (dt / DT) if rng.random() < 0.5 else 0.0)
 
 
 def motion_under(
-    model: CoarseDiscreteShell, load: Array, damping: Damping, parts: FittedFrames
+    model: CoarseDiscreteShell, load: Array, damping: Damping, parts: FittedFrames, dt: float
 ) -> tuple[Array, Damping, Array]:
     """The load, the damping and the frames (f, k, 3) of a motion under the load and after it, of free parts in theirs.
 
@@ -287,7 +298,7 @@ def motion_under(
     state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
     for frame in range(LOADED + RELEASED):
         push = parts.felt(state.coordinates, load) if frame < LOADED else np.zeros_like(load)
-        state, solved = model.step(state, DT, push, damping)
+        state, solved = model.step(state, dt, push, damping)
         if not solved or not np.isfinite(state.coordinates).all():
             raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
         frames.append(parts.local(state.coordinates))
@@ -323,19 +334,19 @@ def _held_out(
     found: Trained,
     reduced: ReducedStress,
     measures: Measures,
-    parts: FittedFrames,
+    loads: TrainingLoads,
     load: Array,
     damping: Damping,
     truth: Array,
 ) -> tuple[float, float]:
     """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
-    coarse = measures.shell
+    coarse, parts, dt = measures.shell, loads.frames, frame_length(loads.eigenvalues[0])
     steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros(found.basis.shape[1]))
     frames, unseen = [], 0.0
     for frame in range(LOADED + RELEASED):
         felt = parts.felt(steps.positions(state.coordinates), load).ravel() @ found.basis
         steps.push = felt if frame < LOADED else np.zeros_like(felt)
-        state, solved = RULE.march(steps, state, DT)
+        state, solved = RULE.march(steps, state, dt)
         if not solved:
             return 1.0, unseen
         frames.append(steps.positions(state.coordinates))
