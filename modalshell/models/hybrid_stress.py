@@ -131,8 +131,8 @@ class HybridStress(OnCoarse):
         coarse : Shell, optional
             A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int, optional
-            Vectors m of the basis, by default 32 of hinges, 44 of shell theory, and 64 where these miss an error of
-            0.04; with ``error`` the most, by default 64.
+            Vectors m of the basis, by default 32 of hinges, 44 of shell theory, and up to 64 where these miss an error
+            of 0.03 and more serve; with ``error`` the most, by default 64.
         motions : int, optional
             Motions through the random loads, and back, to train on, by default 120 of shell theory and 40 of hinges; a
             sixth as many, at least 10, are held out. Each is of 45 frames of 1/30 s, or of one period of the lowest

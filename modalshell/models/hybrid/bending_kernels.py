@@ -174,16 +174,18 @@ def write_folds(bending, width, folds, room):  # type: ignore[no-untyped-def]
     modes, slopes, count = bending.modes.reshape(-1), room.slopes, bending.hinges.shape[0]
     for h in range(count):
         a, b, c, d = _corners(bending, h)
-        for i in range(0, width, LANES):
-            to_a, to_b, to_c, to_d = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for axis in range(3):
-                at = 9 * h + axis
-                p, q, r = slopes[at], slopes[at + 3], slopes[at + 6]
-                to_b = to_b + spread(p) * load(modes, (b + axis) * width + i)
-                to_c = to_c + spread(q) * load(modes, (c + axis) * width + i)
-                to_d = to_d + spread(r) * load(modes, (d + axis) * width + i)
-                to_a = to_a + spread(p + q + r) * load(modes, (a + axis) * width + i)
-            store(folds, h * width + i, (to_b + to_c) + (to_d - to_a))
+        a, b, c, d, at, to = a * width, b * width, c * width, d * width, 9 * h, h * width
+        bx, by, bz = spread_from(slopes, at), spread_from(slopes, at + 1), spread_from(slopes, at + 2)
+        cx, cy, cz = spread_from(slopes, at + 3), spread_from(slopes, at + 4), spread_from(slopes, at + 5)
+        dx, dy, dz = spread_from(slopes, at + 6), spread_from(slopes, at + 7), spread_from(slopes, at + 8)
+        ax, ay, az = bx + cx + dx, by + cy + dy, bz + cz + dz
+        for i in range(0, width, LANES):  # numbers of a row stay in registers: it is not told apart from the slopes
+            y, z = i + width, i + 2 * width
+            to_b = bx * load(modes, b + i) + by * load(modes, b + y) + bz * load(modes, b + z)
+            to_c = cx * load(modes, c + i) + cy * load(modes, c + y) + cz * load(modes, c + z)
+            to_d = dx * load(modes, d + i) + dy * load(modes, d + y) + dz * load(modes, d + z)
+            to_a = ax * load(modes, a + i) + ay * load(modes, a + y) + az * load(modes, a + z)
+            store(folds, to + i, (to_b + to_c) + (to_d - to_a))
     coupled = bending.across.shape[0]
     if coupled == 0:
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from modalshell.shell.smoothed_membrane import PAIR, edge_numbers, strain_of_len
 @final
 class HingeMeasures(Measures):
     """Of the discrete-shell energies: stresses of triangles and edges, and hinges that are not coupled."""
+
+    vectors: ClassVar[tuple[int, ...]] = (32, 44, 64)
 
     @property
     def edges(self) -> Index:

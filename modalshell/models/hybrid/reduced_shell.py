@@ -13,7 +13,6 @@ from modalshell.core.cost import count_elements, count_products, count_read, cou
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.integrators.full.second_order import VIOLENT
 from modalshell.integrators.state import MotionState
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of
 from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
@@ -63,7 +62,7 @@ class ReducedShell:
         self._measures = measures_of(shape.coarse.coarse.shell)
         surface = surface_of(self._measures, trained.basis)
         self._looks, self._record = len(surface.edges) > 0, flat_record(reduced, surface)
-        self._limits = STEP_GOAL, VIOLENT, SMALL * trained.energy, trained.strain_limit
+        self._limits = STEP_GOAL, SMALL * trained.energy, trained.strain_limit
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes, bending = trained.basis.shape[1], reduced.membrane.modes, reduced.bending
         self._products = 2 * modes * size**2 + 2 * len(bending.hinges) * size * (size + 9) + size**3 // 6
@@ -110,26 +109,28 @@ class ReducedShell:
         return moved, bool(solved) and self.sees(moved, energy, seen)
 
     def bdf2_step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> MotionState | None:
-        """A step of BDF2 after another step, under a ``load`` (n, 3) [N] that stays; in one call.
+        """A step of BDF2 under a ``load`` (n, 3) [N] that stays; in one call.
 
-        The same as the rule itself takes by :meth:`euler_step`; None where that would not be one solve, or where it
-        fails.
+        The same as the rule itself takes by :meth:`euler_step`; None where it fails, or takes more than one solve of a
+        shell whose edges do not tell what the stresses see.
         """
         memory, last = state.memory, self._known(load)
-        if last.push is None or not memory.get("order", (0.0,))[0]:
+        if last.push is None:
             return None
-        moving = state.coordinates, state.rates, memory["move"], memory["gain"]
-        rule = float(dt), float(memory["step"][0]), *_factors(damping)
-        ends = np.empty((5, state.coordinates.size))
-        taken, iterations, energy, seen = whole_step(
+        x, v, before = state.coordinates, state.rates, 0.0
+        moving = x, v, x, x
+        if "order" in memory and memory["order"][0]:
+            moving, before = (x, v, memory["move"], memory["gain"]), float(memory["step"][0])
+        ends, rule = np.empty((5, x.size)), (float(dt), before, *_factors(damping))
+        order, iterations, energy, seen = whole_step(
             self._record, moving, last.push, rule, self._limits, last.kept, ends
         )
         self._count_step(iterations)
         z, rates, move, gain, curvature = ends
-        if not taken or not (self._looks or self.sees(z, energy, seen)):
+        if not order or not (self._looks or self.sees(z, energy, seen)):
             return None
         changes = {"move": move, "gain": gain, "curvature": curvature}
-        return MotionState(z, rates, changes | {"step": np.array([dt]), "order": np.array([2.0])})
+        return MotionState(z, rates, changes | {"step": np.array([dt]), "order": np.array([float(order)])})
 
     def _count_step(self, iterations: int) -> None:
         self.count(iterations + 2)

@@ -1,11 +1,16 @@
-"""A step of BDF2 of a reduced shell under a dead load, with its checks, in one call (theory 12, eq. 7)."""
+"""A step of BDF2 of a reduced shell under a dead load, with its checks, in one call (theory 12, eq. 7).
+
+So are its start and what stands in for it where motion is violent: each solve from Python takes as long as its algebra.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from modalshell.core.typing import Array
+from modalshell.integrators.full.second_order import GAMMA, VIOLENT
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import largest_turn
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
@@ -13,6 +18,37 @@ from modalshell.models.hybrid.dense_kernels import multiply
 from modalshell.models.hybrid.flat_record import records_of
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
+_exact: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": True}
+"""Of what NumPy does in the rule itself: to the same bits."""
+_GAMMA = float(GAMMA)
+
+
+class Taking(NamedTuple):
+    """What every solve of a step takes; see :func:`whole_step`.
+
+    Attributes
+    ----------
+    reduced : ReducedStress
+        The energy.
+    surface : Surface
+        What its stresses must see.
+    force, kept : ndarray, shape (m,) and (m + K,)
+        The load's force, and what solves keep; see :func:`implicit_step`.
+    factors : tuple of float
+        Rayleigh's.
+    limits : tuple of float
+        The tolerance, a small energy [J], and the unseen share.
+    result : ndarray, shape (3,)
+        Written: iterations of all, and the energies of the last, as returned.
+    """
+
+    reduced: Any
+    surface: Any
+    force: Array
+    kept: Array
+    factors: tuple[float, float]
+    limits: tuple[float, float, float]
+    result: Array
 
 
 @njit(**_options)
@@ -57,7 +93,56 @@ def _unseen_energy(surface, z, seen):  # type: ignore[no-untyped-def]
     return abs(_membrane(surface, _positions(surface, z)) - seen)
 
 
-@njit(error_model="numpy", fastmath=False, nogil=True)
+@njit(**_options)
+def _is_violent(surface, z, jump):  # type: ignore[no-untyped-def]
+    """Whether a small change ``jump`` (m,) of coordinates (m,) turns a vertex far."""
+    return not largest_turn(_positions(surface, z), _moved(surface, jump), surface.faces) <= VIOLENT
+
+
+@njit(**_options)
+def _solved(taking, begin, length, z):  # type: ignore[no-untyped-def]
+    """Take a step of implicit Euler to ``z`` (m,); whether it is solved, and the stresses see the membrane there.
+
+    ``begin`` is the start of :func:`implicit_step`, and ``length`` its time step [s].
+    """
+    reduced, surface, result, (tolerance, small, share) = taking.reduced, taking.surface, taking.result, taking.limits
+    drag, viscosity = taking.factors
+    end, solved, energy, seen, iterations = implicit_step(
+        reduced, begin, taking.force, length, drag, viscosity, tolerance, taking.kept
+    )
+    result[0], result[1], result[2] = result[0] + iterations, energy, seen
+    if solved and surface.edges.shape[0] > 0:
+        solved = _unseen_energy(surface, end, seen) / (energy + small) <= share
+    for k in range(z.size):
+        z[k] = end[k]
+    return solved
+
+
+@njit(**_exact)
+def _rates(origin, z, length, rates):  # type: ignore[no-untyped-def]
+    """Write the rates (m,) of a step of implicit Euler from ``origin`` to ``z``."""
+    for k in range(z.size):
+        rates[k] = (z[k] - origin[k]) / length
+
+
+@njit(**_exact)
+def _ahead(x, rates, length, first):  # type: ignore[no-untyped-def]
+    """Write where ``rates`` lead."""
+    for k in range(x.size):
+        first[k] = x[k] + length * rates[k]
+
+
+@njit(**_options)
+def _euler(taking, x, v, length, end):  # type: ignore[no-untyped-def]
+    """Write coordinates and rates after a step of implicit Euler to ``end`` (2, m); whether it is solved."""
+    first = np.empty(x.size)
+    _ahead(x, v, length, first)
+    solved = _solved(taking, (x, v, x, x, first), length, end[0])
+    _rates(x, end[0], length, end[1])
+    return solved
+
+
+@njit(**_exact)
 def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
     """Write origin, rates and where the step begins into ``start`` (3, m), the next change of move too."""
     x, v, move, gain = state
@@ -70,15 +155,76 @@ def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
         jump[k] = dt * faster
 
 
-@njit(error_model="numpy", fastmath=False, nogil=True)
-def _end(state, ratio, length, z, start, ends):  # type: ignore[no-untyped-def]
-    """Write coordinates, rates, their changes and the curvature of rates into ``ends`` (5, m)."""
+@njit(**_options)
+def _go_on(taking, state, dt, before, end):  # type: ignore[no-untyped-def]
+    """Write the step after another one to ``end`` (2, m); its order, 0 where it failed. See :class:`BDF2`."""
+    x, v, ratio = state[0], state[1], dt / before
+    start, jump = np.empty((3, x.size)), np.empty(x.size)
+    _begin(state, ratio, dt, start, jump)
+    if not _is_violent(taking.surface, x, jump):
+        length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
+        if _solved(taking, (start[0], start[1], x, start[2], start[2]), length, end[0]):
+            _rates(start[0], end[0], length, end[1])
+            return 2
+    return 1 if taking.surface.edges.shape[0] > 0 and _euler(taking, x, v, dt, end) else 0
+
+
+@njit(**_exact)
+def _begin_parts(x, v, gain, dt, parts):  # type: ignore[no-untyped-def]
+    """Write where the first part of SDIRK2 takes the viscous matrix, and begins, into ``parts`` (2, m)."""
+    part = _GAMMA * dt
+    for k in range(x.size):
+        parts[0, k] = x[k] + part * (v[k] + 0.5 * _GAMMA * gain[k])
+        parts[1, k] = x[k] + part * v[k]
+
+
+@njit(**_exact)
+def _next_part(x, v, half, dt, parts):  # type: ignore[no-untyped-def]
+    """Write origin, rates, where the viscous matrix is and where it begins of the second part into ``parts`` (4, m)."""
+    part, rest = _GAMMA * dt, (1.0 - _GAMMA) * dt
+    lead = rest / part
+    for k in range(x.size):
+        w = half[1, k]
+        last = v[k] + (w - v[k]) / _GAMMA
+        parts[0, k], parts[1, k] = x[k] + rest * w, v[k] + lead * (w - v[k])
+        parts[2, k] = x[k] + 0.5 * dt * (v[k] + last)
+        parts[3, k] = parts[0, k] + part * parts[1, k]
+
+
+@njit(**_options)
+def _start(taking, state, dt, end):  # type: ignore[no-untyped-def]
+    """Write the first step to ``end`` (2, m); its order, 0 where it failed. See :func:`started`."""
+    x, v, part = state[0], state[1], _GAMMA * dt
+    half, gain, parts = np.empty((2, x.size)), np.empty(x.size), np.empty((4, x.size))
+    if not (_euler(taking, x, v, 0.5 * dt, half) and _euler(taking, half[0], half[1], 0.5 * dt, end)):
+        return 0
+    for k in range(x.size):
+        gain[k] = end[1, k] - v[k]
+    _begin_parts(x, v, gain, dt, parts)
+    for k in range(x.size):
+        gain[k] *= dt
+    if _is_violent(taking.surface, x, gain):
+        return 1
+    if not _solved(taking, (x, v, x, parts[0], parts[1]), part, half[0]):
+        return 1
+    _rates(x, half[0], part, half[1])
+    _next_part(x, v, half, dt, parts)
+    last = np.empty(x.size)
+    if not _solved(taking, (parts[0], parts[1], half[0], parts[2], parts[3]), part, last):
+        return 1
+    for k in range(x.size):
+        end[0, k] = last[k]
+    _rates(parts[0], last, part, end[1])
+    return 2
+
+
+@njit(**_exact)
+def _remember(state, ratio, ends):  # type: ignore[no-untyped-def]
+    """Write the changes of a step, and the curvature of rates, after coordinates and rates in ``ends`` (5, m)."""
     x, v, _, gain = state
     for k in range(x.size):
-        rate = (z[k] - start[0, k]) / length
-        gained = rate - v[k]
-        ends[0, k], ends[1, k] = z[k], rate
-        ends[2, k], ends[3, k] = z[k] - x[k], gained
+        gained = ends[1, k] - v[k]
+        ends[2, k], ends[3, k] = ends[0, k] - x[k], gained
         ends[4, k] = 2.0 * ratio / (1.0 + ratio) * (gained - ratio * gain[k])
 
 
@@ -87,30 +233,24 @@ def whole_step(record, state, force, rule, limits, kept, ends):  # type: ignore[
     """Write a step of BDF2, as by :class:`modalshell.integrators.full.BDF2`, into ``ends`` (5, m).
 
     ``record`` is a :class:`FlatRecord`. ``state`` holds coordinates, rates, and the changes of both in the step before;
-    ``rule`` the step and the one before [s], and Rayleigh's factors. ``limits`` are the tolerance of the step's
-    residual, the turn [rad] from which it is violent, a small energy [J], and the unseen share of the membrane's. For
-    ``kept`` see :func:`implicit_step`.
+    ``rule`` the step and the one before [s], 0 of none, and Rayleigh's factors. ``limits`` are the tolerance of the
+    residual, a small energy [J], and the unseen share of the membrane's. For ``kept`` see :func:`implicit_step`.
 
     Returns
     -------
-    taken : bool
-        Whether the step is neither violent nor failed, and the stresses see the membrane at its end.
+    order : int
+        That of the step; 0 where it failed, or where it takes more than one solve and no edges tell what is seen.
     iterations : int
-        Iterations; 0 of a violent step, which was not begun.
+        Of all its solves.
     energy, seen : float
-        Elastic energy at its end, and its share in the assumed stresses [J].
+        Elastic energy at the end of the last of them, and its share in the assumed stresses [J].
     """
-    (reduced, surface), x, (dt, before, drag, viscosity) = records_of(record), state[0], rule
-    ratio = dt / before
-    start, jump = np.empty((3, x.size)), np.empty(x.size)
-    _begin(state, ratio, dt, start, jump)
-    if not largest_turn(_positions(surface, x), _moved(surface, jump), surface.faces) <= limits[1]:
-        return False, 0, 0.0, 0.0
-    length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-    begin = start[0], start[1], x, start[2], start[2]
-    z, solved, energy, seen, iterations = implicit_step(reduced, begin, force, length, drag, viscosity, limits[0], kept)
-    taken = solved
-    if solved and surface.edges.shape[0] > 0:
-        taken = _unseen_energy(surface, z, seen) / (energy + limits[2]) <= limits[3]
-    _end(state, ratio, length, z, start, ends)
-    return taken, iterations, energy, seen
+    (reduced, surface), (dt, before, drag, viscosity) = records_of(record), rule
+    result = np.zeros(3)
+    taking = Taking(reduced, surface, force, kept, (drag, viscosity), limits, result)
+    if before > 0.0:
+        order = _go_on(taking, state, dt, before, ends)
+    else:
+        order = _start(taking, state, dt, ends) if surface.edges.shape[0] > 0 else 0
+    _remember(state, dt / before if before > 0.0 else 0.0, ends)
+    return order, int(result[0]), result[1], result[2]
