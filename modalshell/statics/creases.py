@@ -43,6 +43,8 @@ _TURN = 0.9
 """Cosine of the angle by which a triangle may turn between two places of the way that are compared."""
 _DEPTH = 14
 """Bisections of the way at most, in search of what yields on it."""
+_AWAY = 1e-3
+"""Distance, as a share of the shell's size, up to which a shell stays at a start."""
 _NEARLY = 0.9
 """Share of the limit from which a crease may yield next."""
 
@@ -168,6 +170,12 @@ class _Way:
         found = equilibrium(self.loaded(share), before.x)
         return self.place(share, found.point, before.angles, before.heat), found
 
+    def holds(self, start: _Place) -> tuple[bool, int]:
+        """Whether the shell stays at a start under the load that balances it there, and the iterations to see."""
+        there, found = self.elastic(0.0, start)
+        away = float(np.abs(there.x - start.x).max())
+        return bool(found.converged and away <= _AWAY * self.problem.shell.size), found.iterations
+
     def place(self, share: float, x: Array, angles: Array, heat: float) -> _Place:
         """A place on the way."""
         creases = _creases(self.problem)
@@ -228,7 +236,8 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
     """Equilibrium of a shell whose creases yield as the load grows, and what they have kept then.
 
     Without a start the load grows from none; with one it goes straight from the load that holds the start, or, where
-    creases beyond their limits leave none that could, to where nothing yields under the whole load. Where
+    creases beyond their limits leave none that could, to where nothing yields under the whole load. A start that
+    supports held, which are gone, and no load would, goes to the whole load at once. Where
     nothing yields on the way, which need not be its end, the answer is the one without creases, to the last bit.
     Otherwise the load goes in steps, each of which ends at a minimum by positions and plastic folds. Steps shrink where
     that is not found, and where two halves of a step end elsewhere: a crease that yields and is relieved again.
@@ -253,10 +262,26 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
         iterations += further
         if stays:
             return replace(result, iterations=iterations), state
+    if start is not None and low.within:
+        held, further = way.holds(low)
+        iterations += further
+        if not held:  # by supports alone, which are gone: a load in their place would lead it elsewhere
+            return _straight(way, low, high, replace(result, iterations=iterations))
     if result.converged and high.within and not low.within and not (at_start := way.yielded(0.0, low)[1]).settled:
         # No load holds the start, as of positions on another mesh: it says where to begin, not how the load came.
         return replace(result, iterations=iterations + at_start.iterations), state
     return _stepped(way, low, iterations)
+
+
+def _straight(way: _Way, low: _Place, high: _Place, result: NewtonResult) -> tuple[NewtonResult, CreaseState]:
+    """The answer under the whole load from a place at once, and what creases have kept; ``high`` is it unyielded."""
+    if result.converged and high.within:
+        return result, CreaseState(low.angles, low.heat)
+    place, found = way.yielded(1.0, low)
+    iterations = result.iterations + found.iterations
+    if not found.settled:
+        return replace(found.result, converged=False, iterations=iterations), CreaseState(low.angles, low.heat)
+    return replace(found.result, iterations=iterations), CreaseState(place.angles, place.heat)
 
 
 def _stepped(way: _Way, low: _Place, iterations: int) -> tuple[NewtonResult, CreaseState]:
