@@ -61,7 +61,7 @@ def _corrected(model: Model, estimator: ErrorEstimator, force: Array) -> Equilib
     watch = Stopwatch()
     answer = model.equilibrium(force=force)
     bar = estimator.bar(answer.positions, force)
-    positions = estimator.refined() if not bar.message else bar.corrected
+    positions = estimator.refined()[0] if not bar.message else bar.corrected
     return Equilibrium(
         positions,
         Outcome.CONVERGED if np.isfinite(positions).all() else Outcome.NOT_CONVERGED,

@@ -67,6 +67,48 @@ def solve_rows(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, rig
 
 
 @njit(**_options)
+def solve_local_rows(
+    starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any, quiet: Any
+) -> None:
+    """As :func:`solve_rows`, of rows of ``right`` with few entries and solutions that fall off away from these.
+
+    Below 1e-18 of what the forward half leaves, solutions count as zero: an unknown that nothing drives, whose own and
+    whose column's rows are so small, passes on nothing to those below it in the elimination tree, which ``quiet`` (N,)
+    marks.
+    """
+    size = pivots.size
+    work = np.empty(size)
+    for column in range(right.shape[0]):
+        for j in range(size):
+            work[j] = right[column, order[j]]
+        largest = 0.0
+        for j in range(size):
+            y = work[j]
+            if y != 0.0:
+                largest = max(largest, abs(y / pivots[j]))
+                for entry in range(starts[j], starts[j + 1]):
+                    work[rows[entry]] -= values[entry] * y
+        least = 1e-18 * largest
+        for j in range(size - 1, -1, -1):
+            first, last = starts[j], starts[j + 1]
+            quiet[j] = first < last and quiet[rows[first]]
+            if not quiet[j]:
+                y = work[j] / pivots[j]
+                undriven = y == 0.0
+                for entry in range(first, last):
+                    y -= values[entry] * work[rows[entry]]
+                if undriven and abs(y) <= least:
+                    loudest = 0.0
+                    for entry in range(first, last):
+                        loudest = max(loudest, abs(work[rows[entry]]))
+                    quiet[j] = loudest <= least
+                work[j] = y
+            if quiet[j]:
+                work[j] = 0.0
+            out[column, order[j]] = work[j]
+
+
+@njit(**_options)
 def solve_axes(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any) -> None:
     """Solve with a :class:`ColumnFactor` for the three columns of ``right`` (N, 3), into ``out``.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def quantity_bars(
     bar = estimator.bar(answer.positions, loading.dead, LiveLoads(loading) if loading.live else None)
     if bar.message:
         raise OptionError(f"this answer has no bars: {bar.message}")
-    finer = estimator.refined()
+    finer, stresses = estimator.refined()
     found = {}
     for name, read in chosen.items():
         value, corrected = (checked_number(name, float(read(x)), error=OptionError) for x in (answer.positions, finer))
@@ -118,7 +118,7 @@ def quantity_bars(
         lost = float(np.linalg.norm((force + shell.reactions(finer, force=force)).sum(axis=0)))
         found["reactions"] = replace(bar_of, valid=bar_of.valid and lost <= LARGEST_BAR * bar_of.corrected)
     if "frequency" in of and not isinstance(of, Mapping):
-        found["frequency"] = _frequency(model_or_shell, answer, estimator, bar)
+        found["frequency"] = _frequency(model_or_shell, answer, bar, estimator.lowest_eigenvalue(finer, stresses))
     return {name: found[name] for name in of}
 
 
@@ -147,14 +147,16 @@ def _chosen(
     return {name: known[name] for name in of if name in known}
 
 
-def _frequency(model: Model | Shell, answer: Equilibrium, estimator: ErrorEstimator, bar: ErrorBar) -> QuantityBar:
-    """Lowest frequency [Hz] about the answer by its own model, and about the corrected one by DS."""
+def _frequency(model: Model | Shell, answer: Equilibrium, bar: ErrorBar, exact: float) -> QuantityBar:
+    """Lowest frequency [Hz] about the answer by its own model, and about the corrected one by DS.
+
+    ``exact`` is the square [1/s^2] of the latter's angular one.
+    """
     assert answer.loading is not None
     own = None
     if not isinstance(model, Shell):
         own = model.tangent_eigenvalue(answer, answer.loading.force(answer.positions))
     if own is None:
         raise OptionError("a frequency needs the model that found the answer, one that has frequencies")
-    values: list[Any] = [own, estimator.lowest_eigenvalue()]
-    value, corrected = (float(np.sqrt(max(one, 0.0)) / (2.0 * np.pi)) for one in values)
-    return QuantityBar(value, corrected, UNITS["frequency"], bar.valid and not bar.beyond)
+    value, corrected = (float(np.sqrt(max(one, 0.0)) / (2.0 * np.pi)) for one in (own, exact))
+    return QuantityBar(value, corrected, UNITS["frequency"], bar.valid and not bar.beyond and exact > 0.0)

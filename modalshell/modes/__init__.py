@@ -5,7 +5,7 @@ from modalshell.modes.derivatives import BasisSensitivity
 from modalshell.modes.eigenpairs import largest_eigenvalue
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 from modalshell.modes.loaded import LoadedModes
-from modalshell.modes.tangent import TangentStiffness, lowest_tangent_eigenvalue
+from modalshell.modes.tangent import TangentStiffness, lowest_eigenvalue, lowest_tangent_eigenvalue
 
 __all__ = [
     "BACKENDS",
@@ -17,6 +17,7 @@ __all__ = [
     "TangentStiffness",
     "condensed_factor",
     "largest_eigenvalue",
+    "lowest_eigenvalue",
     "lowest_modes",
     "lowest_tangent_eigenvalue",
     "model_basis",

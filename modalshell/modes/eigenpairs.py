@@ -301,15 +301,23 @@ def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> 
     if bad.size:
         raise SolverError(
             f"elastic mode {bad[0]} (counted from 0) is lost in rounding: its eigenvalue {values[bad[0]]:.3g} 1/s^2 "
-            f"and its strain energy {strain[bad[0]]:.3g} 1/s^2 differ, {bad.size} such modes in all; {_ILL_CONDITIONED}"
+            f"and its strain energy {strain[bad[0]]:.3g} 1/s^2 differ, {bad.size} such modes in all; {_remedy(shell)}"
         )
     elastic = strain[strain > _LOOSE * strain.max(initial=0.0)]
     false = _stiffness_of_rounding(shell, data)
     if elastic.size and false > _FALSE_STIFFNESS * elastic.min():
         raise SolverError(
             f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, with a lowest eigenvalue of "
-            f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_ILL_CONDITIONED}"
+            f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_remedy(shell)}"
         )
+
+
+def _remedy(shell: Shell) -> str:
+    """What would keep modes from being lost: a stiffness that the material lacks, or ones that are more alike."""
+    lacking = [name for name in ("shear", "flexure") if not np.any(getattr(shell.material, name, 1.0))]
+    if not lacking:
+        return _ILL_CONDITIONED
+    return f"of a material without {' and '.join(lacking)} some motions meet no resistance: give it a little, above 0"
 
 
 def _stiffness_of_rounding(shell: Shell, data: Array) -> float:

@@ -110,7 +110,8 @@ def _about(shell: Shell, given: Any, count: int, backend: str | None) -> tuple[L
     if not np.isfinite(data).all():
         raise OptionError("about must be a stable state (got one whose stiffness is not finite)")
     if state is not None and not state.conservative:
-        values, vectors, whole = _general_pairs(shell, data, mass, count)
+        matrix = sps.csc_array(shell.pattern.free_matrix(data).T)  # its arrays are those of CSR
+        values, vectors, whole = general_pairs(shell, matrix, count)
         modes = np.asarray(unknowns.prolong(vectors / np.sqrt(mass)[:, None]))
         return LoadedModes(shell, read_only(x.copy()), read_only(values), read_only(modes), conservative=False), whole
     root, none = np.sqrt(mass), np.empty((mass.size, 0))
@@ -174,13 +175,14 @@ def _warn_of_coriolis(about: Any, found: LoadedModes) -> None:
         )
 
 
-def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[Array, Array, int]:
+def general_pairs(shell: Shell, matrix: sps.csc_array, count: int) -> tuple[Array, Array, int]:
     """As :func:`canonical_pairs`, eigenvectors (N, m) of length one, of an unsymmetric stiffness over the mass.
+
+    ``matrix`` is that of the free unknowns, with the internal ones after them.
 
     OptionError where one is complex or not positive: such a state flutters or drifts away.
     """
-    matrix = sps.csc_array(shell.pattern.free_matrix(data).T)  # its arrays are those of CSR
-    internal = shell.pattern.internal
+    internal, mass = shell.pattern.internal, shell.unknowns.masses(shell.mass)
     factor = condensed_factor(general_factor(matrix, Factoriser()), 0 if internal is None else internal.count)
     root = np.sqrt(mass)
 

@@ -9,10 +9,11 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
-from modalshell.core.errors import SolverError
+from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import scaled_by_mass
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
+from modalshell.modes.loaded import general_pairs
 from modalshell.shell import EXACT, Shell
 
 _ROUNDING = 1e-12
@@ -21,13 +22,34 @@ _LANCZOS_FROM = 30
 """Unknowns from which Lanczos has room."""
 
 
-def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
+def lowest_tangent_eigenvalue(
+    shell: Shell, positions: Array, of_load: Array | None = None, *, symmetric: bool = True
+) -> float:
     """Lowest eigenvalue of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
 
     On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
-    negative where the state is unstable.
+    negative where the state is unstable. ``of_load`` are entries of the stiffness of a load that follows the shell,
+    ``symmetric`` where that has a potential; see :func:`lowest_eigenvalue`.
     """
-    return TangentStiffness.at(shell, positions, Factoriser()).lowest_mode()[0]
+    data = shell.energy_gradient_hessian(positions, EXACT)[2]
+    if of_load is not None:
+        data += of_load
+    matrix = shell.pattern.free_matrix(data)  # handed out as its transpose
+    return lowest_eigenvalue(shell, matrix if symmetric else matrix.T, Factoriser(), symmetric=symmetric)
+
+
+def lowest_eigenvalue(shell: Shell, matrix: sps.sparray, factoriser: Factoriser, *, symmetric: bool) -> float:
+    """Lowest eigenvalue over the mass [1/s^2] of a stiffness of the free unknowns and of internal ones after them.
+
+    Of one that is not symmetric, as under loads without a potential, 0 where the shell flutters or drifts away.
+    """
+    matrix = sps.csc_array(matrix)
+    if symmetric:
+        return TangentStiffness(shell, matrix, factoriser).lowest_mode()[0]
+    try:
+        return float(general_pairs(shell, matrix, 1)[0][0])
+    except OptionError:
+        return 0.0
 
 
 @final

@@ -12,11 +12,13 @@ import scipy.sparse.linalg as spla
 from modalshell.core.errors import SolverError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
-from modalshell.linalg.columns import ColumnFactor, column_factor, solve_rows
+from modalshell.linalg.columns import ColumnFactor, column_factor, solve_local_rows, solve_rows
 from modalshell.shell.split_folds import SplitFolds
 
 _SLACK = 1e-12
 """Stiffness of a combination of fold shares, relative to the largest, below which it counts as zero."""
+_FEW = 0.02
+"""Share of entries up to which right sides are local."""
 
 
 def _factorised(stiffness: sps.csc_matrix) -> ColumnFactor:
@@ -95,7 +97,10 @@ class FoldShares:
             return right_side
         rows = np.ascontiguousarray(right_side.T).reshape(-1, len(right_side))
         solution = np.empty_like(rows)
-        solve_rows(*self._factor(), rows, solution)
+        if len(rows) > 1 and np.count_nonzero(rows) < _FEW * rows.size:
+            solve_local_rows(*self._factor(), rows, solution, np.empty(rows.shape[1], bool))
+        else:
+            solve_rows(*self._factor(), rows, solution)
         return solution.reshape(right_side.T.shape).T
 
     def couples(self, folds: Array) -> Array:

@@ -131,13 +131,15 @@ class SparsePattern:
             matrix = self.matrix(data)
             matrix.indices, matrix.indptr = matrix.indices.copy(), matrix.indptr.copy()  # they are the pattern's own
             return matrix
-        coupling = sps.csc_array(self.coupling(data))
-        blocks = []
+        coupling = self.coupling(data)
+        by_column, blocks = sps.csc_array(coupling), []
         least = _DROPPED * np.abs(data).max(initial=0.0)
         for start in range(0, coupling.shape[1], 300):
-            columns = self.internal.solve(coupling[:, start : start + 300].toarray()) / scale
+            columns = self.internal.solve(by_column[:, start : start + 300].toarray()) / scale
+            near = np.flatnonzero(columns.any(axis=1))  # a block of columns reaches some edges far
+            columns = columns[near]
             columns[np.abs(columns) <= _DROPPED * np.abs(columns).max(initial=0.0)] = 0.0
-            block = sps.csc_array(coupling.T @ sps.csc_array(columns))
+            block = sps.csc_array(coupling[near].T @ sps.csc_array(columns))
             block.data[np.abs(block.data) <= least] = 0.0
             block.eliminate_zeros()
             blocks.append(block)

@@ -29,8 +29,8 @@ import scipy.sparse as sps
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
-from modalshell.modes import Factor, Factoriser, TangentStiffness
-from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, Shell
+from modalshell.modes import Factor, Factoriser, lowest_eigenvalue
+from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import CLEAR, LITTLE_STEP, Margin, lowest_ratio
 from modalshell.statics.potential import Potential
@@ -236,8 +236,8 @@ class Estimator(ABC):
         """Force (N,) on the motions that are left, by a motion ``along`` that had a ``force`` (N,)."""
         return force
 
-    def refined(self) -> Array:
-        """Positions (n, 3) [m] after a third step from the last bar's.
+    def refined(self) -> tuple[Array, list[Array]]:
+        """Positions (n, 3) [m] after a third step from the last bar's, and the stresses that it predicts.
 
         By the factor that its margin has left, where that is short; else by the mixed Hessian there, whose stresses
         may make the shell far stiffer, or softer, than without them, and where that is no little step by a fourth.
@@ -245,22 +245,21 @@ class Estimator(ABC):
         last = self._last()
         problem, moved = last.problem, self.length(last.x - self.shell.rest_positions)
         with np.errstate(over="ignore", invalid="ignore"):
-            gradient = problem.residual(last.x)
-            x = problem.moved(last.x, problem.step(last.factor, gradient))[0]
+            x, stresses, _ = problem.moved(last.x, problem.step(last.factor, problem.residual(last.x)))
             if not self.length(x - last.x) <= _SLIGHT * moved:
                 with contextlib.suppress(SolverError):
                     factor = problem.factor(problem.matrix(last.x, last.stressed.copy(), MIXED))
-                    x, stresses, _ = problem.moved(last.x, problem.step(factor, gradient))
+                    x, stresses, _ = problem.moved(last.x, problem.step(factor, problem.residual(last.x)))
                     if not self.length(x - last.x) <= LITTLE_STEP * moved:
                         gradient, hessian = problem.linearise(x, MIXED, stresses)
-                        x = problem.moved(x, problem.step(problem.factor(hessian), gradient))[0]
-            return np.asarray(x + self.origin)
+                        x, stresses, _ = problem.moved(x, problem.step(problem.factor(hessian), gradient))
+            return np.asarray(x + self.origin), stresses
 
-    def lowest_eigenvalue(self) -> float:
-        """Lowest squared angular frequency [1/s^2] of small motion of DS about the positions of :meth:`refined`."""
+    def lowest_eigenvalue(self, x: Array, stresses: list[Array]) -> float:
+        """Lowest squared angular frequency [1/s^2] of DS about what :meth:`refined` found, by these stresses."""
         problem = self._last().problem
-        hessian = problem.linearise(self.refined() - self.origin, EXACT)[1]
-        return TangentStiffness(self.shell, hessian, self._factoriser).lowest_mode()[0]
+        hessian = problem.linearise(x - self.origin, MIXED, stresses)[1]
+        return lowest_eigenvalue(self.shell, hessian, self._factoriser, symmetric=not problem.unsymmetric)
 
     def _last(self) -> LastStep:
         if self.last is None:

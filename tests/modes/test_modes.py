@@ -346,6 +346,14 @@ def test_needles_keep_their_modes_or_are_refused(dense_below, monkeypatch):
             solve_modes(needle_strip(aspect), 3)
 
 
+@pytest.mark.parametrize(("lacking", "named"), [(("shear",), "shear"), (("shear", "flexure"), "shear and flexure")])
+def test_materials_without_a_stiffness_are_told_so(lacking, named):
+    """They were sent to look for needles in their mesh."""
+    given = {"stretch": 20.0, "shear": 20.0, "flexure": 0.05, "density": 0.2} | dict.fromkeys(lacking, 0.0)
+    with pytest.raises(SolverError, match=f"of a material without {named} some motions meet no resistance"):
+        solve_modes(Shell(flat_beam(cells=(12, 3)), Material(**given), "x < 0.1"), 4)
+
+
 def test_the_mode_nearest_to_zero_of_an_exactly_singular_matrix():
     shell = cantilever((10, 2))
     matrix = sps.csc_array(shell.stiffness()[shell.free_unknowns][:, shell.free_unknowns])

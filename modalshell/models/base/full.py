@@ -140,11 +140,9 @@ class FullModel(Model):
     ) -> Equilibrium:
         load, before = loading.dead, dict(self.costs)
         patches = self._patches(constraints)
-        first = None if start is None else hold(self.shell, start)
         problem, origin = self.problem(loading)
-        shell, live = problem.shell, problem.live
-        first = first - origin if origin.any() and first is not None else first
-        kept = shell.crease_state
+        first = None if start is None else hold(self.shell, start) - origin
+        shell, live, kept = problem.shell, problem.live, problem.shell.crease_state
         if patches:
             shell.refuse_creases("an equilibrium under constraints", "leave out one of both")
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
@@ -189,14 +187,16 @@ class FullModel(Model):
         return None
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
+        """Lowest eigenvalue [1/s^2] of the tangent stiffness, loads' too, over the mass; 0 where it is singular."""
         model = self if answer.creases is None else self.with_creases(answer.creases.angles)
-        return model.lowest_eigenvalue(answer.positions)
+        of_load = answer.load_stiffness(model.shell.pattern)
+        return model.lowest_eigenvalue(answer.positions, of_load, symmetric=answer.conservative)
 
-    def lowest_eigenvalue(self, positions: Array) -> float:
-        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""
+    def lowest_eigenvalue(self, positions: Array, of_load: Array | None = None, *, symmetric: bool = True) -> float:
+        """As :func:`.lowest_tangent_eigenvalue` at ``positions`` (n, 3) [m]; 0 where it is singular."""
+        x = self.shell.checked_positions(positions)
         try:
-            return lowest_tangent_eigenvalue(self.shell, self.shell.checked_positions(positions))
+            return lowest_tangent_eigenvalue(self.shell, x, of_load, symmetric=symmetric)
         except SolverError:
             return 0.0
 
