@@ -39,12 +39,20 @@ def averaged(
     """
     places, near = sorted(set(bends)), _NEAR * dt
 
+    def within_step(end: float, inward: float) -> float:
+        """Factor at an ``end`` of a step; where it jumps there, that ``inward`` [s] of it."""
+        value = factor(end)
+        if bisect_left(places, end - near) == bisect_right(places, end + near):
+            return value
+        inner = factor(end + inward)
+        return inner if abs(inner - value) > _JUMP * max(abs(inner), abs(value)) else value
+
     def at_end(time: float) -> float:
         first = time <= near
         low, high = time if first else time - dt, time if within else time + dt
         inside = places[bisect_right(places, low - near if first else low + near) : bisect_left(places, high - near)]
         if not inside:
-            return 0.5 * (factor(low) + factor(time)) if within else factor(time)
+            return 0.5 * (within_step(low, near) + within_step(time, -near)) if within else factor(time)
         if not within and all(abs(bend - dt * round(bend / dt)) <= near for bend in inside):
             sides = [(factor(bend - near), factor(bend + near)) for bend in inside]
             size = max(abs(one) for one in (*chain(*sides), factor(low), factor(high)))

@@ -132,3 +132,12 @@ def test_plain_means_over_steps_have_the_impulse_of_the_table():
     at_end = averaged(table(times, factors), times, 0.5, within=True)
     total = sum(at_end(time) for time in np.arange(1, 8) * 0.5) * 0.5
     assert total == pytest.approx(np.trapezoid(factors, times), rel=1e-12)
+
+
+@pytest.mark.parametrize("lasts", [1e-4, 1e-8, 1e-11])
+def test_plain_means_over_steps_take_jumps_at_their_ends_on_one_side(lasts):
+    """A jump as short as what counts as the end of a step was half in the step after it, too."""
+    times, factors = [0.0, lasts, 1.0, 1.0 + lasts, 2.0 - lasts, 2.0], [0.0, 1.0, 1.0, -3.0, -3.0, 0.0]
+    at_end = averaged(table(times, factors), times, 0.1, within=True)
+    total = sum(at_end(time) for time in np.arange(1, 31) * 0.1) * 0.1
+    assert total == pytest.approx(np.trapezoid(factors, times), abs=1e-6)
