@@ -12,6 +12,10 @@ COST = "cost"
 """Name in a state's memory of the squares, in the norm of the mass, of the last step's error and of its changes of
 rates and coordinates, where the rule has found them (3,)."""
 
+FLAGS = "step", "order", "middle"
+"""Names in a state's memory of numbers (1,) that rules of order two keep of their last step: no vectors, whatever the
+unknowns."""
+
 PUSHES = "pushes"
 """Name in a state's memory of the contact forces (r,) [N] along the normals of its step."""
 PRESSED = "pressed"
@@ -77,6 +81,7 @@ class MotionState:
 
     def mapped(self, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:
         """It in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
-        kept = {name for name, vector in self.memory.items() if vector.shape == self.rates.shape and name != PUSHES}
+        same = {name for name, vector in self.memory.items() if vector.shape == self.rates.shape}
+        kept = same - {PUSHES, *FLAGS}
         memory = {name: turn(vector) if name in kept else vector for name, vector in self.memory.items()}
         return MotionState(place(self.coordinates), turn(self.rates), memory)
