@@ -174,7 +174,7 @@ def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
         assert run.status == "completed"
         runs.append((len(made), run))
     (some, mine), (all_of_them, plain) = runs
-    assert some <= 0.9 * all_of_them
+    assert some <= all_of_them - 3  # of 31
     travel = np.abs(plain.positions[-1] - plain.positions[0]).max()
     np.testing.assert_allclose(mine.positions, plain.positions, rtol=0, atol=1e-6 * travel)
     elastic = plain.energies[:, 1]

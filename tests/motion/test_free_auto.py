@@ -72,7 +72,7 @@ def test_centre_and_momenta_go_through_switches():
     """From DS to MWTS and back as a bent sheet comes to rest, and from MWTS to DS as one is pushed."""
     shell = shell_of("hinges")
     scale = shell.mass.sum() * shell.size**2
-    levels, x, p = frames_of(shell, ms.Auto(shell), shell.loading(GRAVITY), DT, 140, bent(shell, 0.15))
+    levels, x, p = frames_of(shell, ms.Auto(shell), shell.loading(GRAVITY), DT, 140, bent(shell, 0.18))
     assert set(np.diff(levels)) == {-1, 0, 1}
     time = DT * np.arange(len(x))[:, None]
     fall = 0.5 * GRAVITY * time**2
@@ -83,15 +83,15 @@ def test_centre_and_momenta_go_through_switches():
     loads = [ms.Scaled(ms.LineForce("x < 1e-6", (0.0, 0.0, 0.5)), ([0.0, 0.1, 0.2], [0.0, 1.0, 0.0]))]
     levels, x, p = frames_of(shell, ms.Auto(shell, 14), shell.loading(None, None, loads), DT, 60)
     assert set(np.diff(levels)) == {0, 1}
-    after = p[25:]  # the push is over
+    after = p[28:]  # the push is over, and what the rule keeps of it for a few steps
     assert np.abs(after[:, 1]).max() > 1e-3 * scale
     np.testing.assert_allclose(after[:, 1], after[:1, 1].repeat(len(after), axis=0), atol=1e-6 * np.abs(after).max())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strength", [1.0, 2.0])
-def test_where_steps_are_too_long_it_adds_no_more_than_its_error_to_that_of_ds(strength):
-    """A stiff panel in a wind at 1/60 s: DS itself is off by a tenth of its bend, and by many times it."""
+@pytest.mark.parametrize(("strength", "steps"), [(2.0, 30), (4.0, 60)])
+def test_where_steps_are_too_long_it_adds_no_more_than_its_error_to_that_of_ds(strength, steps):
+    """A stiff panel in a wind: DS itself is off by more than a twentieth of its bend."""
     shell = panel("hinges")
     options = {"gravity": GRAVITY, "loads": [ms.Wind(tuple(strength * np.array([2.0, 1.0, 3.0])))]}
     options |= {"damping": (0.0, 0.001), "duration": 0.5}
@@ -101,11 +101,12 @@ def test_where_steps_are_too_long_it_adds_no_more_than_its_error_to_that_of_ds(s
 
     def off(model, dt, every):
         run = ms.simulate(model, dt=dt, store_every=every, **options)
-        return max(check.apart(x, y) for x, y in zip(run.positions, truth, strict=True)) / bend
+        told = truth[:: round(60.0 * dt * every)]
+        return max(check.apart(x, y) for x, y in zip(run.positions, told, strict=True)) / bend
 
-    exact = off(ms.DiscreteShell(shell), 1.0 / 60.0, 1)
-    assert exact > 0.08
-    assert off(ms.Auto(shell), 1.0 / 60.0, 1) < exact + ERROR
+    exact = off(ms.DiscreteShell(shell), 1.0 / steps, 1)
+    assert exact > 0.05
+    assert off(ms.Auto(shell), 1.0 / steps, 1) < exact + ERROR
     assert off(ms.Auto(shell), 1.0 / 120.0, 2) < ERROR
 
 
