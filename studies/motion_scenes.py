@@ -155,11 +155,16 @@ def held_strip_ratio(energy: str, rule: str, amplitude: float, steps: int = 100,
     return found | {"exact": exact, "error": float(np.pi / half / first / exact - 1.0)} | took
 
 
-def swing_rows(steps: tuple[int, ...] = SWING_STEPS, rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
-    """DS of a stiff panel that falls from level about its supported edge for a second, by every rule."""
+def swinging_panel() -> ms.Shell:
+    """A stiff panel that swings about its supported edge."""
     mesh = ms.sheet(length=0.3, width=0.1, cells=(3, 1))
     material = ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=400.0)
-    shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])
+    return ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])
+
+
+def swing_rows(steps: tuple[int, ...] = SWING_STEPS, rules: tuple[str, ...] = FULL_RULES) -> list[dict[str, Any]]:
+    """DS of a stiff panel that falls from level about its supported edge for a second, by every rule."""
+    shell = swinging_panel()
 
     def swing(rule: str, count: int, kept: int = 1) -> ms.Trajectory:
         model = ms.DiscreteShell(shell, integrator=rule)

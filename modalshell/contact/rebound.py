@@ -67,11 +67,8 @@ class Rebound:
         goal, chosen = _SLOWER * float(np.abs(needed).max()), np.asarray(first)
         vertices = self._touching.vertices[rows]
         for _ in range(_SETS):
-            equations = self._equations(rows[chosen], normals[chosen], needed[chosen], self._still)
-            direction, forces = equations.solve()
-            change = self._problem.shell.unknowns.prolong(direction).reshape(-1, 3) / self._dt
             impulses = np.zeros(rows.size)
-            impulses[np.isin(rows, equations.frames.rows)] = self._dt * forces
+            change, impulses[chosen] = self._solved(rows[chosen], normals[chosen], needed[chosen], self._still)
             slow = np.sum(normals * change[vertices], axis=1) < needed - goal
             slow[chosen] = False
             again = np.flatnonzero((impulses > 0.0) | slow)
@@ -88,10 +85,7 @@ class Rebound:
         force = np.zeros((len(self._problem.origin), 3))
         np.add.at(force, self._touching.vertices[rows], impulses / self._dt)
         gradient = np.asarray(-self._problem.shell.unknowns.restrict(force.ravel()))
-        equations, also = self._equations(rows, normals, np.zeros(rows.size), gradient), np.zeros(rows.size)
-        direction, forces = equations.solve()
-        also[np.isin(rows, equations.frames.rows)] = self._dt * forces
-        return self._problem.shell.unknowns.prolong(direction).reshape(-1, 3) / self._dt, also
+        return self._solved(rows, normals, np.zeros(rows.size), gradient)
 
     def rubbed(
         self, rows: Index, normals: Array, found: tuple[Array, Array], slips: Array, friction: Array
@@ -114,9 +108,14 @@ class Rebound:
             impulses = np.maximum(alone + part * also, 0.0)
         return change + part * slower, impulses, part * held
 
-    def _equations(self, rows: Index, normals: Array, faster: Array, gradient: Array) -> Rotated:
+    def _solved(self, rows: Index, normals: Array, faster: Array, gradient: Array) -> tuple[Array, Array]:
+        """Change (n, 3) [m/s] of the rates under a ``gradient`` that makes rows ``faster``, and its impulses there."""
         flat = -self._dt * faster, normals, np.zeros((rows.size, 3, 3))
-        return Rotated(self._problem, self._touching, gradient, self._hessian, rows, np.zeros(rows.size), flat)
+        none, impulses = np.zeros(rows.size), np.zeros(rows.size)
+        equations = Rotated(self._problem, self._touching, gradient, self._hessian, rows, none, flat)
+        direction, forces = equations.solve()
+        impulses[np.isin(rows, equations.frames.rows)] = self._dt * forces
+        return self._problem.shell.unknowns.prolong(direction).reshape(-1, 3) / self._dt, impulses
 
 
 def striking(speed: float | Array, gained: float | Array, needed: float | Array) -> Any:

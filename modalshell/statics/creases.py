@@ -237,10 +237,10 @@ def equilibrium_with_creases(problem: Potential, start: Array | None) -> tuple[N
 
     Without a start the load grows from none; with one it goes straight from the load that holds the start, or, where
     creases beyond their limits leave none that could, to where nothing yields under the whole load. A start that
-    supports held, which are gone, and no load would, goes to the whole load at once. Where
-    nothing yields on the way, which need not be its end, the answer is the one without creases, to the last bit.
-    Otherwise the load goes in steps, each of which ends at a minimum by positions and plastic folds. Steps shrink where
-    that is not found, and where two halves of a step end elsewhere: a crease that yields and is relieved again.
+    supports held, which are gone, and no load would, goes to the whole load at once. Where nothing yields on the way,
+    which need not be its end, the answer is the one without creases, to the last bit. Otherwise the load goes in steps,
+    each of which ends at a minimum by positions and plastic folds. Steps shrink where that is not found, and where two
+    halves of a step end elsewhere: a crease that yields and is relieved again.
     """
     shell = problem.shell
     state = shell.crease_state

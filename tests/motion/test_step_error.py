@@ -8,6 +8,7 @@ import pytest
 import modalshell as ms
 from modalshell.motion import Motion
 from modalshell.motion.step_error import Tolerance
+from studies import motion_scenes
 
 ISOTROPIC = ms.Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=100.0)
 
@@ -274,10 +275,7 @@ def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
 )
 def test_energy_that_steps_take_from_a_stiff_swing_is_told(integrator, least, most):
     """A stiff panel falls from level about its pinned edge; its error estimate sees nothing of what SDIRK2 takes."""
-    mesh = ms.sheet(length=0.3, width=0.1, cells=(3, 1))
-    material = ms.Isotropic(young=1e9, poisson=0.3, thickness=3e-3, density=400.0)
-    shell = ms.Shell(mesh, material, supports=[ms.Pin(mesh.vertices[:, 0] < 1e-6)])
-    model = ms.DiscreteShell(shell, integrator=integrator)
+    model = ms.DiscreteShell(motion_scenes.swinging_panel(), integrator=integrator)
     run = ms.simulate(model, duration=1.0, dt=1 / 120, gravity=(0.0, 0.0, -9.81))
     energies = run.energies.sum(axis=1)
     lost = (energies[0] - energies[-1]) / np.ptp(run.energies[:, 2])

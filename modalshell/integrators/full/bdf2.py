@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 from typing import final
 
-from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, euler_step
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.full.second_order import VIOLENT, SecondOrderRule
 from modalshell.integrators.state import MotionState
 
@@ -32,18 +32,16 @@ class BDF2(SecondOrderRule, key="bdf2"):
         root = cmath.sqrt(1.0 + 2.0 * rate)
         return max((2.0 + root) / (3.0 - 2.0 * rate), (2.0 - root) / (3.0 - 2.0 * rate), key=abs)
 
-    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
-        """One solve, and a step of implicit Euler where the motion is violent or that fails."""
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """One solve."""
         x, v, memory = state.coordinates, state.rates, state.memory
         ratio = dt / memory["step"][0]
         move, gain = ratio * memory["move"], ratio * memory["gain"]
-        if euler.turn(x, dt * gain) <= VIOLENT:
-            ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-            earlier = MotionState(x - memory["move"], v - memory["gain"])
-            made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
-            begin, rates = x + ahead * move, v + ahead * gain
-            start = EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True)
-            after, solved = euler.solve(start)
-            if solved:
-                return after, True, 2
-        return *euler_step(euler, state, dt, 0.0, 1.0), 1
+        if not euler.turn(x, dt * gain) <= VIOLENT:
+            return state, False
+        ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
+        earlier = MotionState(x - memory["move"], v - memory["gain"])
+        made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
+        begin, rates = x + ahead * move, v + ahead * gain
+        start = EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True)
+        return euler.solve(start)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import Final, final
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
-from modalshell.integrators.full.second_order import GAMMA, VIOLENT, SecondOrderRule, two_euler_steps, two_parts
+from modalshell.integrators.full.second_order import GAMMA, VIOLENT, SecondOrderRule, two_parts
 from modalshell.integrators.state import MotionState
 
 EARLIER: Final = -0.035
@@ -91,10 +90,6 @@ class Composite(SecondOrderRule, key="composite"):
         state = super().at_rest(coordinates)
         return MotionState(state.coordinates, state.rates, state.memory | no_middle(coordinates))
 
-    def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """Two half steps of implicit Euler, which cost as much as a step of the rule; and whether they were solved."""
-        return two_euler_steps(euler, state, dt)
-
     def further(self, end: MotionState, after: MotionState) -> dict[str, Array]:
         """Changes of coordinates and rates since the middle of the step, where that is known."""
         if "middle_at" not in end.memory:
@@ -102,17 +97,12 @@ class Composite(SecondOrderRule, key="composite"):
         move, gain = after.coordinates - end.memory["middle_at"], after.rates - end.memory["middle_rates"]
         return {"middle_move": move, "middle_gain": gain, "middle": np.ones(1)}
 
-    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
-        """Two solves, or two half steps of implicit Euler instead."""
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """Two solves, those of SDIRK2 after a much shorter step."""
         ratio = dt / state.memory["step"][0]
-        gain = ratio * state.memory["gain"]
         if ratio > _GROWS:
-            after, solved = two_parts(euler, state, dt, gain)
-        else:
-            after, solved = _both_parts(euler, state, dt, ratio)
-        if solved:
-            return after, True, 2
-        return *two_euler_steps(euler, state, dt), 1
+            return two_parts(euler, state, dt, ratio * state.memory["gain"])
+        return _both_parts(euler, state, dt, ratio)
 
 
 def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) -> tuple[MotionState, bool]:
@@ -128,26 +118,29 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
         states.insert(1, MotionState(x - memory["middle_move"], v - memory["middle_gain"]))
     # Viscous matrices are those of where parts end, else turning of a stiff sheet is resisted.
     ahead = x + 0.5 * dt * (v + 0.25 * gain)
-    start = EulerStart(*_combined(first, states), length * dt, 0.5, v + 0.5 * gain, x, ahead, 0.5, viscous_ahead=True)
-    middle, solved = euler.solve(replace(start, made_of=tuple(zip(first, states, strict=True))))
+    made_of = tuple(zip(first, states, strict=True))
+    begin, expected = _combined(made_of), v + 0.5 * gain
+    start = EulerStart(*begin, length * dt, 0.5, expected, x, ahead, 0.5, made_of, viscous_ahead=True)
+    middle, solved = euler.solve(start)
     if not solved:
         return middle, False
     middle = euler.landed(state, middle, 0.5 * dt)
-    states.append(middle)
+    made_of = tuple(zip(second, [*states, middle], strict=True))
     # Loads at the end stand for both sides of it: ends feel half of a jump there, which middles alone would lack.
     near, last = middle.coordinates, 2.0 * middle.rates - v
     ahead = x + 0.5 * dt * (v + last)
-    start = EulerStart(*_combined(second, states), GAMMA * dt, 1.0, last, near, ahead, 1.0, viscous_ahead=True)
-    after, solved = euler.solve(replace(start, made_of=tuple(zip(second, states, strict=True))))
+    start = EulerStart(*_combined(made_of), GAMMA * dt, 1.0, last, near, ahead, 1.0, made_of, viscous_ahead=True)
+    after, solved = euler.solve(start)
     after.memory = {"middle_at": near, "middle_rates": middle.rates}  # of itself, whose momenta are known by it
     return after, solved
 
 
-def _combined(weights: tuple[float, ...], states: list[MotionState]) -> tuple[Array, Array]:
-    """Coordinates and rates of a combination of states, whose weights add up to one: from the first, to keep digits."""
-    x, v = states[0].coordinates, states[0].rates
-    for weight, state in zip(weights[1:], states[1:], strict=True):
-        x, v = x + weight * (state.coordinates - states[0].coordinates), v + weight * (state.rates - states[0].rates)
+def _combined(made_of: tuple[tuple[float, MotionState], ...]) -> tuple[Array, Array]:
+    """Coordinates and rates of weighted states, whose weights add up to one: from the first, to keep digits."""
+    first = made_of[0][1]
+    x, v = first.coordinates, first.rates
+    for weight, state in made_of[1:]:
+        x, v = x + weight * (state.coordinates - first.coordinates), v + weight * (state.rates - first.rates)
     return x, v
 
 

@@ -133,8 +133,8 @@ class ImplicitRule(FullIntegrator):
         return MotionState(after.coordinates, after.rates)
 
     def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """A step of implicit Euler of ``dt`` [s]; and whether it was solved."""
-        return euler_step(euler, state, dt, 0.0, 1.0)
+        """Steps of implicit Euler that cost as much as one of the rule of ``dt`` [s]; and whether they were solved."""
+        return euler_steps(euler, state, dt, self.stand_ins)
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002
         """State at rest at ``positions`` (n, 3) [m]."""
@@ -156,6 +156,15 @@ def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, e
     """A step of implicit Euler over the part of a step of ``dt`` [s] from ``begin`` to ``end``, shares of it."""
     x, v = state.coordinates, state.rates
     return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin, ((1.0, state),)))
+
+
+def euler_steps(euler: EulerSteps, state: MotionState, dt: float, count: int) -> tuple[MotionState, bool]:
+    """As many steps of implicit Euler, alike, over a step of ``dt`` [s]; and whether all were solved."""
+    solved = True
+    for k in range(count):
+        state, one = euler_step(euler, state, dt, k / count, (k + 1) / count)
+        solved = solved and one
+    return state, solved
 
 
 class StageOf(Protocol):

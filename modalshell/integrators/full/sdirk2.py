@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import final
 
 from modalshell.integrators.full.implicit_rule import EulerSteps
-from modalshell.integrators.full.second_order import GAMMA, SecondOrderRule, two_euler_steps, two_parts
+from modalshell.integrators.full.second_order import GAMMA, SecondOrderRule, two_parts
 from modalshell.integrators.state import MotionState
 
 
@@ -31,13 +31,6 @@ class SDIRK2(SecondOrderRule, key="sdirk2"):
         """``(1 + (1 - 2 gamma) h lambda) / (1 - gamma h lambda)^2``."""
         return complex((1.0 + (1.0 - 2.0 * GAMMA) * rate) / (1.0 - GAMMA * rate) ** 2)
 
-    def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """Two half steps of implicit Euler, which cost as much as a step of the rule; and whether they were solved."""
-        return two_euler_steps(euler, state, dt)
-
-    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
-        """Two solves, or two half steps of implicit Euler instead."""
-        after, solved = two_parts(euler, state, dt, dt / state.memory["step"][0] * state.memory["gain"])
-        if solved:
-            return after, True, 2
-        return *two_euler_steps(euler, state, dt), 1
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """Two solves."""
+        return two_parts(euler, state, dt, dt / state.memory["step"][0] * state.memory["gain"])

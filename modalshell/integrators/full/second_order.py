@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, ImplicitRule, euler_step
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, ImplicitRule, euler_steps
 from modalshell.integrators.state import MotionState
 
 VIOLENT = 0.3
@@ -30,8 +30,8 @@ class SecondOrderRule(ImplicitRule):
     """Error of a step over ``h^3 v''``."""
 
     @abstractmethod
-    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
-        """A step after another one of ``state``'s memory, whether it was solved, and its order."""
+    def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """A step after another one of ``state``'s memory, and whether it was solved: not where motion is violent."""
 
     def at_rest(self, coordinates: Array) -> MotionState:
         """State at rest, with room for what is kept of a step."""
@@ -43,8 +43,12 @@ class SecondOrderRule(ImplicitRule):
         """Advance by ``dt`` [s]; also returns whether the equations were solved."""
         if "order" not in state.memory:  # not made by the rule: taken for a start
             state = MotionState(state.coordinates, state.rates, self.at_rest(state.coordinates).memory)
-        go_on = self.go_on if state.memory["order"][0] else started
-        end, solved, order = go_on(euler, state, dt)
+        if state.memory["order"][0]:
+            (end, solved), order = self.go_on(euler, state, dt), 2
+            if not solved:
+                (end, solved), order = self.standing_in(euler, state, dt), 1
+        else:
+            end, solved, order = started(euler, state, dt)
         after = euler.landed(state, end, dt)
         memory = _memory(state, after, dt, order) | self.further(end, after)
         return MotionState(after.coordinates, after.rates, memory), solved
@@ -75,19 +79,13 @@ def _memory(before: MotionState, after: MotionState, dt: float, order: int) -> d
     return changes | {"step": np.array([dt]), "order": np.array([float(order)])}
 
 
-def two_euler_steps(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-    """Two half steps of implicit Euler, as a start [rannacher1984]."""
-    middle, first = euler_step(euler, state, dt, 0.0, 0.5)
-    after, second = euler_step(euler, middle, dt, 0.5, 1.0)
-    return after, first and second
-
-
 def started(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool, int]:
     """A first step, whether it was solved, and its order.
 
-    Two half steps of implicit Euler, and where these show no violent motion, a step of SDIRK2 in their place.
+    Two half steps of implicit Euler [rannacher1984], and where these show no violent motion, a step of SDIRK2 in their
+    place.
     """
-    tried, solved = two_euler_steps(euler, state, dt)
+    tried, solved = euler_steps(euler, state, dt, 2)
     if solved:
         after, better = two_parts(euler, state, dt, tried.rates - state.rates)
         if better:
