@@ -191,6 +191,8 @@ class ProfileAnalysis:
     points : ndarray, shape (N / 3, d), optional
         Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
         4.3].
+    order : ndarray of int64, shape (N / 3,), optional
+        The order of 3 x 3 blocks to take in place of all these.
 
     Attributes
     ----------
@@ -204,10 +206,12 @@ class ProfileAnalysis:
         Length of each of the three.
     """
 
-    def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
+    def __init__(self, matrix: sps.csc_array, points: Array | None = None, *, order: Index | None = None) -> None:
         self.size = matrix.shape[0]
         self.block, graph = symmetric_block_graph(matrix)
-        orders = [np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)]
+        if order is None:
+            order = np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
+        orders = [order]
         for axis in () if points is None or self.block == 1 else points.T:
             orders.append(np.argsort(axis, kind="stable").astype(np.int64))
         entries = sps.coo_array(graph)

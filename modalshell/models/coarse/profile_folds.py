@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
@@ -27,6 +26,7 @@ from modalshell.models.coarse.profile_fold_kernels import (
     couples_of,
     tensions_of,
 )
+from modalshell.models.coarse.profile_numbering import Numbering
 from modalshell.shell import Shell
 from modalshell.shell.kernels.split_folds import (
     add_edge_forces,
@@ -140,47 +140,6 @@ class FoldRoom(NamedTuple):
 
 
 # ---- tables
-
-
-class Numbering(NamedTuple):
-    """Profile of vertices and fold shares, the block of every vertex (n,), -1 of held ones, and rows of shares (m,)."""
-
-    analysis: ProfileAnalysis
-    place: Index
-    shares: Index
-
-
-def numbering_of(shell: Shell) -> Numbering:
-    """Shares go by threes, as they follow one another by reverse Cuthill-McKee among the vertices [george1981, 4.3]."""
-    free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
-    count = pattern.shape[0] - 3 * free.size
-    nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
-    graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
-    order = np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
-    trios = np.empty(count, dtype=np.int64)
-    following = order[order >= free.size] - free.size
-    trios[following] = np.arange(count) // 3
-    blocks = -(-count // 3)
-    grouped = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + trios])
-    graph = _graph(grouped[pattern.row], grouped[pattern.col], free.size + blocks)
-    coupled = graph[free.size :, : free.size].astype(np.float64)
-    middles = (coupled @ shell.rest_positions[free]) / np.maximum(coupled.sum(axis=1), 1.0)[:, None]
-    points = np.vstack([shell.rest_positions[free], middles])
-    analysis = ProfileAnalysis(sps.csc_array(sps.kron(graph, np.ones((3, 3)), format="csc")), points)
-    position = np.empty_like(analysis.order)
-    position[analysis.order] = np.arange(position.size)
-    place = np.full(len(shell.mass), -1, dtype=np.int64)
-    place[free] = position[: free.size]
-    rows = np.empty(count, dtype=np.int64)
-    rows[following] = 3 * position[free.size + trios[following]] + np.arange(count) % 3
-    return Numbering(analysis, place, rows)
-
-
-def _graph(rows: Index, columns: Index, size: int) -> sps.csr_array:
-    ones = np.ones(rows.size, dtype=np.int8)
-    graph = sps.csr_array(sps.coo_array((ones, (rows, columns)), shape=(size, size)))
-    graph.data[:] = 1
-    return graph
 
 
 def folds_of(shell: Shell, numbering: Numbering) -> Folds:

@@ -20,16 +20,17 @@ from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_elasticity import vertex_strides
-from modalshell.models.coarse.profile_folds import folds_of, numbering_of
+from modalshell.models.coarse.profile_folds import folds_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
+from modalshell.models.coarse.profile_numbering import numbering_of
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.error_bar import ErrorEstimator, QuickCheck, probe
 
-_PRODUCTS = 3e8
-"""Multiplications of a factorisation above which sparse ones are quicker."""
+_PRODUCTS, _CHECKED = 4e7, 1e8
+"""Multiplications of a factorisation above which sparse steps, which keep their factors, are quicker; and checks."""
 _STRAIGHT = 12
 """Iterations up to which a step is a straight one."""
 
@@ -126,12 +127,15 @@ def _writeable(array: Array) -> Array:
     return array if array.flags.writeable else array.copy()
 
 
-def profile_step(shell: Shell) -> ProfileStep | None:
-    """The compiled step of a shell; None for energies, supports or sizes that it does not serve."""
+def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:
+    """The compiled step of a shell; None for energies, supports or sizes that it does not serve.
+
+    Those are of more than ``most`` multiplications in a factorisation.
+    """
     if shell.unknowns.matrix is not None:  # supports of single components
         return None
-    found = _of_folds(shell) if isinstance(shell.material, Sheet) else _of_hinges(shell)
-    if found is None or found[0].products > _PRODUCTS:
+    found = _of_folds(shell, most) if isinstance(shell.material, Sheet) else _of_hinges(shell)
+    if found is None or found[0].products > most:
         return None
     analysis, place, elastic = found
     return ProfileStep(shell, analysis, place, elastic())
@@ -147,7 +151,7 @@ def quick_check(shell: Shell, *, early: bool = False) -> QuickCheck | None:
 
     Its margins may be ``early`` ones; see :meth:`ProfileStep.check`.
     """
-    step = profile_step(shell.centred()[0])
+    step = profile_step(shell.centred()[0], _CHECKED)
     return None if step is None else functools.partial(step.check, early=early)
 
 
@@ -162,17 +166,17 @@ def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
     return analysis, place, functools.partial(hinges_of, shell, analysis, place)
 
 
-def _of_folds(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
+def _of_folds(shell: Shell, most: float) -> tuple[ProfileAnalysis, Index, Any] | None:
     """The same of a shell of shell theory."""
     energy = shell.elastic_energy
-    if not isinstance(energy, SplitFoldEnergy) or energy.further_elements or _is_dear(shell):
+    if not isinstance(energy, SplitFoldEnergy) or energy.further_elements or _is_dear(shell, most):
         return None
     numbering = numbering_of(shell)
     return numbering.analysis, numbering.place, functools.partial(folds_of, shell, numbering)
 
 
-def _is_dear(shell: Shell) -> bool:
-    """Whether a profile of the vertices alone, joined by edges, takes too many products.
+def _is_dear(shell: Shell, most: float) -> bool:
+    """Whether a profile of the vertices alone, joined by edges, takes more than ``most`` products.
 
     With the shares of folds it takes two to four times as many, and to number these is a hundred times the work.
     """
@@ -182,4 +186,4 @@ def _is_dear(shell: Shell) -> bool:
     start, end = ends[(ends >= 0).all(axis=1)].T
     rows, columns = (np.concatenate([*part, np.arange(shell.free.size)]) for part in ((start, end), (end, start)))
     graph = sps.csc_array((np.ones(rows.size), (rows, columns)), shape=(shell.free.size, shell.free.size))
-    return 27.0 * ProfileAnalysis(graph).products > _PRODUCTS  # of blocks of three
+    return 27.0 * ProfileAnalysis(graph).products > most  # of blocks of three

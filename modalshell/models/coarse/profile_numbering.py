@@ -1,0 +1,80 @@
+"""Where the vertices of a shell of shell theory, and the shares of its folds, stand in a profile."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sps
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from modalshell.core.typing import Array, Index
+from modalshell.linalg import ProfileAnalysis
+from modalshell.shell import Shell
+
+
+class Numbering(NamedTuple):
+    """Profile of vertices and fold shares, the block of every vertex (n,), -1 of held ones, and rows of shares (m,)."""
+
+    analysis: ProfileAnalysis
+    place: Index
+    shares: Index
+
+
+def numbering_of(shell: Shell) -> Numbering:
+    """The numbering of least profile among some.
+
+    Tried are reverse Cuthill-McKee of vertices and shares, and of the vertices, and orders along the axes, shares being
+    where their vertices are on average [george1981, 4.3]. Shares that follow one another go by threes: an order made
+    anew of those blocks takes two to three times the products on meshes without a grid.
+    """
+    free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
+    count = pattern.shape[0] - 3 * free.size
+    nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
+    graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
+    found = [_by_threes(graph, free.size, order) for order in _orders(graph, shell.rest_positions[free])]
+    analysis, position = min(found, key=lambda one: one[0].products)
+    place = np.full(len(shell.mass), -1, dtype=np.int64)
+    place[free] = position[: free.size] // 3
+    return Numbering(analysis, place, position[free.size :])
+
+
+def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
+    """Orders of vertices, at ``points`` (v, 3), and of the shares after them."""
+    vertices = len(points)
+    near = graph[vertices:, :vertices].astype(np.float64)
+    near = sps.diags_array(1.0 / np.maximum(near.sum(axis=1), 1.0)) @ near
+    along = [*points.T, np.argsort(_cuthill_mckee(graph[:vertices, :vertices])).astype(np.float64)]
+    sorted_along = [np.argsort(np.concatenate([values, near @ values]), kind="stable") for values in along]
+    return [_cuthill_mckee(graph), *sorted_along]
+
+
+def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[ProfileAnalysis, Index]:
+    """Profile of an order in which shares stand where the first of three is, and the first row of every node."""
+    size = order.size
+    place = np.empty(size, dtype=np.int64)
+    place[order] = np.arange(size)
+    shares = order[order >= vertices]
+    blocks = np.arange(size)
+    blocks[shares] = vertices + np.arange(shares.size) // 3
+    where = np.concatenate(
+        [place[:vertices], place[shares[np.minimum(np.arange(1, shares.size + 1, 3), shares.size - 1)]]]
+    )
+    entries = sps.coo_array(graph)
+    grouped = _graph(blocks[entries.row], blocks[entries.col], where.size)
+    pattern = sps.csc_array(sps.kron(grouped, np.ones((3, 3)), format="csc"))
+    analysis = ProfileAnalysis(pattern, order=np.argsort(where, kind="stable"))
+    rows = 3 * np.argsort(analysis.order)[blocks]
+    rows[shares] += np.arange(shares.size) % 3
+    return analysis, rows
+
+
+def _cuthill_mckee(graph: sps.csr_array) -> Index:
+    return np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
+
+
+def _graph(rows: Index, columns: Index, size: int) -> sps.csr_array:
+    ones = np.ones(rows.size, dtype=np.int8)
+    graph = sps.csr_array(sps.coo_array((ones, (rows, columns)), shape=(size, size)))
+    graph.data[:] = 1
+    return graph
