@@ -25,8 +25,8 @@ def numbering_of(shell: Shell) -> Numbering:
     """The numbering of least profile among some.
 
     Tried are reverse Cuthill-McKee of vertices and shares, and of the vertices, and orders along the axes, shares being
-    where their vertices are on average [george1981, 4.3]. Shares that follow one another go by threes: an order made
-    anew of those blocks takes two to three times the products on meshes without a grid.
+    where their vertices are on average [george1981, 4.3]. Shares that follow one another go by threes: an order of
+    those blocks that is found afterwards takes up to three times the products on meshes without a grid.
     """
     free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
     count = pattern.shape[0] - 3 * free.size
