@@ -26,7 +26,7 @@ def numbering_of(shell: Shell) -> Numbering:
 
     Tried are reverse Cuthill-McKee of vertices and shares, and of the vertices, and orders along the axes, shares being
     where their vertices are on average [george1981, 4.3]. Shares that follow one another go by threes: an order of
-    those blocks that is found afterwards takes up to three times the products on meshes without a grid.
+    those blocks that is found afterwards takes two to three times the products on meshes without a grid.
     """
     free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
     count = pattern.shape[0] - 3 * free.size
