@@ -1,4 +1,4 @@
-"""Steps in time with contacts: implicit Euler while something touches, the rule itself while nothing does."""
+"""Steps in time with contacts that change: those of implicit Euler, whose ends lie outside the colliders."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
+from modalshell.integrators.state import GIVEN
 from modalshell.shell import Shell
 from modalshell.statics.mixed_newton import HIGHER, Rules
 from modalshell.statics.newton import rules_of
@@ -65,6 +66,8 @@ class TouchingSteps:
         Forces [N] along the normals there.
     rubs : bool
         Whether a contact has friction.
+    whole : float
+        How long a step of implicit Euler is that is not divided [s].
 
     Raises
     ------
@@ -85,9 +88,10 @@ class TouchingSteps:
         self.now = Touching(contacts, shell, origin)
         self.pushes = np.zeros(self.now.vertices.size)
         self._stopping: Array | None = None  # forces (n, 3) [N] that changed the rates of explicit steps
-        self._whole = dt / stand_ins
+        self.whole = dt / stand_ins
         self._dt, self._impulses = dt, dict[float, Array]()  # (n, 3) [N s] of implicit steps, by when these begin
         self._last: tuple[Potential, float] | None = None  # that of implicit steps, and how long it was [s]
+        self._constant = False  # whether the last step of implicit Euler kept what touched
         self.rubs = any(contact.friction for contact in self.now.contacts)
         self._creeps = self.rubs or (layers is not None and layers.friction > 0.0)
         self._deep = EXACT_GAP * self.now.size
@@ -102,7 +106,7 @@ class TouchingSteps:
     @property
     def told(self) -> str:
         """What is said of friction; "" without it."""
-        return creep_told(self.now.size, self._whole) if self._creeps else ""
+        return creep_told(self.now.size, self.whole) if self._creeps else ""
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""
@@ -155,7 +159,7 @@ class TouchingSteps:
         self.now = before.at(time, problem.shell)
         rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
-            layers = self.layers.rubbed(problem.origin, time - before.time, self._whole)
+            layers = self.layers.rubbed(problem.origin, time - before.time, self.whole)
             problem = replace(problem, further=LayeredEnergy(layers, self._patterns))
             first, free, stresses = self._begun(problem, first, stresses)
             if not free:
@@ -175,6 +179,7 @@ class TouchingSteps:
                 break
             rest, also = again, turned
         self.pushes = np.where(rest.active, rest.pushes, 0.0)
+        self._constant = rest.converged and np.array_equal(self.pushes > 0.0, lagged > 0.0)
         given = self.now.with_bounds(None).forces(rest.point, self.pushes) + also
         if self.layers is not None:
             given -= self.layers.gradient(rest.point)
@@ -210,7 +215,7 @@ class TouchingSteps:
         begin, held = problem.origin.copy(), problem.shell.clamped
         begin[held] = first[held]  # where supports have moved to
         while True:
-            friction = Friction(before, lagged, problem.origin, dt, self._whole) if self.rubs else None
+            friction = Friction(before, lagged, problem.origin, dt, self.whole) if self.rubs else None
             solver = ActiveSet(problem, self.now, scale, friction)
             serves = False
             if answered is not None:  # forces change an answer by little: Newton's method is near the next one there
@@ -277,6 +282,24 @@ class TouchingSteps:
             stresses = problem.shell.predicted_stresses(still, np.zeros_like(still))
         return guess, free >= 1.0, stresses
 
+    @property
+    def may_stay(self) -> bool:
+        """Whether contacts may stay as they are: not among layers, nor of what is being pushed out."""
+        return self.layers is None and self.now.bounds is None
+
+    def stays(self, was: Array) -> bool:
+        """Whether what pushed with forces ``was`` (r,) [N] has touched in all steps of implicit Euler since."""
+        return self.may_stay and self._constant and np.array_equal(self.pushes > 0.0, was > 0.0)
+
+    def gave(self, begin: float, impulse: Array) -> None:
+        """Keep an ``impulse`` (n, 3) [N s] of a step from ``begin`` [s], for its frame."""
+        self._impulses[begin] = impulse
+
+    def given_since(self, begin: float) -> dict[str, Array]:
+        """Impulses (n, 3) [N s] of contacts in steps of implicit Euler since ``begin`` [s]."""
+        near = begin - _SAME * self._dt
+        return {GIVEN: np.asarray(sum(one for time, one in self._impulses.items() if time >= near))}
+
     def energy(self, x: Array) -> float:
         """Energy [J] of the barrier between layers at x (n, 3)."""
         return 0.0 if self.layers is None else self.layers.value(x)
@@ -332,8 +355,7 @@ class TouchingSteps:
         """
         touching, rows, (_, _, time) = self.now, np.flatnonzero(self.pushes), before
         if self._last is not None and touching.restitution[rows].any():
-            near = time - _SAME * self._dt
-            given = sum((one for begin, one in self._impulses.items() if begin >= near), np.zeros_like(x))
+            given = self.given_since(time)[GIVEN]
             rates, impulses = rebounded(touching, self._last, before, (x, rates, given), loads, rows)
             self._impulses[time] = self._impulses.get(time, 0.0) + impulses
         out = np.zeros(0, np.int64) if touching.bounds is None else rows[touching.bounds[rows] < 0.0]

@@ -18,6 +18,8 @@ unknowns."""
 
 PUSHES = "pushes"
 """Name in a state's memory of the contact forces (r,) [N] along the normals of its step."""
+GIVEN, MIDDLE_GIVEN = "given", "middle_given"
+"""Names in a state's memory of the impulses (n, 3) [N s] of contacts in its step, and since the middle of it."""
 PRESSED = "pressed"
 """Name in a state's memory of whether contacts pressed on a shell in its step (1, 1), of what a coarse shell bears."""
 

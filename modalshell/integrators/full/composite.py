@@ -69,7 +69,7 @@ class Composite(SecondOrderRule, key="composite"):
 
     Order two, at two solves a step. L-stable: stiff motion dies at once. A damping ratio from 0.01 to 0.1 is within
     1 % from 20 steps a period on. It begins with a step of SDIRK2, or with two half steps of implicit Euler where the
-    motion is violent, which stand in for it there later, too.
+    motion is violent, which stand in for it there later, too; a step of SDIRK2 follows them.
     """
 
     name = "composite"
@@ -98,9 +98,9 @@ class Composite(SecondOrderRule, key="composite"):
         return {"middle_move": move, "middle_gain": gain, "middle": np.ones(1)}
 
     def go_on(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """Two solves, those of SDIRK2 after a much shorter step."""
+        """Two solves, those of SDIRK2 after a much shorter step, and after implicit Euler, which has no middle."""
         ratio = dt / state.memory["step"][0]
-        if ratio > _GROWS:
+        if ratio > _GROWS or state.memory["order"][0] == 1.0:
             return two_parts(euler, state, dt, ratio * state.memory["gain"])
         return _both_parts(euler, state, dt, ratio)
 

@@ -128,9 +128,23 @@ class ImplicitRule(FullIntegrator):
         """State at rest, with what the rule keeps from step to step."""
         return MotionState(coordinates, np.zeros_like(coordinates))
 
-    def stood_in_for(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
-        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start."""
+    def stood_in_for(
+        self,
+        before: MotionState,  # noqa: ARG002
+        after: MotionState,
+        dt: float,  # noqa: ARG002
+        *,
+        smooth: bool = False,  # noqa: ARG002
+    ) -> MotionState:
+        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start.
+
+        Or, where it was ``smooth``, as from any other.
+        """
         return MotionState(after.coordinates, after.rates)
+
+    def continued(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:  # noqa: ARG002
+        """The rule's own step after the one before, in which nothing stands in; not solved where there is none."""
+        return state, False
 
     def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """Steps of implicit Euler that cost as much as one of the rule of ``dt`` [s]; and whether they were solved."""

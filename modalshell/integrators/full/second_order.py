@@ -43,24 +43,40 @@ class SecondOrderRule(ImplicitRule):
         """Advance by ``dt`` [s]; also returns whether the equations were solved."""
         if "order" not in state.memory:  # not made by the rule: taken for a start
             state = MotionState(state.coordinates, state.rates, self.at_rest(state.coordinates).memory)
+        after, solved = self.continued(euler, state, dt)
+        if solved:
+            return after, True
         if state.memory["order"][0]:
-            (end, solved), order = self.go_on(euler, state, dt), 2
-            if not solved:
-                (end, solved), order = self.standing_in(euler, state, dt), 1
+            (end, solved), order = self.standing_in(euler, state, dt), 1
         else:
             end, solved, order = started(euler, state, dt)
-        after = euler.landed(state, end, dt)
-        memory = _memory(state, after, dt, order) | self.further(end, after)
-        return MotionState(after.coordinates, after.rates, memory), solved
+        return self._landed(euler, state, end, dt, order), solved
+
+    def continued(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """The rule's own step after the one before, in which nothing stands in; not solved where there is none."""
+        if not ("order" in state.memory and state.memory["order"][0]):
+            return state, False
+        end, solved = self.go_on(euler, state, dt)
+        return (self._landed(euler, state, end, dt, 2), True) if solved else (state, False)
+
+    def _landed(self, euler: EulerSteps, before: MotionState, end: MotionState, dt: float, order: int) -> MotionState:
+        """The end of a step of an ``order``, with what is kept of it."""
+        after = euler.landed(before, end, dt)
+        memory = _memory(before, after, dt, order) | self.further(end, after)
+        return MotionState(after.coordinates, after.rates, memory)
 
     def further(self, end: MotionState, after: MotionState) -> dict[str, Array]:  # noqa: ARG002
         """What else is kept of a step that :meth:`go_on` ended at ``end``, and that landed at ``after``."""
         return {}
 
-    def stood_in_for(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
-        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start."""
+    def stood_in_for(self, before: MotionState, after: MotionState, dt: float, *, smooth: bool = False) -> MotionState:
+        """``after`` a step of ``dt`` [s] by implicit Euler from ``before``, to go on from as from a start.
+
+        Or, where it was ``smooth``, as from any other.
+        """
         none = MotionState(after.coordinates, after.rates)
-        return MotionState(after.coordinates, after.rates, _memory(before, after, dt, 0) | self.further(none, after))
+        memory = _memory(before, after, dt, int(smooth)) | self.further(none, after)
+        return MotionState(after.coordinates, after.rates, memory)
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:  # noqa: ARG002
         """Error of a step, and that of implicit Euler where it stood in."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, final
 
 import numpy as np
 
 from modalshell.contact.contact import Contact
+from modalshell.contact.kept_sets import KeptSteps
 from modalshell.contact.layers import Layers
 from modalshell.contact.steps import TouchingSteps
 from modalshell.contact.touching import parted, put_out
@@ -17,7 +19,8 @@ from modalshell.integrators.full import FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
 from modalshell.integrators.full.linear_implicit_euler import LinearisedEuler
-from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.integrators.full.second_order import SecondOrderRule
+from modalshell.integrators.state import GIVEN, MIDDLE_GIVEN, PUSHES, MotionState
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
@@ -31,11 +34,12 @@ FreeStep = Callable[[], tuple[MotionState, bool, Array]]
 class ContactMotion:
     """Takes the steps of a full model with contacts.
 
-    While nothing touches, the model's rule steps. While something does, or would have entered, or layers would meet on
-    the straight way of a step or at the rates before it, implicit Euler stands in for it, whose steps are minima of a
-    potential, outside the colliders: they find the contact forces exactly, and never gain energy from a collider at
-    rest. A rule of order two is of order one there. After explicit steps, and the one of linear implicit Euler, what
-    entered is put onto its collider and loses its speed inward.
+    While nothing touches, the model's rule steps, and a rule of order two does so on contacts that stay as they are
+    (:class:`modalshell.contact.kept_sets.KeptSteps`). Where something strikes or parts, or would have entered, or such
+    a step would gain energy, or layers would meet on the straight way of a step or at the rates before it, implicit
+    Euler stands in for it, whose steps are minima of a potential, outside the colliders: they find the contact forces
+    exactly, and never gain energy from a collider at rest. After explicit steps, and the one of linear implicit Euler,
+    what entered is put onto its collider and loses its speed inward.
 
     Parameters
     ----------
@@ -114,12 +118,15 @@ class ContactMotion:
             if not (steps.enters(reached, end) or steps.meet(x, reached)):
                 steps.pushes[:] = 0.0
                 return self._kept(after), solved and not steps.passed(x, reached, end)
-        loads = np.zeros_like(x)
+        loads, was = np.zeros_like(x), steps.pushes
 
         def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
             body, load, held = at(start)
             loads[:] = load if body.live is None else load + body.live.force(x)
             return body, load, held
+
+        if (kept := self._kept_step(model, felt, loads, begin, dt, state)) is not None:
+            return kept, True
 
         def minimum(
             problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], share: float
@@ -128,7 +135,29 @@ class ContactMotion:
 
         after, solved = rule.standing_in(ShellSteps(model, felt, damping, minimum), state, dt)
         rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), loads)
-        return self._kept(rule.stood_in_for(state, MotionState(after.coordinates, rates), dt)), solved
+        smooth = solved and rates is after.rates and steps.stays(was)
+        after = rule.stood_in_for(state, MotionState(after.coordinates, rates), dt, smooth=smooth)
+        return self._kept(after, steps.given_since(begin)), solved
+
+    def _kept_step(
+        self, model: Any, felt: StageOf, loads: Array, begin: float, dt: float, state: MotionState
+    ) -> MotionState | None:
+        """The state after a step by the rule itself on contacts that stay as they are; None where they do not.
+
+        ``loads`` (n, 3) become those that are ``felt`` [N].
+        """
+        steps, rule = self.steps, self._rule
+        if not (GIVEN in state.memory and steps.pushes.any() and steps.may_stay):
+            return None
+        make, pushes = partial(ShellSteps, model, felt, self._setup.damping), steps.pushes
+        own = KeptSteps(make, steps, state, begin, dt)
+        after, solved = rule.continued(own, state, dt)
+        if not solved or own.gains(after, loads):
+            own.undo(pushes)
+            return None
+        given = own.given()
+        steps.gave(begin, given[GIVEN])
+        return self._kept(after, given)
 
     def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
         """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back."""
@@ -139,11 +168,15 @@ class ContactMotion:
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}
         return self._kept(MotionState(x, rates, memory))
 
-    def _kept(self, state: MotionState) -> MotionState:
-        """A state with the contact forces that the friction of the next step needs."""
-        if not self.steps.rubs:
+    def _kept(self, state: MotionState, given: dict[str, Array] | None = None) -> MotionState:
+        """A state with the contact forces that the next step needs, and what contacts have ``given`` in this one."""
+        memory = state.memory
+        if isinstance(self._rule, SecondOrderRule):
+            none = np.zeros_like(state.coordinates)
+            memory = memory | {GIVEN: none, MIDDLE_GIVEN: none} | (given or {})
+        elif not self.steps.rubs:
             return state
-        return MotionState(state.coordinates, state.rates, state.memory | {PUSHES: self.steps.pushes.copy()})
+        return MotionState(state.coordinates, state.rates, memory | {PUSHES: self.steps.pushes.copy()})
 
     def put_out(self, state: MotionState, time: float) -> MotionState:
         """A state of another motion with what lies inside colliders at ``time`` [s] put onto them."""
