@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 import warnings
 
 import numpy as np
@@ -22,6 +23,7 @@ from modalshell import (
     solve_modes,
 )
 from modalshell.core.units import SI, UnitSystem
+from modalshell.sweep.case import Task, case_digest, run_case
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"
@@ -185,6 +187,11 @@ def test_messages_and_refusals_of_a_run_are_in_units_of_the_scene(tmp_path):
     assert message in result.summary
     assert message == json.loads((tmp_path / "swung.json").read_text())["message"]
     assert "to 100 ms" in result.trajectory._repr_html_()
+    scene = load_scene(tmp_path / "swung.toml")
+    mesh = scene.build_mesh()
+    arrays = (mesh.vertices.astype("<f8").tobytes(), mesh.faces.astype("<i8").tobytes())
+    case = Task(case_digest(scene, mesh), str(scene.file), tomllib.loads(SWUNG), *arrays)
+    assert run_case(case).message == message
     (tmp_path / "inside.toml").write_text(f'{SWUNG}[[contacts]]\nkind = "plane"\noffset = 0.5\n')
     with pytest.raises(SceneError, match=r"begins 0\.5 cm inside contact 0"):
         run_scene(tmp_path / "inside.toml", out=tmp_path)
