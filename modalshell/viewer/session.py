@@ -15,6 +15,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.models.factory import FirstModes
@@ -185,7 +186,8 @@ class ViewSession:
     def set_model(self, name: str, modes: int | None = None) -> None:
         """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
 
-        With the same modal model the motion continues as well; any other model starts from rest in that shape.
+        With the same modal model the motion continues as well; any other model starts from rest in that shape, with the
+        folds that creases have kept.
 
         Raises
         ------
@@ -318,6 +320,10 @@ class ViewSession:
         if before is not None:
             motion.count = before.count
             motion.place(self.positions)
+            if CREASES in motion.state.memory and CREASES in before.state.memory and not self.diverged:
+                folds = before.model.crease_angles(before.state.memory[CREASES])
+                motion.state.memory[CREASES] = motion.model.own_crease_angles(folds)
+                motion.state.memory[HEAT] = before.state.memory[HEAT].copy()
             if (modal := as_modal(model)) is not None:
                 own = self.positions if path is None else path.at(before.time).to_shell(self.positions)
                 state = hand_over(None if self.diverged else before, own, modal)
