@@ -23,7 +23,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_damping
+from modalshell.scene.parts import build_damping, build_tolerance
 from modalshell.scene.tables import MotionTable
 from modalshell.viewer.live_bar import LiveBar
 
@@ -316,6 +316,7 @@ class ViewSession:
             supports=path,
             constraints=self._built.constraints,
             contacts=self._built.contacts,
+            tolerance=build_tolerance(self._table),
         )
         if before is not None:
             motion.count = before.count

@@ -41,9 +41,12 @@ def moved(session):
     return float(np.linalg.norm(session.positions - session.shell.rest_positions, axis=1).max())
 
 
-def test_session_follows_the_scene_frame_by_frame(session, scene_file):
+@pytest.mark.parametrize("more", ["", "tolerance = 1e-5\n"], ids=["whole steps", "divided steps"])
+def test_session_follows_the_scene_frame_by_frame(scene_file, more):
+    scene = ms.load_scene(scene_file(*BEAM, ("duration = 4.0", f"duration = 4.0\n{more}")))
+    session = ViewSession(scene)
     play(session, 15)
-    motion = ms.load_scene(scene_file(*BEAM)).build().start_motion()
+    motion = scene.build().start_motion()
     for _ in range(15):
         motion.advance()
     assert session.time == motion.time
