@@ -122,7 +122,7 @@ class _ShellPage:
         )
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
-        notes += [f"Error bar: {units.told(str(run.bars))}."] if run.bars is not None else []
+        notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
         contacts = scene.build_contacts()
         corners, inset = corners_about(run.positions)
         live, said = self._offered(run)

@@ -137,7 +137,7 @@ class UnitSystem:
             return None
         return _PREFIXES[ten] + first + "".join(rest).replace("m", self.length)
 
-    def told(self, text: str) -> str:
+    def restated(self, text: str) -> str:
         """What a model says in SI of numbers that are in these units: "at 120 s" is "at 120 ms" with ms."""
         if self == SI:
             return text
@@ -146,12 +146,12 @@ class UnitSystem:
 
     @contextmanager
     def said(self) -> Iterator[None]:
-        """Give what is refused within in these units; see :meth:`told`."""
+        """Give what is refused within in these units; see :meth:`restated`."""
         try:
             yield
         except ModalShellError as error:
             if self != SI:
-                error.args = (self.told(str(error)), *error.args[1:])
+                error.args = (self.restated(str(error)), *error.args[1:])
             raise
 
     def labels(self, units: Mapping[str, str]) -> dict[str, str]:

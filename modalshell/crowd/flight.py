@@ -130,9 +130,7 @@ class Flight:
             raise OptionError("the camera must be away from what it looks at")
         if crowd.count > _MOST_BIRDS:
             raise OptionError(f"a page takes at most {_MOST_BIRDS:,} birds (got {crowd.count:,})")
-        path, sample = None if flock.target is None else flock.target[None], _SAMPLE / units.seconds
-        if self.target is not None:
-            path = np.array([self.target(t) for t in np.arange(0.0, duration + 0.5 * sample, sample)])
+        sample = _SAMPLE / units.seconds
         basis = crowd.basis
         rest, faces = basis.shell.rest_positions, basis.shell.mesh.faces
         data = {
@@ -156,7 +154,7 @@ class Flight:
             "weights": flock.weights.tolist(),
             "targetWeight": flock.target_weight,
             "home": flock.flock_position.tolist(),
-            "target": None if path is None else path.tolist(),
+            "target": self._targets(duration, sample),
             "sample": sample,
             "second": 1.0 / units.seconds,
             "unit": units.time,
@@ -171,6 +169,12 @@ class Flight:
             "largest": flap.largest_load_factor,
         }
         return filled_page("flock", title, data, rest, faces, __package__)
+
+    def _targets(self, duration: float, sample: float) -> list[list[float]] | None:
+        """The target's places at every ``sample`` of a duration, one where it stays; None without."""
+        if self.target is not None:
+            return [np.asarray(self.target(t)).tolist() for t in np.arange(0.0, duration + 0.5 * sample, sample)]
+        return None if self.flock.target is None else [self.flock.target.tolist()]
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """Checkpoint from which :meth:`restore` resumes bit for bit."""

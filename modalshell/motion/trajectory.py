@@ -135,7 +135,7 @@ class Trajectory(Drawn):
 
     def in_units(self, units: UnitSystem) -> Trajectory:
         """The same numbers, which are in these units; the message says so, too."""
-        return replace(self, units=units, message=units.told(self.message))
+        return replace(self, units=units, message=units.restated(self.message))
 
     def with_remark(self, remark: str) -> Trajectory:
         """The same trajectory, its message with a further sentence."""

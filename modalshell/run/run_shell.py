@@ -74,7 +74,7 @@ class SceneResult(RunResult):
         work = f"{len(run.times)} frames in {run.seconds:.3g} s{kept}"
         if self.answer is not None:
             work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
-        bar = "" if run.bars is None else f"; {run.units.told(str(run.bars))}"
+        bar = "" if run.bars is None else f"; {run.units.restated(str(run.bars))}"
         return f"{run.outcome.with_message(run.message)}, {work}{bar}"
 
 
@@ -174,7 +174,7 @@ class ShellRun(SceneRun[SceneResult]):
         if run.bars is not None:
             bars = {name: getattr(run.bars, name).tolist() for name in ("times", "displacement", "margin", "valid")}
             bars |= {"unjudged": list(run.bars.unjudged)} if run.bars.unjudged else {}
-            ended["bars"] = bars | {"summary": run.units.told(str(run.bars))}
+            ended["bars"] = bars | {"summary": run.units.restated(str(run.bars))}
         return ended | {"units": units, "look": self._look.plain()}
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:

@@ -180,7 +180,7 @@ class ViewSession:
         try:
             self.set_model(name, modes)
         except ModalShellError as error:
-            self.refusal = self.units.told(str(error))
+            self.refusal = self.units.restated(str(error))
         return True
 
     def set_model(self, name: str, modes: int | None = None) -> None:
@@ -236,7 +236,7 @@ class ViewSession:
                     self._owed = 0.0
                     break
         except ModalShellError as error:
-            self.playing, self.note = False, self.units.told(str(error))
+            self.playing, self.note = False, self.units.restated(str(error))
         if not motion.finite:
             self._stop_diverged()
         self._look()

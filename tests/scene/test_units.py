@@ -138,15 +138,15 @@ def test_saved_bases_name_their_units(tmp_path):
 def test_sentences_name_units_of_the_scene():
     """After numbers alone, and the same if told twice; what runs into other words is no unit."""
     text = "0.45 m inside, at 120 s: take dt <= 2.5 s; creeps at 5e-04 m/s (6 Hz). 3 ms, 2 s/x, kN of 4 N; 2 m.toml"
-    assert SI.told(text) == text
+    assert SI.restated(text) == text
     other = UnitSystem("cm", "g", "ms")
-    told = other.told(text)
+    told = other.restated(text)
     assert told == (
         "0.45 cm inside, at 120 ms: take dt <= 2.5 ms; creeps at 5e-04 cm/ms (6 1/ms). 3 ms, 2 s/x, kN of 4 g cm/ms^2; "
         "2 m.toml"
     )
-    assert other.told(told) == told
-    assert UnitSystem("mm", "t", "s").told("at 6 Hz, 2 Pa.") == "at 6 Hz, 2 MPa."
+    assert other.restated(told) == told
+    assert UnitSystem("mm", "t", "s").restated("at 6 Hz, 2 Pa.") == "at 6 Hz, 2 MPa."
 
 
 SWUNG = """
