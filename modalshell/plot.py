@@ -118,7 +118,7 @@ def _trajectory(run: Trajectory, *, frames: int = _FRAMES, size: tuple[int, int]
     for frame, time in zip(chosen, run.times[chosen].tolist(), strict=True):
         bodies = bodies_at(run.positions, run.contacts, time)
         shape = run.positions[frame], run.rest_positions, run.faces
-        views.append(_displaced(*shape, unit, f"{time:.4g} s", bodies=bodies))
+        views.append(_displaced(*shape, unit, f"{time:.4g} {run.units.time}", bodies=bodies))
     return Picture.of_views(views, size=size)
 
 
@@ -173,7 +173,7 @@ def _equilibrium_html(answer: Equilibrium) -> str:
 def _trajectory_html(run: Trajectory) -> str:
     numbers = {
         "outcome": run.outcome.with_message(run.message),
-        "frames": f"{len(run.times)} from {run.times[0]:.4g} to {run.times[-1]:.4g} s",
+        "frames": f"{len(run.times)} from {run.times[0]:.4g} to {run.times[-1]:.4g} {run.units.time}",
         "vertices": f"{run.positions.shape[1]:,}",
         "steps whose solver did not converge": str(run.unconverged_steps),
         "time": f"{run.seconds:.3g} s",

@@ -77,6 +77,7 @@ class _ShellPage:
             self.force = loading.dead + loading.largest_force()
         motion = scene.motion
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
+        self.left_out += ["steps are taken whole"] if motion is not None and motion.tolerance is not None else []
         self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
         self.modes: ms.Basis | ms.OptionError
         try:
@@ -121,7 +122,7 @@ class _ShellPage:
         )
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
-        notes += [f"Error bar: {run.bars}."] if run.bars is not None else []
+        notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
         contacts = scene.build_contacts()
         corners, inset = corners_about(run.positions)
         live, said = self._offered(run)

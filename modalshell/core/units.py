@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isclose, log10
 from typing import Any, Final, final
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_choice
+from modalshell.core.errors import ModalShellError
 
 _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
     "m": (1, 0, 0),
@@ -46,6 +48,11 @@ _TENS: Final = {
     if isclose(size, 10.0 ** round(log10(size)))
 }
 """Powers of ten of the units that have a place in SI."""
+_SAID: Final = re.compile(
+    rf"(?<=\d )({'|'.join(re.escape(unit) for unit in sorted([*_DIMENSIONS, 'Hz'], key=len, reverse=True))})"
+    r"(?=$|[\s,;:)]|\.(?!\w))"
+)
+"""Units of SI after numbers in sentences."""
 _PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """What SI calls powers of ten."""
 _EARTH: Final = 9.81
@@ -129,6 +136,23 @@ class UnitSystem:
         if ten not in _PREFIXES:
             return None
         return _PREFIXES[ten] + first + "".join(rest).replace("m", self.length)
+
+    def restated(self, text: str) -> str:
+        """What a model says in SI of numbers that are in these units: "at 120 s" is "at 120 ms" with ms."""
+        if self == SI:
+            return text
+        names = {"Hz": self.of("1/s").replace("1/s", "Hz")}
+        return _SAID.sub(lambda found: names.get(found[1]) or self.of(found[1]), text)
+
+    @contextmanager
+    def said(self) -> Iterator[None]:
+        """Give what is refused within in these units; see :meth:`restated`."""
+        try:
+            yield
+        except ModalShellError as error:
+            if self != SI:
+                error.args = (self.restated(str(error)), *error.args[1:])
+            raise
 
     def labels(self, units: Mapping[str, str]) -> dict[str, str]:
         """Names with their units here; "1" for plain numbers."""

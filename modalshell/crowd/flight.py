@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.crowd.shell_crowd import ShellCrowd
@@ -96,6 +97,7 @@ class Flight:
         dt: float = 1.0 / 60.0,
         duration: float = 10.0,
         title: str = "flock",
+        units: UnitSystem = SI,
     ) -> Page:
         """A self-contained web page that continues the flight from here on the browser's GPU, in single precision.
 
@@ -111,6 +113,8 @@ class Flight:
             Time [s] after which a moving target starts again.
         title : str
             Headline of the page.
+        units : UnitSystem
+            Units of the flock's numbers, ``dt`` and ``duration`` with them; the page plays at real speed.
 
         Raises
         ------
@@ -126,9 +130,7 @@ class Flight:
             raise OptionError("the camera must be away from what it looks at")
         if crowd.count > _MOST_BIRDS:
             raise OptionError(f"a page takes at most {_MOST_BIRDS:,} birds (got {crowd.count:,})")
-        path = None if flock.target is None else flock.target[None]
-        if self.target is not None:
-            path = np.array([self.target(t) for t in np.arange(0.0, duration + 0.5 * _SAMPLE, _SAMPLE)])
+        sample = _SAMPLE / units.seconds
         basis = crowd.basis
         rest, faces = basis.shell.rest_positions, basis.shell.mesh.faces
         data = {
@@ -152,8 +154,10 @@ class Flight:
             "weights": flock.weights.tolist(),
             "targetWeight": flock.target_weight,
             "home": flock.flock_position.tolist(),
-            "target": None if path is None else path.tolist(),
-            "sample": _SAMPLE,
+            "target": self._targets(duration, sample),
+            "sample": sample,
+            "second": 1.0 / units.seconds,
+            "unit": units.time,
             "repeat": None if self.target is None else duration,
             "bounds": None if flock.bounds is None else flock.bounds.tolist(),
             "knots": flock.knots.tolist(),
@@ -165,6 +169,12 @@ class Flight:
             "largest": flap.largest_load_factor,
         }
         return filled_page("flock", title, data, rest, faces, __package__)
+
+    def _targets(self, duration: float, sample: float) -> list[list[float]] | None:
+        """The target's places at every ``sample`` of a duration, one where it stays; None without."""
+        if self.target is not None:
+            return [np.asarray(self.target(t)).tolist() for t in np.arange(0.0, duration + 0.5 * sample, sample)]
+        return None if self.flock.target is None else [self.flock.target.tolist()]
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """Checkpoint from which :meth:`restore` resumes bit for bit."""

@@ -184,11 +184,11 @@ function connect() {
 }
 let last = 0, owed = 0, frame = 0;
 function tick(time) {
-  owed = Math.min(owed + (last ? (time - last) / 1000 : 0), 3 * data.dt);
+  owed = Math.min(owed + (last ? data.second * (time - last) / 1000 : 0), 3 * data.dt);
   last = time;
   while (!state.paused && owed >= data.dt) { step(); owed -= data.dt; }
   draw();
-  if (frame++ % 6 === 0) show("time", state.time.toFixed(2) + " s");
+  if (frame++ % 6 === 0) show("time", state.time.toFixed(2) + " " + data.unit);
   requestAnimationFrame(tick);
 }
 const listed = (made, width, count) => {  // the first numbers of each boid's texel

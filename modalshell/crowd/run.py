@@ -18,7 +18,6 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Progress
-from modalshell.core.units import SI
 from modalshell.crowd.film import FlightFilm, FlightReport
 from modalshell.crowd.flight import Flight
 from modalshell.crowd.scene import FlockScene
@@ -35,8 +34,8 @@ from modalshell.shell import Shell
 
 _BIRD_BYTES, _DRAWN_BYTES = 60, 240
 """Bytes per vertex of each bird, in stepping and in drawing."""
-_UNITS = {"time": "s", "positions": "m", "accelerations": "m/s^2", "coordinates": "m sqrt(kg)"}
-"""Units of the arrays."""
+_UNITS = {"time": "s", "positions": "m", "accelerations": "m/s^2"}
+"""Units of the arrays but the modal coordinates."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 
 
@@ -155,7 +154,10 @@ class FlockRun(SceneRun[FlightResult]):
 
         self._report = self._draw(formats, advance)
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}
-        write_npz(self.path("npz"), units=SI.array({name: _UNITS.get(name, "") for name in arrays}), **arrays)
+        system = self._scene.unit_system
+        named = _UNITS | {"coordinates": f"{system.length} sqrt({system.mass})"}
+        units = system.array({name: named.get(name, "") for name in arrays})
+        write_npz(self.path("npz"), units=units, **arrays)
         del self._records  # mapped, and about to be deleted
 
     def record(self) -> dict[str, Any]:
@@ -194,7 +196,7 @@ class FlockRun(SceneRun[FlightResult]):
 
         frames = (seen(film, at) for at in range(len(records)))
         if "mp4" in formats:
-            rate = 1.0 / (scene.motion.dt * scene.motion.store_every)
+            rate = 1.0 / (scene.unit_system.seconds * scene.motion.dt * scene.motion.store_every)
             shown = surfaces(0)
             count = 1 if stage is None else 4
             each = [map(itemgetter(k), copy) for k, copy in enumerate(tee(frames, count))]

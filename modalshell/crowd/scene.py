@@ -30,8 +30,6 @@ from modalshell.scene.tables import Keyframes, NotNegative, Positive, Table, Tim
 from modalshell.shell import Shell
 
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
-_GRAVITY = (0.0, 0.0, -9.81)
-"""Gravity of a flock whose scene declares none [m/s^2]."""
 _FORMATS = ("npz", "png", "mp4")
 
 
@@ -182,7 +180,8 @@ class FlockScene(Scene):
     def own_page(self) -> Page:
         """The flight, computed live in the browser; OptionError for more birds or modes than it takes."""
         flight, eye, span = self.build_flight(self.build_shell()), self.flock.camera, self.motion
-        return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=self.name)
+        times: dict[str, Any] = {"dt": span.dt, "duration": span.duration, "units": self.unit_system}
+        return flight.page(camera=(eye.position, eye.target), title=self.name, **times)
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
@@ -190,7 +189,8 @@ class FlockScene(Scene):
 
     def build_flight(self, shell: Shell) -> Flight:
         """The birds at their start; SceneError where the table is refused."""
-        gravity = self.loads.gravity if self.loads and self.loads.gravity else _GRAVITY
+        earth = (0.0, 0.0, -self.unit_system.earth)
+        gravity = self.loads.gravity if self.loads and self.loads.gravity else earth
         basis = model_basis(shell, self.model.options["modes"])
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)

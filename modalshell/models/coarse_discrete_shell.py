@@ -182,6 +182,10 @@ class CoarseDiscreteShell(OnCoarse):
         """Plastic folds (C,) [rad] of the fine shell's creases."""
         return angles if self._creases is None else self._creases.prolonged(angles)
 
+    def own_crease_angles(self, angles: Array) -> Array:
+        """Plastic folds [rad] of the coarse shell's creases from those (C,) of the fine one's."""
+        return angles if self._creases is None else self._creases.restricted(angles)
+
     def prolong(self, positions: ArrayLike) -> Array:
         """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]; LoadError if these are of another shape or not finite.
 

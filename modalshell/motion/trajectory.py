@@ -133,6 +133,10 @@ class Trajectory(Drawn):
         """Stability margin at the checked frames (B,); None without bars."""
         return None if self.bars is None else self.bars.margin
 
+    def in_units(self, units: UnitSystem) -> Trajectory:
+        """The same numbers, which are in these units; the message says so, too."""
+        return replace(self, units=units, message=units.restated(self.message))
+
     def with_remark(self, remark: str) -> Trajectory:
         """The same trajectory, its message with a further sentence."""
         return replace(self, message=f"{self.message}; {remark}" if self.message else remark)

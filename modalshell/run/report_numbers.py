@@ -69,7 +69,7 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
         "outcome": run.status,
         "message": run.message,
         "frames": len(run.times),
-        "bar": None if run.bars is None else str(run.bars),
+        "bar": None if run.bars is None else run.units.restated(str(run.bars)),
         "duration": float(run.times[-1]),
         **peaks(shell, run, scene),
     }

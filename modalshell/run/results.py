@@ -115,7 +115,7 @@ def write_result(
         rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")
         title = look.title or path.stem
         if look.still is not None:
-            title = f"{title}, {run.times[frame]:.4g} s"
+            title = f"{title}, {run.times[frame]:.4g} {run.units.time}"
         if shown is not None:
             surface = replace(surface, scalars=shown.values[frame], label=shown.label)
             colours["scalar_range"] = shown.spread(frame)
@@ -124,7 +124,7 @@ def write_result(
     if path.suffix == ".mp4":
         rate = look.rate
         if rate is None:
-            rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
+            rate = 1.0 / (run.units.seconds * float(run.times[1] - run.times[0])) if len(run.times) > 1 else _FILM_RATE
         every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
         positions = _turned(run) if look.turntable else run.positions
         surface = ShadedSurface(positions[0], run.faces, smooth=True)

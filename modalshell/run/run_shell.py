@@ -74,7 +74,7 @@ class SceneResult(RunResult):
         work = f"{len(run.times)} frames in {run.seconds:.3g} s{kept}"
         if self.answer is not None:
             work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
-        bar = "" if run.bars is None else f"; {run.bars}"
+        bar = "" if run.bars is None else f"; {run.units.restated(str(run.bars))}"
         return f"{run.outcome.with_message(run.message)}, {work}{bar}"
 
 
@@ -136,6 +136,10 @@ class ShellRun(SceneRun[SceneResult]):
 
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         """Find the equilibrium, or step to the end of the motion."""
+        with self._scene.unit_system.said():
+            return self._compute(file, restart, on_step)
+
+    def _compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         scene = self._scene
         if scene.output.positions == "float32":
             kind = 'positions = "float32"'
@@ -150,7 +154,7 @@ class ShellRun(SceneRun[SceneResult]):
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
-        self._take(replace(built.with_bars(run), units=scene.unit_system))
+        self._take(built.with_bars(run).in_units(scene.unit_system))
         own = None
         if self._answer is not None and self._fields:
             own = built.model.elastic_energy(built.model.start_motion(self._answer.positions))
@@ -170,7 +174,7 @@ class ShellRun(SceneRun[SceneResult]):
         if run.bars is not None:
             bars = {name: getattr(run.bars, name).tolist() for name in ("times", "displacement", "margin", "valid")}
             bars |= {"unjudged": list(run.bars.unjudged)} if run.bars.unjudged else {}
-            ended["bars"] = bars | {"summary": str(run.bars)}
+            ended["bars"] = bars | {"summary": run.units.restated(str(run.bars))}
         return ended | {"units": units, "look": self._look.plain()}
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:

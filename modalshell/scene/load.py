@@ -70,16 +70,15 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     optional: dict[str, Any] = {
         key: checked_table(file, key, raw[key], kind) for key, kind in single.items() if key in raw and key != "loads"
     }
+    system = optional["units"].system if "units" in optional else SI
     if "loads" in raw:
-        system = optional["units"].system if "units" in optional else SI
         optional["loads"] = checked_table(file, "loads", _with_defaults(raw["loads"], system), single["loads"])
     if "supports" in raw:
         optional["supports"] = _supports_table(file, raw["supports"])
     motion = optional.get("motion")
     if motion is not None and motion.duration < motion.dt:
-        raise SceneError(
-            f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
-        )
+        least = f"{motion.dt:g} {system.time}"
+        raise SceneError(f"{file}: motion.duration: must be at least one step of {least} (got {motion.duration:g})")
     model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
     declared: dict[str, Any] = optional | {
         "name": name,

@@ -20,6 +20,7 @@ from modalshell.mesh.parts import chosen_part
 from modalshell.mesh.selection import selected
 from modalshell.mesh.usd_files import USD
 from modalshell.motion import SupportPath
+from modalshell.motion.step_error import Tolerance
 from modalshell.scene.index_files import read_numbers
 from modalshell.scene.sheets import MaterialTable, SheetTable
 from modalshell.scene.signatures import Built, signature_table
@@ -160,6 +161,11 @@ def build_damping(table: MotionTable) -> Damping:
     if table.damping_ratios is not None:
         return Damping.from_ratios(*table.damping_ratios)
     return Damping(*table.damping, tuple(table.modal_damping or ()))
+
+
+def build_tolerance(table: MotionTable) -> Tolerance | None:
+    """The error that the steps of a motion may make; None where its steps are taken whole."""
+    return None if table.tolerance is None else Tolerance(table.tolerance, table.duration)
 
 
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:

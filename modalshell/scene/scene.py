@@ -29,7 +29,6 @@ from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory, SolveModes
 from modalshell.motion import Motion, SupportPath, Trajectory
 from modalshell.motion.motion_check import wanted_bars, with_bars
-from modalshell.motion.step_error import Tolerance
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
 from modalshell.scene.hinged_clamps import hinged_clamp_remark
@@ -41,6 +40,7 @@ from modalshell.scene.parts import (
     build_material,
     build_mesh,
     build_path,
+    build_tolerance,
     material_values,
     mesh_digest,
     spread_force,
@@ -377,7 +377,7 @@ class BuiltScene:
                 supports=self.path,
                 constraints=self.constraints,
                 contacts=self.contacts,
-                tolerance=None if table.tolerance is None else Tolerance(table.tolerance, table.duration),
+                tolerance=build_tolerance(table),
             )
 
     def with_bars(self, run: Trajectory) -> Trajectory:

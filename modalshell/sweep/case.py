@@ -157,6 +157,7 @@ def run_case(task: Task) -> CaseResult:
             outcome, message = Outcome.FAILED, f"{type(error).__name__}: {error}"
         finally:
             numba.set_num_threads(threads)
+        message = scene.unit_system.restated(message)
         info = _run_info(building, watch() - building, [str(warning.message) for warning in heard])
     return CaseResult(task.digest, outcome, message, measures, positions, info)
 

@@ -15,6 +15,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
+from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.models.factory import FirstModes
@@ -22,7 +23,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_damping
+from modalshell.scene.parts import build_damping, build_tolerance
 from modalshell.scene.tables import MotionTable
 from modalshell.viewer.live_bar import LiveBar
 
@@ -179,13 +180,14 @@ class ViewSession:
         try:
             self.set_model(name, modes)
         except ModalShellError as error:
-            self.refusal = str(error)
+            self.refusal = self.units.restated(str(error))
         return True
 
     def set_model(self, name: str, modes: int | None = None) -> None:
         """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
 
-        With the same modal model the motion continues as well; any other model starts from rest in that shape.
+        With the same modal model the motion continues as well; any other model starts from rest in that shape, with the
+        folds that creases have kept.
 
         Raises
         ------
@@ -234,7 +236,7 @@ class ViewSession:
                     self._owed = 0.0
                     break
         except ModalShellError as error:
-            self.playing, self.note = False, str(error)
+            self.playing, self.note = False, self.units.restated(str(error))
         if not motion.finite:
             self._stop_diverged()
         self._look()
@@ -314,10 +316,15 @@ class ViewSession:
             supports=path,
             constraints=self._built.constraints,
             contacts=self._built.contacts,
+            tolerance=build_tolerance(self._table),
         )
         if before is not None:
             motion.count = before.count
             motion.place(self.positions)
+            if CREASES in motion.state.memory and CREASES in before.state.memory and not self.diverged:
+                folds = before.model.crease_angles(before.state.memory[CREASES])
+                motion.state.memory[CREASES] = motion.model.own_crease_angles(folds)
+                motion.state.memory[HEAT] = before.state.memory[HEAT].copy()
             if (modal := as_modal(model)) is not None:
                 own = self.positions if path is None else path.at(before.time).to_shell(self.positions)
                 state = hand_over(None if self.diverged else before, own, modal)

@@ -130,6 +130,12 @@ def test_a_coloured_scene_shows_its_field_and_loads_that_change(scene_file):
     assert (amounts @ values.T).min() == pytest.approx(low, abs=0.02 * (high - low))
 
 
+def test_a_scene_whose_steps_are_divided_plays_its_run_and_says_so(scene_file):
+    page = scene_page(ms.load_scene(scene_file(("duration = 1", "duration = 0.2\ntolerance = 1e-3"))))
+    assert len(content(page)["record"]["times"]) > 2
+    assert "live, steps are taken whole" in page.text
+
+
 def test_a_scene_with_contacts_or_bars_plays_its_run_and_says_so(scene_file):
     floor = '[[contacts]]\nkind = "plane"\nnormal = [0.0, 0.0, 1.0]\noffset = -0.3\n'
     changes = ('name = "mwts"', 'name = "ds"'), ("duration = 1", "duration = 0.2")

@@ -83,6 +83,23 @@ def test_films_of_runs_stand_on_a_stage_unless_plain(tmp_path, monkeypatch):
     assert all(options["framed"] == 1 for _, options in seen)
 
 
+def test_films_and_pictures_of_other_units_of_time(tmp_path, monkeypatch):
+    """Films play at real speed, whatever the unit of the times is, and titles name it."""
+    vertices, faces = flat()
+    run = Trajectory(
+        times=np.array([0.0, 500.0]), positions=np.stack([vertices, vertices]), outcome=ms.Outcome.COMPLETED,
+        message="", unconverged_steps=0, seconds=0.0, faces=faces, rest_positions=vertices,
+        units=ms.UnitSystem(time="ms"),
+    )  # fmt: skip
+    rates, titles = [], []
+    monkeypatch.setattr("modalshell.run.results.write_film", lambda *_, fps, **__: rates.append(fps))
+    monkeypatch.setattr("modalshell.run.results.draw_views", lambda views, *_, **__: titles.append(views[0].title))
+    write_result(run, tmp_path / "f.mp4", Look())
+    write_result(run, tmp_path / "f.png", Look(still=500.0))
+    assert rates == pytest.approx([2.0])
+    assert titles == ["f, 500 ms"]
+
+
 def test_the_corner_has_the_last_error_bar_found():
     vertices, faces = flat()
     frames = np.stack([vertices] * 4)

@@ -1,6 +1,7 @@
 """Scenes of flocks: what they refuse, what a run writes, that a stopped run goes on, that no switch shows too much."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -155,3 +156,65 @@ def test_the_command_reports(tmp_path, capsys):
     out = capsys.readouterr().out
     assert out.startswith("birds: completed, 4 frames of 20 birds")
     assert "pixels" in out.splitlines()[0]
+
+
+def test_a_flock_in_other_units_flies_the_same(tmp_path):
+    """The earth's gravity, which the scene leaves out, the labels, the film's speed and the page are in its units."""
+    import imageio_ffmpeg
+
+    flown, films = {}, {}
+    for name, (length, mass, second) in {"m": (1.0, 1.0, 1.0), "mm": (1e3, 1e-3, 1e3)}.items():
+        units = "" if name == "m" else '[units]\nlength = "mm"\nmass = "t"\ntime = "ms"\n'
+        force = mass * length / second**2
+        (tmp_path / f"{name}.toml").write_text(f"""{units}
+[mesh]
+shape = "paper_bird"
+length = {0.2 * length}
+wing = {0.18 * length}
+body = {0.04 * length}
+cells = [4, 4]
+[material]
+stretch = {500.0 * force / length}
+shear = {500.0 * force}
+flexure = {2e-3 * force * length}
+density = {0.08 * mass / length**2}
+[supports]
+clamped = "z <= 0"
+[model]
+name = "mwts"
+modes = 4
+[motion]
+duration = {0.3 * second}
+dt = {second / 60.0}
+store_every = 3
+damping = [{2.0 / second}, {1e-3 * second}]
+[flock]
+count = 3
+radius = {length}
+speed = {length / second}
+noise_frequency = {0.5 / second}
+rotation_speed = {1.0 / second}
+neighbour_distance = {length}
+flap = {{amplitude = {0.05 * length}, frequency = {2.0 / second}}}
+camera = {{position = [0.0, {-5.0 * length}, {0.6 * length}], size = [64, 64]}}
+target = {{times = [0.0, {second}], points = [[0.0, 0.0, 0.0], [{length}, 0.0, 0.0]]}}
+[output]
+formats = ["mp4"]
+""")
+        scene = ms.load_scene(tmp_path / f"{name}.toml")
+        ms.run_scene(scene, out=tmp_path)
+        with np.load(tmp_path / f"{name}.npz") as stored:
+            flown[name] = stored["coordinates"] / (length * np.sqrt(mass)), json.loads(str(stored["units"]))
+        flight = scene.build_flight(scene.build_shell())
+        assert np.linalg.norm(flight.gravity) == pytest.approx(9.81 * length / second**2)
+        films[name] = next(imageio_ffmpeg.read_frames(str(tmp_path / f"{name}.mp4")))["fps"]
+        text = scene.own_page().text
+        data = {key: float(re.search(rf'"{key}": ?([-+.\de]+)', text)[1]) for key in ("dt", "sample", "second")}
+        assert data["second"] == pytest.approx(second)
+        assert [data["dt"], data["sample"]] == pytest.approx([second / 60.0, second / 30.0])
+    assert np.abs(flown["m"][0]).max() > 1e-4
+    np.testing.assert_allclose(flown["mm"][0], flown["m"][0], atol=1e-9 * np.abs(flown["m"][0]).max())
+    assert flown["m"][1]["coordinates"] == "m sqrt(kg)"
+    assert [flown["mm"][1][key] for key in ("time", "positions", "coordinates")] == ["ms", "mm", "mm sqrt(t)"]
+    assert flown["mm"][1]["accelerations"] == "mm/ms^2"
+    assert films["mm"] == pytest.approx(films["m"]) == 20.0

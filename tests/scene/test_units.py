@@ -1,6 +1,8 @@
 """Units of scenes, and warnings for values that no sheet has."""
 
 import json
+import re
+import tomllib
 import warnings
 
 import numpy as np
@@ -21,6 +23,7 @@ from modalshell import (
     solve_modes,
 )
 from modalshell.core.units import SI, UnitSystem
+from modalshell.sweep.case import Task, case_digest, run_case
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"
@@ -130,3 +133,68 @@ def test_saved_bases_name_their_units(tmp_path):
             assert told["eigenvalues"] == "1/s^2"
             assert set(told) <= set(archive.files)
         assert Basis.load(tmp_path / "basis.npz").count == 2
+
+
+def test_sentences_name_units_of_the_scene():
+    """After numbers alone, and the same if told twice; what runs into other words is no unit."""
+    text = "0.45 m inside, at 120 s: take dt <= 2.5 s; creeps at 5e-04 m/s (6 Hz). 3 ms, 2 s/x, kN of 4 N; 2 m.toml"
+    assert SI.restated(text) == text
+    other = UnitSystem("cm", "g", "ms")
+    told = other.restated(text)
+    assert told == (
+        "0.45 cm inside, at 120 ms: take dt <= 2.5 ms; creeps at 5e-04 cm/ms (6 1/ms). 3 ms, 2 s/x, kN of 4 g cm/ms^2; "
+        "2 m.toml"
+    )
+    assert other.restated(told) == told
+    assert UnitSystem("mm", "t", "s").restated("at 6 Hz, 2 Pa.") == "at 6 Hz, 2 MPa."
+
+
+SWUNG = """
+[mesh]
+shape = "flat_beam"
+length = 10.0
+width = 2.0
+cells = [5, 1]
+[material]
+young = 1e4
+poisson = 0.3
+thickness = 0.1
+density = 1.0
+[supports]
+clamped = "x < 0.01"
+[loads]
+gravity = [0.0, 0.0, -9.81e-4]
+[model]
+name = "ds"
+integrator = "implicit"
+[motion]
+duration = 100.0
+dt = 10.0
+damping = [0.0, 0.1]
+[units]
+length = "cm"
+mass = "g"
+time = "ms"
+"""
+
+
+def test_messages_and_refusals_of_a_run_are_in_units_of_the_scene(tmp_path):
+    """Steps that damp are named in ms, and a collider that the shell begins in by cm."""
+    (tmp_path / "swung.toml").write_text(SWUNG)
+    result = run_scene(tmp_path / "swung.toml", out=tmp_path)
+    message = result.trajectory.message
+    assert re.search(r"at \S+ 1/ms \(asked .*\): take dt <= \S+ ms or", message)
+    assert message in result.summary
+    assert message == json.loads((tmp_path / "swung.json").read_text())["message"]
+    assert "to 100 ms" in result.trajectory._repr_html_()
+    scene = load_scene(tmp_path / "swung.toml")
+    mesh = scene.build_mesh()
+    arrays = (mesh.vertices.astype("<f8").tobytes(), mesh.faces.astype("<i8").tobytes())
+    case = Task(case_digest(scene, mesh), str(scene.file), tomllib.loads(SWUNG), *arrays)
+    assert run_case(case).message == message
+    (tmp_path / "inside.toml").write_text(f'{SWUNG}[[contacts]]\nkind = "plane"\noffset = 0.5\n')
+    with pytest.raises(SceneError, match=r"begins 0\.5 cm inside contact 0"):
+        run_scene(tmp_path / "inside.toml", out=tmp_path)
+    (tmp_path / "short.toml").write_text(SWUNG.replace("duration = 100.0", "duration = 1.0"))
+    with pytest.raises(SceneError, match="at least one step of 10 ms"):
+        load_scene(tmp_path / "short.toml")

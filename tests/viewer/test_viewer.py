@@ -41,9 +41,12 @@ def moved(session):
     return float(np.linalg.norm(session.positions - session.shell.rest_positions, axis=1).max())
 
 
-def test_session_follows_the_scene_frame_by_frame(session, scene_file):
+@pytest.mark.parametrize("more", ["", "tolerance = 1e-5\n"], ids=["whole steps", "divided steps"])
+def test_session_follows_the_scene_frame_by_frame(scene_file, more):
+    scene = ms.load_scene(scene_file(*BEAM, ("duration = 4.0", f"duration = 4.0\n{more}")))
+    session = ViewSession(scene)
     play(session, 15)
-    motion = ms.load_scene(scene_file(*BEAM)).build().start_motion()
+    motion = scene.build().start_motion()
     for _ in range(15):
         motion.advance()
     assert session.time == motion.time
@@ -147,6 +150,55 @@ def test_another_model_takes_up_the_shape(scene_file, supports, name, error):
     session.advance(FRAME_SECONDS)
     assert session.time > now
     assert session.note == ""
+
+
+def test_another_model_keeps_the_folds_of_creases(tmp_path):
+    """From all vertices to a coarse shell and back: the sheet, at rest without a load, stays as it is folded."""
+    (tmp_path / "folded.toml").write_text("""
+[mesh]
+shape = "flat_beam"
+length = 0.5
+width = 0.1
+cells = [8, 2]
+[material]
+young = 2e9
+poisson = 0.3
+thickness = 1e-3
+density = 1200.0
+[supports]
+clamped = "x < 0.001"
+[loads]
+gravity = [0.0, 0.0, -9.81]
+[[creases]]
+sel = "abs(x - 0.25) < 0.001"
+yield_moment = 0.05
+hardening = 0.02
+[model]
+name = "ds"
+[motion]
+duration = 1.0
+dt = 0.04
+damping = [8.0, 4e-3]
+""")
+    session = ViewSession(ms.load_scene(tmp_path / "folded.toml"))
+
+    def folds():
+        kept = session._motion.state.memory
+        return session.model.crease_angles(kept["creases"]).mean(), kept["crease_heat"][0]
+
+    session.play()
+    session.advance(0.6)
+    session.set_gravity((0.0, 0.0, 0.0))
+    session.advance(1.6)
+    kept, heat = folds()
+    shape = session.positions
+    assert abs(kept) > 0.3
+    for name in ("coarse-ds", "ds"):
+        session.set_model(name)
+        assert folds() == (pytest.approx(kept, rel=1e-12), heat)
+        session.advance(0.2)
+        assert folds() == (pytest.approx(kept, rel=1e-3), pytest.approx(heat, rel=1e-3))
+    assert np.abs(session.positions - shape).max() < 0.01 * np.abs(shape - session.rest_positions).max()
 
 
 def test_back_to_modal_warping_within_what_its_modes_can_hold(session):

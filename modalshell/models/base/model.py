@@ -335,6 +335,10 @@ class Model(ABC):
         """Plastic folds (C,) [rad] of the shell's creases from those that a state keeps."""
         return angles
 
+    def own_crease_angles(self, angles: Array) -> Array:
+        """Plastic folds [rad] that a state keeps from those (C,) of the shell's creases."""
+        return angles
+
     def is_saddle(self, state: MotionState) -> bool:
         """Whether a state at rest under a dead load is unstable."""
         return False
