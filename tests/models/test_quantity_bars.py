@@ -112,6 +112,20 @@ def test_reactions_that_are_nothing_and_answers_far_off_are_void():
     assert not any(bar.valid for bar in ms.quantity_bars(rung, answer).values())
 
 
+@pytest.mark.parametrize(("twist", "share"), [(1.2, 0.6), (0.4, 1.0)])
+def test_reactions_of_thin_twisted_strips_are_those_of_ds(twist, share):
+    """What a third step left of the membrane's stretch was as large as they are: 8 % off, and void."""
+    flat = ms.flat_beam(length=1.0, width=0.3, cells=(14, 4))
+    (along, across, _), angles = flat.vertices.T, twist * flat.vertices[:, 0]
+    mesh = ms.TriangleMesh(np.stack([along, across * np.cos(angles), across * np.sin(angles)], axis=1), flat.faces)
+    strip = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 3e-4, 800.0), "x < 1e-6")
+    load = share * 0.027 * np.array([-0.8, 0.5, -1.0])
+    rung = ms.RotationStrain(ms.solve_modes(strip, 8))
+    bar = ms.quantity_bars(rung, rung.equilibrium(loads=[ms.LineForce("x > 0.999", load)]), ("reactions",))["reactions"]
+    assert bar.valid
+    assert bar.corrected == pytest.approx(0.3 * np.linalg.norm(load), rel=1e-4)
+
+
 def test_what_is_unknown_is_refused(shell):
     rung = ms.ModalWarping(ms.solve_modes(shell, 4))
     answer = rung.equilibrium(**LOAD)
