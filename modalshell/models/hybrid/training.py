@@ -220,7 +220,8 @@ def _random_motions(
     """
     rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse, integrator=RULE)
     model = model.of_any_minimum()
-    runs, failed, total, dt = [], 0, training.drawn, frame_length(loads.eigenvalues[0])
+    runs: list[tuple[Array, Damping, Array]] = []
+    failed, total, dt = 0, training.drawn, frame_length(loads.eigenvalues[0])
     while len(runs) < total:
         drawn = loads.drawn(random_load(coarse, load, rng), rng)
         try:
