@@ -110,6 +110,15 @@ class CoarseDiscreteShell(OnCoarse):
         """Whether its steps are compiled, as those of small shells are."""
         return self._step is not None
 
+    def of_any_minimum(self) -> Self:
+        """The same, whose compiled steps on the shell's own mesh may end at another minimum than those of DS.
+
+        Violent steps have several. Where any serves, one is not looked for twice, and again by sparse algebra.
+        """
+        model = copy.copy(self)
+        model._exact = False
+        return model
+
     @property
     def weights(self) -> sps.csr_array:
         """Weights (n, k) of :meth:`prolong`, and of :meth:`restrict`."""

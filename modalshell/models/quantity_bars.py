@@ -2,7 +2,8 @@
 
 The corrected answer of a bar still stretches the membrane a little, which stresses and reactions feel. A third step
 takes that away, ``K d_2 = -g(x_2)``: with the factor of K_1(x_2) that the margin has left, where the step is short,
-else with K_M(x_2, s_2). For a quantity J it is, to first order, ``J(x_2) - z . g(x_2)`` with the adjoint
+else with K_M(x_2, s_2). Where reactions are out of balance by more than 1 % even so, as those of thin shells may be,
+all three are taken once more. For a quantity J it is, to first order, ``J(x_2) - z . g(x_2)`` with the adjoint
 ``K z = dJ/dx``, and one solve serves all quantities at once.
 """
 
@@ -28,6 +29,8 @@ from modalshell.statics.live_loads import LiveLoads
 
 UNITS = {"tip": "m", "von_mises": "Pa", "reactions": "N", "frequency": "Hz"}
 """Quantities by name, and their units."""
+_BALANCED = 0.01
+"""Such a force, over the reactions, up to which a third step does for these."""
 Quantity = Callable[[Array], float]
 """A number of positions (n, 3) [m]."""
 
@@ -105,21 +108,33 @@ def quantity_bars(
     loading = answer.loading
     chosen = _chosen(of, shell, answer, loading)
     estimator = ErrorEstimator(shell)
-    bar = estimator.bar(answer.positions, loading.dead, LiveLoads(loading) if loading.live else None)
+    live = LiveLoads(loading) if loading.live else None
+    bar = estimator.bar(answer.positions, loading.dead, live)
     if bar.message:
         raise OptionError(f"this answer has no bars: {bar.message}")
     finer, stresses = estimator.refined()
+    named = not isinstance(of, Mapping)
+    if named and "reactions" in of:
+        # Of thin shells the membrane's stretch that is left may be as large as they are: the same steps take it away.
+        least = _BALANCED * chosen["reactions"](finer)
+        if bar.valid and _lost(shell, loading, finer) > least and not estimator.bar(finer, loading.dead, live).message:
+            finer, stresses = estimator.refined()
     found = {}
     for name, read in chosen.items():
         value, corrected = (checked_number(name, float(read(x)), error=OptionError) for x in (answer.positions, finer))
         found[name] = QuantityBar(value, corrected, UNITS.get(name, ""), bar.valid and not bar.beyond)
-    if "reactions" in found and not isinstance(of, Mapping):
-        force, bar_of = loading.force(finer), found["reactions"]
-        lost = float(np.linalg.norm((force + shell.reactions(finer, force=force)).sum(axis=0)))
+    if named and "reactions" in found:
+        bar_of, lost = found["reactions"], _lost(shell, loading, finer)
         found["reactions"] = replace(bar_of, valid=bar_of.valid and lost <= LARGEST_BAR * bar_of.corrected)
-    if "frequency" in of and not isinstance(of, Mapping):
+    if named and "frequency" in of:
         found["frequency"] = _frequency(model_or_shell, answer, bar, estimator.lowest_eigenvalue(finer, stresses))
     return {name: found[name] for name in of}
+
+
+def _lost(shell: Shell, loading: Loading, x: Array) -> float:
+    """Force [N] by which loads and reactions are out of balance at x (n, 3) [m]."""
+    force = loading.force(x)
+    return float(np.linalg.norm((force + shell.reactions(x, force=force)).sum(axis=0)))
 
 
 def _chosen(

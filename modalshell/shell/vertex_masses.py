@@ -75,7 +75,8 @@ def vertex_masses(
     moves = sps.csr_array(sps.coo_array((moved.ravel(), (rows, columns)), shape=(count, thirds.size)))
     taken = moves.data < 0.0
     givers = moves.indices[taken]
-    share = (1.0 - _LEAST) * thirds / np.maximum(-np.bincount(givers, moves.data[taken], thirds.size), 1e-300)
+    given = -np.bincount(givers, moves.data[taken], thirds.size)
+    share = np.divide((1.0 - _LEAST) * thirds, given, out=np.ones(thirds.size), where=given > 0.0)
     least = np.ones(count)
     np.minimum.at(least, np.repeat(np.arange(count), np.diff(moves.indptr))[taken], share[givers])
     return np.asarray(thirds + moves.T @ least)

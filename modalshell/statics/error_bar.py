@@ -168,7 +168,7 @@ class Estimator(ABC):
         except SolverError as error:
             return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
         moved, off = self.length(corrected - shell.rest_positions), self.length(corrected - x)
-        tiny = _NOTHING * shell.size
+        tiny = _NOTHING * shell.size * float(np.sqrt(shell.mass.sum()))
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
         if displacement > _LARGE:
             displacement = max(displacement, self._astray(x, load, live) / max(moved, tiny))

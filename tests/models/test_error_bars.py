@@ -228,3 +228,16 @@ def test_steps_that_take_back_one_another_are_told_as_beyond(gravity):
         else:
             assert off > 0.4
             assert bar.beyond
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e6])
+def test_bars_do_not_depend_on_the_unit_of_length(size):
+    """Displacements of shells of micrometres and less counted as none: any answer was 0 % off."""
+    bars = []
+    for unit in (1.0, size):
+        mesh = ms.flat_beam(length=unit, width=0.2 * unit, cells=(10, 2))
+        sheet = ms.Isotropic(young=1e9, poisson=0.3, thickness=1e-2 * unit, density=1e3)
+        shell = ms.Shell(mesh, sheet, mesh.vertices[:, 0] < 0.05 * unit)
+        bars.append(ms.LinearModal(ms.solve_modes(shell, 4)).equilibrium(gravity=(0, 0, -20.0 / unit), bar=True).bar)
+    assert bars[0].displacement > 0.02
+    assert bars[1].displacement == pytest.approx(bars[0].displacement, rel=1e-6)

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.integrators.full.implicit_rule import ShellSteps
 from modalshell.models.base.implicit import ImplicitModel
 from modalshell.models.hybrid import training as hybrid_training
 from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy, stress_modes
@@ -300,3 +301,38 @@ def stiff_hybrid(shell, gravity):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ms.ModalShellWarning)
         return ms.HybridStress.trained(shell, gravity=gravity, modes=16, motions=8)
+
+
+@pytest.mark.filterwarnings("ignore:no basis of up to")
+def test_training_leaves_descents_to_compiled_steps(monkeypatch):
+    """Steps that went down a way of their own were looked for again by sparse algebra: four fifths of the time."""
+    sparse = []
+    solve = ShellSteps.solve
+    monkeypatch.setattr(ShellSteps, "solve", lambda *args: sparse.append(1) or solve(*args))
+    shell, gravity = folded((8, 2)), (0, 0, -400)
+    ms.HybridStress.trained(shell, gravity=gravity, modes=8, motions=4)
+    assert not sparse
+    ms.simulate(ms.CoarseDiscreteShell(shell, shell), duration=0.2, dt=1 / 30, gravity=gravity)
+    assert sparse
+
+
+@pytest.mark.filterwarnings("ignore:no basis of up to")
+@pytest.mark.parametrize(("every", "trains"), [(14, True), (3, False)])
+def test_a_few_training_motions_may_fail(every, trains, monkeypatch):
+    """One of 140 loads under which a step of the coarse shell failed ended a training of a minute."""
+    motion, called = hybrid_training.motion_under, []
+
+    def failing(*args):
+        called.append(1)
+        if len(called) % every == 2:
+            raise ms.SolverError("a training motion of the coarse shell failed: train about a smaller load")
+        return motion(*args)
+
+    monkeypatch.setattr(hybrid_training, "motion_under", failing)
+    options = {"gravity": (0, 0, -20), "modes": 8, "motions": 4}
+    if not trains:
+        with pytest.raises(ms.SolverError, match="smaller load"):
+            ms.HybridStress.trained(folded((8, 2)), **options)
+        return
+    assert "1 more left out" in ms.HybridStress.trained(folded((8, 2)), **options).training
+    assert len(called) == 15

@@ -229,10 +229,15 @@ class ModalModel(ModalMotion):
         return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2]."""
-        if answer.coordinates is None:
+        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2], that of loads that follow in it."""
+        q = answer.coordinates
+        if q is None:
             return None
-        tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
+        tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(q, load)
+        if answer.loading is not None and answer.loading.live:
+            pattern, columns = self.shell.pattern, self.warped_rows(q, np.arange(len(load))).reshape(-1, q.size)
+            further = pattern.matrix(answer.load_stiffness(pattern)) @ columns
+            tangent += np.stack([self.modal_force(q, column.reshape(-1, 3)) for column in further.T], axis=1)
         return float(scipy.linalg.eigvals(tangent).real.min())
 
 

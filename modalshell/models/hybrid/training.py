@@ -44,6 +44,8 @@ _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
 """Mass damping [1/s], and stiffness damping [s] of half of the motions."""
 _HELD_OUT = 10
 """Motions on loads that are not in training, at least."""
+_MOST_FAILED = 0.1
+"""Motions that may fail, and be drawn again, over those wanted."""
 _ENOUGH = 0.03
 """Error up to which a basis is not made larger where none is wanted: estimates from few motions scatter by a third."""
 _NEARLY = 1.25
@@ -172,13 +174,15 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
     at_rest = measures_of(coarse)
     sizes = training.sizes(coarse.free_unknowns.size, at_rest.vectors)
-    runs = _random_motions(coarse, load, loads, training, on_step)
+    runs, failed = _random_motions(coarse, load, loads, training, on_step)
     frames, held_out = [frames for _, _, frames in runs[: training.motions]], runs[training.motions :]
     resultant = float(np.linalg.norm(load.sum(axis=0)))
     sizes_of_loads = f"loads of {_SIZES[0]} to {_SIZES[1]} times {resultant:.3g} N"
     if loads.rigid:
         sizes_of_loads = f"loads in flight that turn a vertex by about {loads.size:.2g} rad"
     description = f"{training.motions} motions under {sizes_of_loads}"
+    if failed:
+        description += f", {failed} more left out, as steps of the coarse shell failed"
     tried: list[Trained] = []
     means: list[float] = []
     turned = at_rest.far_turned(np.concatenate(frames))
@@ -209,16 +213,27 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
 
 def _random_motions(
     coarse: Shell, load: Array, loads: TrainingLoads, training: Training, on_step: Progress | None
-) -> list[tuple[Array, Damping, Array]]:
-    """Load, damping and frames of the motions to train on, and of those held out after them."""
+) -> tuple[list[tuple[Array, Damping, Array]], int]:
+    """Load, damping and frames of the motions to train on, and of those held out after them; and how many failed.
+
+    Others are drawn in place of those few; SolverError where they are more than a tenth.
+    """
     rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse, integrator=RULE)
-    runs, total, dt = [], training.drawn, frame_length(loads.eigenvalues[0])
-    for done in range(total):
+    model = model.of_any_minimum()
+    runs: list[tuple[Array, Damping, Array]] = []
+    failed, total, dt = 0, training.drawn, frame_length(loads.eigenvalues[0])
+    while len(runs) < total:
         drawn = loads.drawn(random_load(coarse, load, rng), rng)
-        runs.append(motion_under(model, drawn, random_damping(rng, dt), loads.frames, dt))
+        try:
+            runs.append(motion_under(model, drawn, random_damping(rng, dt), loads.frames, dt))
+        except SolverError:
+            failed += 1
+            if failed > _MOST_FAILED * total:
+                raise
+            continue
         if on_step is not None:
-            on_step(done + 1, total)
-    return runs
+            on_step(len(runs), total)
+    return runs, failed
 
 
 def _reduce(
