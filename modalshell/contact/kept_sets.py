@@ -23,8 +23,8 @@ from modalshell.statics.potential import Potential
 
 _MOST = 12
 """Iterations of a solve at most: on contacts that stay it takes as few as without them."""
-_ROUNDING = 1e-12
-"""Energy, as a share of the step's energies, that is none."""
+_ROUNDING, _STILL = 1e-12, 1e-15
+"""Energy, as a share of the step's energies, and of the work of the load over the shell's size, that is none."""
 
 
 @final
@@ -116,7 +116,8 @@ class KeptSteps(EulerSteps):
             for value in (shell.energy(state.coordinates), 0.5 * float(shell.mass @ np.sum(state.rates**2, axis=1)))
         ]
         gained = energies[0] + energies[1] - energies[2] - energies[3] - work
-        return not gained <= _ROUNDING * (sum(map(abs, energies)) + abs(work))
+        least = _STILL * touching.size * float(np.linalg.norm(load, axis=1).sum())
+        return not gained <= _ROUNDING * (sum(map(abs, energies)) + abs(work)) + least
 
     def undo(self, pushes: Array) -> None:
         """Leave the contacts as they were, with the forces (r,) [N] of the step before."""

@@ -71,7 +71,8 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     assert (run.contact_forces[-1][~run.in_contact[-1]] == 0.0).all()
     rest = models[name].equilibrium(gravity=GRAVITY, contacts=[FLOOR])
     assert rest.converged
-    assert ms.measure.displacement_error(rest.positions, run.positions[-1], shells[0]) < 0.01
+    exact = models["DS"].equilibrium(gravity=GRAVITY, contacts=[FLOOR])  # the motion swings about it for long
+    assert ms.measure.displacement_error(rest.positions, exact.positions, shells[0]) < 0.01
 
 
 @pytest.mark.by_default("RSW-0.02-40")

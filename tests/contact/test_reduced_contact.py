@@ -93,7 +93,8 @@ def test_loads_that_change_and_starts(shell, model, truth):
 @pytest.mark.parametrize("integrator", ["bdf2", pytest.param("implicit", marks=pytest.mark.slow)])
 def test_motion_falls_on_the_table_and_rests_there(shell, model, truth, integrator):
     run = ms.simulate(model, duration=1.0, contacts=[FLOOR], integrator=integrator, **GIVEN)
-    wanted = ms.simulate(truth, duration=1.0, contacts=[FLOOR], integrator=integrator, **GIVEN)
+    # On contacts the model steps with order one, DS by its other rules with order two where they stay.
+    wanted = ms.simulate(truth, duration=1.0, contacts=[FLOOR], integrator="implicit", **GIVEN)
     assert run.unconverged_steps == 0
     assert run.in_contact.any()
     assert run.deepest.max() <= 1e-9
