@@ -86,7 +86,8 @@ def slope(share: float) -> dict[str, Any]:
         ms.DiscreteShell(shell, integrator="bdf2"), duration=0.5, dt=dt, gravity=gravity, contacts=[contact]
     )
     x = run.positions[..., 0].mean(axis=1)
-    block = max(0.0, GRAVITY * (np.sin(angle) - FRICTION * np.cos(angle)) * 0.5)
+    # Both in the mean of the last step.
+    block = max(0.0, GRAVITY * (np.sin(angle) - FRICTION * np.cos(angle)) * (0.5 - 0.5 * dt))
     return {"share": share, "speed": float(x[-1] - x[-2]) / dt, "block": float(block)}
 
 
