@@ -15,7 +15,7 @@ from modalshell.shell.damping import Damping
 from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0
-STEPS, BOUNDED_STEPS = 10_000, 4_000
+STEPS, BOUNDED_STEPS = 10_000, 2_000
 INTEGRATORS = ("exponential", "implicit_euler", "implicit_midpoint")
 
 
