@@ -70,8 +70,10 @@ def folder(tmp_path, monkeypatch):
     for name in ("meshes", "studies", "paper_figures"):
         (tmp_path / name).symlink_to(ROOT / name)
     scene = (ROOT / FLAT_BEAM).read_text(encoding="utf-8")
-    assert scene.count("cells = [40, 8]") == 1
-    (tmp_path / "coarse.toml").write_text(scene.replace("[40, 8]", "[12, 4]"), encoding="utf-8")
+    for fine, coarse in (("cells = [40, 8]", "cells = [16, 4]"), ("x < 0.026", "x < 0.07")):
+        assert scene.count(fine) == 1
+        scene = scene.replace(fine, coarse)
+    (tmp_path / "coarse.toml").write_text(scene, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     monkeypatch.setenv("HOME", str(tmp_path))

@@ -141,9 +141,8 @@ def test_it_serves_woven_shells_and_junctions(make, gravity):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("fold", "damping"), [(150.0, (2.0, 0.0)), (135.0, (0.5, 0.001))])
-def test_it_follows_the_shell_through_its_snap_and_back(fold, damping, tmp_path):
-    shell = folded(fold=fold)
+def test_it_follows_the_shell_through_its_snap_and_back(tmp_path):
+    shell, damping = folded(fold=135.0), ms.Damping(0.5, 0.001)
     model = ms.HybridStress.trained(shell, gravity=(0, 0, -70))
     assert model.held_out_error < 0.03
     truth = ms.DiscreteShell(shell, step_tolerance=1e-3, integrator=model.integrator)
@@ -152,8 +151,8 @@ def test_it_follows_the_shell_through_its_snap_and_back(fold, damping, tmp_path)
     exact, state, frames = truth.start_motion(), model.start_motion(), []
     for frame in range(30):
         force = load if frame < 20 else np.zeros_like(load)
-        exact, _ = truth.step(exact, 1 / 30, force, ms.Damping(*damping))
-        state, solved = model.step(state, 1 / 30, force, ms.Damping(*damping))
+        exact, _ = truth.step(exact, 1 / 30, force, damping)
+        state, solved = model.step(state, 1 / 30, force, damping)
         assert solved
         frames.append((model.positions(state), truth.positions(exact)))
     own, other = (np.array(part) for part in zip(*frames, strict=True))
