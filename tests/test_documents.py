@@ -32,7 +32,7 @@ SHORTER = {
     TRADEOFF: f"{TRADEOFF.replace(FLAT_BEAM, 'coarse.toml')} --modes 4",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
-    "modalshell bench": "modalshell bench --only assembly",
+    "modalshell bench": "modalshell bench --only hinge_kernel",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",

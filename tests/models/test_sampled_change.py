@@ -99,10 +99,15 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
         assert energies[75:].max() < energies[:75].max() + 0.1 * scale
 
 
-@pytest.mark.by_default("False-cells1-20.0")
+@pytest.mark.by_default("great load, large sheet")
 @pytest.mark.parametrize(
     ("consistent", "cells", "gamma"),  # a great load asks for a second force in every step
-    [(False, CELLS, 20.0), (True, CELLS, 1.0), (False, (20, 4), 1.0), (True, (20, 4), 20.0)],
+    [
+        pytest.param(False, CELLS, 20.0, id="great load, large sheet"),
+        pytest.param(True, CELLS, 1.0, id="small load, consistent force, large sheet"),
+        pytest.param(False, (20, 4), 1.0, id="small load"),
+        pytest.param(True, (20, 4), 20.0, id="great load, consistent force"),
+    ],
 )
 def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells, gamma, consistent):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)

@@ -136,7 +136,7 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
     finish(started(scene, tmp_path / "whole"))
     whole = time.perf_counter() - begin
     chance = np.random.default_rng(5)
-    for delay in 1.1 * whole * (np.arange(4) + chance.uniform(size=4)) / 4:  # one in each quarter
+    for delay in 1.1 * whole * (np.arange(3) + chance.uniform(size=3)) / 3:  # one in each third
         process = started(scene, tmp_path / "killed")
         time.sleep(delay)
         process.kill()

@@ -139,7 +139,7 @@ def test_two_kills_of_a_sweep_of_twenty_cases(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_ctrl_c_stops_the_workers_and_says_how_to_go_on(tmp_path):
-    sweep = write(tmp_path, (2, 4), 4, 150.0)  # so long that not all cases are done between two looks
+    sweep = write(tmp_path, (2, 4), 4, 60.0)  # so long that not all cases are done between two looks
     driver = started(sweep, tmp_path / "out")
     while not case_files(tmp_path / "out"):
         assert driver.poll() is None, driver.communicate()
