@@ -40,12 +40,13 @@ SHORTER = {
 """In place of what needs a display, takes an hour, does what another command does, or is as it stands in .ci/run."""
 SET_UP = {
     ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only folded_map",
-    ".venv/bin/python -m pytest -n auto": ".venv/bin/python -m pytest -n 0 --collect-only -q tests/core",
+    ".venv/bin/pip install '.[test]'": ".venv/bin/pip install --dry-run '.[test]'",
+    ".venv/bin/python -m pytest -n auto": "python -m pytest -n 0 --collect-only -q tests/core",
     ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[docs]'",
 }
-"""The same for what follows the making of an environment, by a study of few kernels, which that copy compiles anew.
+"""The same for what follows the making of an environment, by a study of few kernels; one environment is filled.
 
-.ci/run takes those commands as they stand, all extras but ``docs`` among them.
+.ci/run fills another with all extras but ``docs``, and runs the tests there.
 """
 ALL = list(dict.fromkeys(line for page in PAGES for line in commands(page)))
 OWN = [line for line in ALL if line.startswith("modalshell ")]

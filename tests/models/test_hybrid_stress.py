@@ -276,7 +276,8 @@ def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
     """
     fine, rule = snapping_beam(150.0, (80, 16)), "implicit_euler"
     coarse = coarse_beam(fine, 150.0, (40, 8))
-    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -70), coarse=coarse, modes=44, integrator=rule)
+    training = {"gravity": (0, 0, -70), "modes": 44, "motions": 20}
+    hybrid = ms.HybridStress.trained(fine, coarse=coarse, integrator=rule, **training)
     truth = ms.DiscreteShell(fine, step_tolerance=1e-4, integrator=rule)
     for load in snapping_loads(fine, 70.0):
         exact = frames_through(truth, load, ms.Damping(*DAMPING))
