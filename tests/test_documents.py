@@ -23,13 +23,22 @@ from modalshell import springs
 from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
-FLAT_BEAM = "studies/scenes/flat_beam.toml"
+FLAT_BEAM, PANEL = "studies/scenes/flat_beam.toml", "studies/scenes/panel_wind.toml"
+SWEEP = "studies/sweeps/v_beam_gravity.toml"
+SMALLER = {
+    FLAT_BEAM: {"cells = [40, 8]": "cells = [16, 4]", "x < 0.026": "x < 0.07"},
+    PANEL: {"duration = 4.0": "duration = 0.5"},
+    SWEEP: {", [0, 0, -1], [0, 0, -2], [0, 0, -4], [0, 0, -8]]": "]", "../scenes": str(ROOT / "studies" / "scenes")},
+}
+"""What is changed in copies of scenes and sweeps that take long: they lie in the folder where commands run."""
 ADVISE = f"modalshell advise {FLAT_BEAM} --error 0.02 --fps 60"
 TRADEOFF = f"modalshell tradeoff {FLAT_BEAM}"
 VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
-    ADVISE: f"{ADVISE.replace(FLAT_BEAM, 'coarse.toml')} --modes 4",
-    TRADEOFF: f"{TRADEOFF.replace(FLAT_BEAM, 'coarse.toml')} --modes 4",
+    ADVISE: "modalshell advise flat_beam.toml --error 0.02 --fps 60 --modes 4",
+    TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4",
+    f"modalshell run {PANEL}": "modalshell run panel_wind.toml",
+    f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
     "modalshell bench": "modalshell bench --only hinge_kernel",
@@ -66,15 +75,16 @@ def test_the_documents_have_what_is_run_here():
 def folder(tmp_path, monkeypatch):
     """A folder from which the documents' paths lead to the repository's meshes, studies and pictures.
 
-    With one of their scenes on fewer triangles, for what takes long.
+    With smaller copies of what takes long.
     """
     for name in ("meshes", "studies", "paper_figures"):
         (tmp_path / name).symlink_to(ROOT / name)
-    scene = (ROOT / FLAT_BEAM).read_text(encoding="utf-8")
-    for fine, coarse in (("cells = [40, 8]", "cells = [16, 4]"), ("x < 0.026", "x < 0.07")):
-        assert scene.count(fine) == 1
-        scene = scene.replace(fine, coarse)
-    (tmp_path / "coarse.toml").write_text(scene, encoding="utf-8")
+    for file, changes in SMALLER.items():
+        text = (ROOT / file).read_text(encoding="utf-8")
+        for old, new in changes.items():
+            assert text.count(old) == 1, f"{old!r} is not once in {file}"
+            text = text.replace(old, new)
+        (tmp_path / os.path.basename(file)).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     monkeypatch.setenv("HOME", str(tmp_path))
