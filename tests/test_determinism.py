@@ -42,7 +42,7 @@ def answers(cells):
     return found
 
 
-def in_fresh_processes(folder, threads, cells=(24, 6)):
+def in_fresh_processes(folder, threads, cells=(16, 4)):
     """Answers of one process for each number of threads, each with a hash seed of its own, at the same time."""
     runs = []
     for seed, count in enumerate(threads):
@@ -78,7 +78,7 @@ def test_one_thread_gives_the_same_bits(small):
 @pytest.mark.slow
 def test_two_threads_stay_within_their_bound(tmp_path):
     """On a mesh that keeps them busy."""
-    one, two = in_fresh_processes(tmp_path, (1, 2), (80, 20))
+    one, two = in_fresh_processes(tmp_path, (1, 2), (60, 16))
     for name, array in one.items():
         np.testing.assert_allclose(two[name], array, rtol=0, atol=TWO_THREADS * np.abs(array).max(), err_msg=name)
 

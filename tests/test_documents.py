@@ -23,15 +23,25 @@ from modalshell import springs
 from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
-ADVISE = "modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60"
-TRADEOFF = "modalshell tradeoff studies/scenes/flat_beam.toml"
+FLAT_BEAM, PANEL = "studies/scenes/flat_beam.toml", "studies/scenes/panel_wind.toml"
+SWEEP = "studies/sweeps/v_beam_gravity.toml"
+SMALLER = {
+    FLAT_BEAM: {"cells = [40, 8]": "cells = [16, 4]", "x < 0.026": "x < 0.07"},
+    PANEL: {"duration = 4.0": "duration = 0.5"},
+    SWEEP: {", [0, 0, -1], [0, 0, -2], [0, 0, -4], [0, 0, -8]]": "]", "../scenes": str(ROOT / "studies" / "scenes")},
+}
+"""What is changed in copies of scenes and sweeps that take long: they lie in the folder where commands run."""
+ADVISE = f"modalshell advise {FLAT_BEAM} --error 0.02 --fps 60"
+TRADEOFF = f"modalshell tradeoff {FLAT_BEAM}"
 VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
-    ADVISE: f"{ADVISE} --modes 4",
-    TRADEOFF: f"{TRADEOFF} --modes 4",
+    ADVISE: "modalshell advise flat_beam.toml --error 0.02 --fps 60 --modes 4",
+    TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4",
+    f"modalshell run {PANEL}": "modalshell run panel_wind.toml",
+    f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
-    "modalshell bench": "modalshell bench --only assembly",
+    "modalshell bench": "modalshell bench --only hinge_kernel",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
@@ -62,9 +72,18 @@ def test_the_documents_have_what_is_run_here():
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder from which the documents' paths lead to the repository's meshes, studies and pictures."""
+    """A folder from which the documents' paths lead to the repository's meshes, studies and pictures.
+
+    With smaller copies of what takes long.
+    """
     for name in ("meshes", "studies", "paper_figures"):
         (tmp_path / name).symlink_to(ROOT / name)
+    for file, changes in SMALLER.items():
+        text = (ROOT / file).read_text(encoding="utf-8")
+        for old, new in changes.items():
+            assert text.count(old) == 1, f"{old!r} is not once in {file}"
+            text = text.replace(old, new)
+        (tmp_path / os.path.basename(file)).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     monkeypatch.setenv("HOME", str(tmp_path))

@@ -50,7 +50,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 280, 700
+DEFAULT, LONG = 280, 420
 
 
 def attempts(surface, count, folder, seed=None):
@@ -87,19 +87,27 @@ def test_every_public_name_and_command_is_fuzzed():
     assert "--clamp" in command_line.commands()["simulate"]
 
 
-LINES = [
-    ["simulate", b"leaf\xff.obj".decode(errors="surrogateescape")],
-    ["simulate", "panel.obj", "--clamp", "x < 0.3", "--static", "--out", b"o\xff".decode(errors="surrogateescape")],
-    ["modes", "panel.obj", "--thickness", "1e-300"],
-    ["run", "scene_0.toml", "--out", "panel.obj"],
-    ["reproduce", "--only", "../x"],
-    [],
+REFUSED = ["simulate", b"leaf\xff.obj".decode(errors="surrogateescape")]
+ANSWERED = [
+    "simulate",
+    "panel.obj",
+    "--clamp",
+    "x < 0.3",
+    "--static",
+    "--out",
+    b"o\xff".decode(errors="surrogateescape"),
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("argv", "encoding"), [*((line, "ascii") for line in LINES), *((line, "utf-8") for line in LINES[:2])]
+    ("argv", "encoding"),
+    [
+        (REFUSED, "ascii"),
+        (ANSWERED, "ascii"),
+        (ANSWERED, "utf-8"),
+        (["run", "scene_0.toml", "--out", "panel.obj"], "ascii"),
+    ],
 )
 def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
@@ -277,7 +285,7 @@ needs_interchange = pytest.mark.skipif(
 )
 
 
-SEEDS = {two_lines: 4}
+SEEDS = {two_lines: 4, files_of_others_unseen: 4, inputs_forgotten: 6, believed_headers: 7}
 """Random seeds with which what is found late by the derandomised search is found soon; it is found with any."""
 PARTS = {
     not_a_number: arrays.measures,

@@ -68,14 +68,12 @@ def test_a_strip_on_a_ball_and_through_a_motion_of_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("thickness", "friction"), [(1e-2, 0.0), pytest.param(1e-3, 0.0, marks=pytest.mark.slow), (1e-2, 0.3)]
-)
+@pytest.mark.parametrize(("thickness", "friction"), [(1e-3, 0.0), (1e-2, 0.3)])
 def test_a_strip_gains_no_energy_where_it_slides_over_a_rounded_edge(thickness, friction):
     mesh, material = strip(thickness, 20)
     box = ms.Contact(ms.Box((0, 0, 0), (0.2, 0.3, 0.15), rounding=0.05), friction=friction)
     model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="implicit")
-    given = {"duration": 200 / 60, "dt": 1 / 60, "gravity": GRAVITY, "start": tilted(mesh, 0.3, 0.2)}
+    given = {"duration": 120 / 60, "dt": 1 / 60, "gravity": GRAVITY, "start": tilted(mesh, 0.3, 0.2)}
     run = ms.simulate(model, contacts=[box], **given)
     assert run.unconverged_steps == 0
     normals = box.gap(run.positions[run.in_contact])[1]

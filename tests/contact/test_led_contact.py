@@ -144,7 +144,7 @@ def test_of_a_short_pull_a_part_slips_as_in_a_bar_with_friction():
 
 @pytest.mark.slow
 def test_a_sheet_pushed_against_its_friction_until_it_snaps_has_no_answer():
-    shell, end = sheet()
+    shell, end = sheet(cells=(16, 4))
     rough = ms.Contact(ms.Plane((0, 0, 1), 0.0), friction=0.4)
     found = led(ms.DiscreteShell(shell), end, (-0.05, 0.0, 0.1), [rough])
     assert not found.converged

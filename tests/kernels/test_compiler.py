@@ -83,10 +83,9 @@ def test_kernels_leave_nothing_in_the_package():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", ["0", pytest.param("-3", marks=pytest.mark.slow)])
-def test_a_number_of_threads_that_numba_refuses_is_ignored(count, tmp_path):
-    answer = used(tmp_path, NUMBA_NUM_THREADS=count)
-    assert f"NUMBA_NUM_THREADS must be a positive integer (got '{count}')" in answer.stderr
+def test_a_number_of_threads_that_numba_refuses_is_ignored(tmp_path):
+    answer = used(tmp_path, NUMBA_NUM_THREADS="-3")
+    assert "NUMBA_NUM_THREADS must be a positive integer (got '-3')" in answer.stderr
 
 
 @pytest.mark.slow

@@ -96,12 +96,7 @@ def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_th
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "times"),
-    [
-        ("bdf2", [0.103, 0.1035, 0.108, 0.1081]),
-        pytest.param("composite", [0.103, 0.1035, 0.108, 0.1081], marks=pytest.mark.slow),
-        pytest.param("bdf2", [0.043, 0.0431, 0.0977, 0.0978], marks=pytest.mark.slow),
-        pytest.param("composite", [0.043, 0.0431, 0.0977, 0.0978], marks=pytest.mark.slow),
-    ],
+    [("bdf2", [0.103, 0.1035, 0.108, 0.1081]), ("composite", [0.043, 0.0431, 0.0977, 0.0978])],
 )
 def test_implicit_steps_feel_a_push_within_them_and_know_their_error(mesh, integrator, times):
     """One of 5 ms within a step was not felt at all, with an error stated of nothing."""

@@ -50,7 +50,7 @@ def test_every_format_gives_a_film_with_one_command(name, tmp_path, capsys):
     path, options = write(name, tmp_path)
     given = [part for key, value in options.items() for part in (f"--{key}", value)]
     with pytest.raises(SystemExit) as ended:
-        main(["simulate", str(path), *given, "--duration", "0.2", "--out", str(tmp_path / "out")])
+        main(["simulate", str(path), *given, "--duration", "0.1", "--out", str(tmp_path / "out")])
     said = capsys.readouterr()
     assert ended.value.code == 0, said.err
     assert f"{path.stem}_mwts.mp4" in {file.name for file in (tmp_path / "out").iterdir()}

@@ -255,7 +255,7 @@ def test_damages_together_are_mended(kinds, seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(damages, st.integers(0, 1_000_000))
 def test_many_damages_together_are_mended(kinds, seed):
     check_damaged(kinds, seed)

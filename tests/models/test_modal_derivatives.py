@@ -148,7 +148,11 @@ def test_dependent_vectors_are_dropped():
 
 
 @pytest.mark.by_default("discrete shell-cubature")
-@pytest.mark.parametrize("which", ["full", "cubature"])
+@pytest.mark.parametrize(
+    ("sparse", "which"),
+    [("discrete shell", "cubature"), ("discrete shell", "full"), ("shell theory", "cubature")],
+    indirect=["sparse"],
+)
 def test_gradient_and_hessian_by_taylor(which, sparse):
     model = sparse[0 if which == "cubature" else 1]
     energy = model.energy

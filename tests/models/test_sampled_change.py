@@ -68,8 +68,11 @@ def test_a_load_that_few_feel_and_a_small_shell_have_no_sample(kind):
 
 
 @pytest.mark.by_default("hinges-RotationStrain")
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("energy", MATERIALS)
+@pytest.mark.parametrize(
+    ("energy", "kind"),
+    [("hinges", ms.RotationStrain), ("plate", ms.ModalWarping)],
+    ids=["hinges-RotationStrain", "plate-ModalWarping"],
+)
 def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
     """The second mode has 3.3 steps a period: with one force a step its motion would grow."""
     found, asked = [], []
@@ -99,10 +102,16 @@ def test_a_strip_under_a_large_load_moves_as_by_whole_forces(energy, kind):
         assert energies[75:].max() < energies[:75].max() + 0.1 * scale
 
 
-@pytest.mark.by_default("False-cells1-20.0")
-@pytest.mark.parametrize("gamma", [1.0, 20.0])  # of which the second one asks for a second force in every step
-@pytest.mark.parametrize("cells", [(20, 4), CELLS])
-@pytest.mark.parametrize("consistent", [False, True])
+@pytest.mark.by_default("great load, large sheet")
+@pytest.mark.parametrize(
+    ("consistent", "cells", "gamma"),  # a great load asks for a second force in every step
+    [
+        pytest.param(False, CELLS, 20.0, id="great load, large sheet"),
+        pytest.param(True, CELLS, 1.0, id="small load, consistent force, large sheet"),
+        pytest.param(False, (20, 4), 1.0, id="small load"),
+        pytest.param(True, (20, 4), 20.0, id="great load, consistent force"),
+    ],
+)
 def test_a_step_in_one_call_is_the_step_in_parts_bit_for_bit(cells, gamma, consistent):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells)
     basis = ms.solve_modes(ms.Shell(mesh, MATERIALS["plate"], clamped=mesh.vertices[:, 0] < 1e-9), 6)

@@ -182,10 +182,9 @@ def test_a_hessian_serves_again_to_the_same_answer(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("young", [1e6, 2e11])
-def test_stiff_steps_go_on_in_double_precision(young):
+def test_stiff_steps_go_on_in_double_precision():
     mesh = ms.sheet(cells=(30, 30))
-    shell = ms.Shell(mesh, ms.Isotropic(young, 0.3, 1e-3, 1000.0), clamped=mesh.vertices[:, 0] < 0.01)
+    shell = ms.Shell(mesh, ms.Isotropic(2e11, 0.3, 1e-3, 1000.0), clamped=mesh.vertices[:, 0] < 0.01)
     runs = [
         ms.simulate(ms.DiscreteShell(shell, backend=backend), duration=2 / 60, dt=1 / 60, gravity=(0, 0, -9.81))
         for backend in ("cholesky", "superlu")

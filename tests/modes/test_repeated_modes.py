@@ -92,8 +92,7 @@ def test_identical_strips_by_blocks(copies, elastic, held, monkeypatch):
 
 
 @pytest.mark.by_default("blocks-12", "one by one-13")
-@pytest.mark.parametrize("copies", [12, 13])
-@pytest.mark.parametrize("large", [0, 10**9], ids=["blocks", "one by one"])
+@pytest.mark.parametrize(("large", "copies"), [(0, 12), (10**9, 13)], ids=["blocks-12", "one by one-13"])
 def test_more_copies_than_one_vector_or_a_block_finds(copies, large, monkeypatch):
     """Of twelve free strips one vector after the other found twelve of fourteen: a block of as many finds all."""
     monkeypatch.setattr(eigenpairs, "_LARGE", large)

@@ -1,5 +1,7 @@
 """Supports that move carry along what clamps the edges next to them: every model ends as a rigid copy of its rest."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -85,13 +87,9 @@ def settled_at_all_ends(model):
 @pytest.mark.parametrize(
     ("material", "supports", "end"),
     [
-        ("split folds", "clamped row", "lifted"),
-        ("split folds", "clamped row", "pushed and tilted"),
         ("split folds", "clamped row", "thrown and turned"),
-        ("split folds", "clamped rows", "thrown and turned"),
         ("split folds", "pinned rows", "pushed and tilted"),
         ("hinges", "clamped rows", "lifted"),
-        ("hinges", "clamped rows", "pushed and tilted"),
         ("hinges", "pinned rows", "thrown and turned"),
     ],
 )
@@ -103,11 +101,16 @@ def test_discrete_shells_end_as_rigid_copies(material, supports, end):
     assert run.energies[-1, 1] < 1e-6 * run.energies[:, 1].max()
 
 
+def cases_by_turns():
+    """Every model on every support, of one material or the other."""
+    keys = [key for key, spec in MODELS.items() if spec.bends]
+    pairs = product(enumerate(keys), enumerate(SUPPORTS))
+    return [(key, list(MATERIALS)[(i + j) % len(MATERIALS)], supports) for (i, key), (j, supports) in pairs]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")
-@pytest.mark.parametrize("supports", SUPPORTS)
-@pytest.mark.parametrize("material", MATERIALS)
-@pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.bends])
+@pytest.mark.parametrize(("key", "material", "supports"), cases_by_turns())
 def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, supports):
     shell = shell_of(MATERIALS[material], supports)
     try:

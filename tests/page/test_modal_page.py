@@ -3,8 +3,10 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from io import BytesIO
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -210,7 +212,14 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
 
 
 @pytest.mark.slow
-def test_every_scene_has_a_page(tmp_path):
+def test_every_scene_has_a_page(tmp_path, monkeypatch):
+    def load(file, load=ms.load_scene):
+        scene = load(file)
+        if file.stem != "creature":  # the longest, and of no committed page
+            return scene
+        return replace(scene, motion=msgspec.structs.replace(scene.motion, duration=0.5))
+
+    monkeypatch.setattr(pages.ms, "load_scene", load)
     written = pages.write_pages(tmp_path)
     folder = repository_file("studies/scenes/v_beam.toml").parent
     assert [file.stem for file in written] == [file.stem for file in sorted(folder.glob("*.toml"))]

@@ -75,8 +75,9 @@ def test_square_cells_bring_all_six_frequencies_within_one_percent(family):
 
 
 @pytest.mark.by_default("jittered-25.0")
-@pytest.mark.parametrize("ratio", [1.0, 10.0, 25.0])
-@pytest.mark.parametrize("family", ["alternating", "equilateral", "union-jack", "jittered"])
+@pytest.mark.parametrize(
+    ("family", "ratio"), [("alternating", 25.0), ("equilateral", 1.0), ("union-jack", 10.0), ("jittered", 25.0)]
+)
 def test_half_of_the_consistent_mass_brings_six_frequencies_within_one_percent(family, ratio):
     """On cells that are not square, with the plate and its material turned, and at order 2 or better."""
     shear, poisson = (1e9 / 2.6, 0.3) if ratio == 1.0 else (0.6e9, 0.3)

@@ -129,8 +129,7 @@ def test_verlet_blows_up_where_the_estimate_says():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [4000, pytest.param(100_000, marks=pytest.mark.slow)])
-def test_energy_of_the_undamped_sheet_stays_bounded(steps):
+def test_energy_of_the_undamped_sheet_stays_bounded():
     """A symplectic method's energy swings but does not drift, in motion of a hundredth of the spacing.
 
     Large motion asks for shorter steps: the same sheet let go under gravity from two corners drifts at this share.
@@ -140,7 +139,7 @@ def test_energy_of_the_undamped_sheet_stays_bounded(steps):
     sheet = GridVerlet(grid, start=shaken(grid, 1e-3))
     energies = []
     for _ in range(400):
-        sheet.step(steps // 400, 0.9 * grid.stable_step())
+        sheet.step(250, 0.9 * grid.stable_step())
         kinetic = 0.5 * grid.particle_mass * np.sum(sheet.velocities**2)
         energies.append(kinetic + shell.energy(sheet.positions))
     energies = np.array(energies)

@@ -47,14 +47,14 @@ def loads(first):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", loads(20))
+@pytest.mark.parametrize("gravity", loads(20)[::2])
 def test_the_stiff_v_has_a_stable_answer_at_any_load(shell, gravity):
     answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
     check_minimum(shell, answer, gravity)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", loads(22)[::2])
+@pytest.mark.parametrize("gravity", loads(22)[::3])
 def test_the_stiff_v_of_the_scene_has_a_stable_answer_at_any_load(gravity):
     fine = ms.load_scene(SCENE).build_shell()
     check_minimum(fine, ms.DiscreteShell(fine).equilibrium(gravity=(0.0, 0.0, -gravity)), gravity)

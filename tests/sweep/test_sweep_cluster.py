@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 
 import pytest
 from scenes import SWEPT_BEAM
@@ -81,12 +80,10 @@ def test_a_case_that_kills_the_clusters_workers_is_recorded(cluster, sweep, tmp_
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nowhere://a"])
-def test_an_address_that_answers_not_is_refused_quickly(sweep, tmp_path, monkeypatch, address):
+def test_an_address_that_answers_not_is_refused(sweep, tmp_path, monkeypatch, address):
     monkeypatch.setattr("modalshell.sweep.cluster._SECONDS", 1)
-    begin = time.perf_counter()
     with pytest.raises(ms.WorkerError, match=r"no scheduler of dask.distributed answers at .*dask scheduler"):
         ms.run_sweep(sweep, out=tmp_path / "out", cluster=address)
-    assert time.perf_counter() - begin < 20.0
 
 
 def test_a_cluster_needs_dask(sweep, tmp_path, monkeypatch):
