@@ -149,7 +149,8 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     file = checked_folder("path", path)
     with readable(_TRAJECTORY.kind, file):
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
-            stored = {name.removesuffix(".npy") for name in archive.namelist()}
+            stored = [name.removesuffix(".npy") for name in archive.namelist()]
+            _TRAJECTORY.check_mark(stored)
             further = {name: field for name, field in (_TRIANGLES | _FURTHER).items() if name in stored}
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
@@ -157,6 +158,8 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         if _verifies(verify, positions.nbytes) and not np.isfinite(positions).all():
             raise ValueError("positions must be finite numbers")
         units = _TRAJECTORY.check(data, further, F=len(positions), n=positions.shape[1])
+        if (np.diff(data["times"]) <= 0.0).any():
+            raise ValueError("times must increase")
         faces, vertices = data["faces"], positions.shape[1]
         if faces.size and (faces.min() < 0 or faces.max() >= vertices):
             raise ValueError(f"faces must name vertices 0 to {vertices - 1}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+import zipfile
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field
 from typing import Any, NamedTuple, final
@@ -20,6 +21,8 @@ from modalshell.files.atomic_io import read_npz
 _KINDS = {"f": "finite numbers", "fiu": "finite numbers", "iu": "whole numbers", "U": "text", "b": "true or false"}
 """What the letters of NumPy's kinds stand for."""
 LARGEST_FLOAT = float(np.finfo(np.float64).max)
+_MARK = "modalshell_"
+"""What the names of marks begin with."""
 UNITS = ("units", "unit_system")
 """Names of the arrays with the unit of each other array, and with the units of length, mass and time."""
 
@@ -47,6 +50,9 @@ def readable(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
     """FileFormatError for whatever is wrong with ``kind``, "a clip", while it is read from ``path``."""
     try:
         yield
+    except zipfile.BadZipFile as error:
+        what = "it is cut off, or no such file" if "not a zip" in str(error) else str(error)
+        raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {what}") from error
     except Exception as error:  # zip, zlib, OS, JSON, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {shortened(str(error))}") from error
 
@@ -119,10 +125,21 @@ class Archive:
             self.check(data)
             yield data
 
+    def check_mark(self, names: Collection[str]) -> None:
+        """ValueError that says what a file is whose arrays have these ``names``, if not of this kind."""
+        if self.mark in names:
+            return
+        for name in names:
+            if name.startswith(_MARK):
+                raise ValueError(f"it is a {name.removeprefix(_MARK)} that modalshell saved, not {self.kind}")
+        listed = ", ".join(name for name in names if name not in (*UNITS, "sha256")) or "none"
+        raise ValueError(f"it is not {self.kind} but other arrays, for numpy.load to read: {listed}")
+
     def check(
         self, data: Mapping[str, NDArray[Any]], further: Mapping[str, Field] | None = None, **sizes: int
     ) -> UnitSystem:
-        """The units of the arrays; ValueError or KeyError for another version or kind, or :func:`check_arrays`."""
+        """The units of the arrays; ValueError for another version or kind, and as by :func:`check_arrays`."""
+        self.check_mark(data)
         if (version := int(data[self.mark])) != self.version:
             raise ValueError(f"format {version} (this version reads {self.version})")
         fields = {**self.fields, **(further or {})}

@@ -3,7 +3,9 @@
 Where a table of factors bends, or jumps, within steps, its value at their ends says nothing of that. Its mean there,
 weighted by one over a step to each side and falling in a straight line from the end itself, keeps the impulse of the
 load and when it comes, to second order in the step. Where tables bend at ends of steps alone, and do not jump, their
-values serve, to the last bit. Rules of order one take plain means over their steps instead.
+values serve, to the last bit. The mean at the start has no other side that makes up for a slope: the straight part of a
+rise from there is taken as it is, however finely its table has it, and its impulse is kept where that rise ends. Rules
+of order one take plain means over their steps instead.
 """
 
 from __future__ import annotations
@@ -38,6 +40,11 @@ def averaged(
         Take plain means over the steps that end there, for rules of order one.
     """
     places, near = sorted(set(bends)), _NEAR * dt
+    turns, rises = _rise(factor, places, near)
+
+    def rise(end: float) -> float:
+        """Slope [1/s] of the rise from the start, in the step before its ``end``."""
+        return rises[bisect_left(turns, end - near)]
 
     def within_step(end: float, inward: float) -> float:
         """Factor at an ``end`` of a step; where it jumps there, that ``inward`` [s] of it."""
@@ -63,6 +70,27 @@ def averaged(
             for point in (0.5 - _GAUSS, 0.5 + _GAUSS):
                 at = begin + point * (end - begin)
                 total += 0.5 * (end - begin) * (1.0 if within else 1.0 - abs(at - time) / dt) * factor(at)
-        return total / (high - low if within else 0.5 * (high - low))
+        if within:
+            return total / (high - low)
+        mean = 2.0 * total / (high - low)
+        return mean - dt / 3.0 * rise(high) if first else mean - dt / 6.0 * (rise(high) - rise(time))
 
     return at_end
+
+
+def _rise(factor: Callable[[float], float], places: Sequence[float], near: float) -> tuple[list[float], list[float]]:
+    """Least slope that all has had from the start on, one way: times [s] up to which it is which [1/s], and 0 then."""
+    turns: list[float] = []
+    slopes: list[float] = []
+    last, before = near, factor(near)
+    for place in places[bisect_right(places, near) :]:
+        value = factor(place)
+        slope = (value - before) / (place - last)
+        if slopes:
+            slope = min(slopes[-1], slope, key=abs) if slope * slopes[-1] > 0.0 else 0.0
+        if not slope:
+            break
+        turns.append(place)
+        slopes.append(slope)
+        last, before = place, value
+    return turns, [*slopes, 0.0]

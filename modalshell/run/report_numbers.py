@@ -60,8 +60,8 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
     Keys: ``mesh``, ``mass``, ``outcome``, ``message``, ``displacement`` and ``stress`` (each with its value, place and
     time; the stress is None without a thickness), ``load`` and ``reactions`` with their ``balance`` (None in motion;
     reactions of models other than DS are a text that says why there are none), ``frequencies``, ``buckling`` (the
-    lowest factor of the load by linear theory, or why there is none), and ``warnings``, texts of what frequencies and
-    buckling warned of.
+    lowest factor of the load by linear theory, or why there is none), ``contact`` and ``creases`` of runs that have
+    them (folds that stay [rad]), and ``warnings``, texts of what frequencies and buckling warned of.
     """
     warned: list[str] = []
     numbers: dict[str, Any] = {
@@ -78,6 +78,13 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
             "force": run.contact_forces[-1].sum(axis=0).tolist(),
             "vertices": int(run.in_contact[-1].sum()),
             "deepest": float(run.deepest.max()),
+        }
+    if run.crease_angles.size:
+        numbers["creases"] = {
+            "edges": run.crease_angles.shape[1],
+            "yielded": int(np.count_nonzero(run.crease_angles[-1])),
+            "largest": float(max(run.crease_angles[-1], key=abs)),
+            "heat": float(run.crease_heat[-1]),
         }
     numbers |= _balance(scene, shell, run)
     numbers["frequencies"] = _attempt(lambda: _frequencies(shell), "frequencies", warned)

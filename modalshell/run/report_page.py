@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -91,6 +92,12 @@ def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
             "Contact, in the last frame",
             f"{contact['vertices']} vertices touch, force {vector(contact['force'])} {of('N')}; "
             f"deepest of all frames {contact['deepest']:.2g} {length}",
+        ))  # fmt: skip
+    if (folds := numbers.get("creases")) is not None:
+        rows.append((
+            "Creases, in the last frame",
+            f"{folds['yielded']} of {folds['edges']} edges have yielded; largest fold that stays "
+            f"{math.degrees(folds['largest']):.4g}°, heat {folds['heat']:.4g} {of('J')}",
         ))  # fmt: skip
     if numbers["load"] is not None:
         answer = numbers["reactions"]

@@ -6,6 +6,7 @@ from scenes import cantilever
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.files.atomic_io import write_npz
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +102,30 @@ def test_a_clip_without_its_units_is_refused(run, tmp_path):
         np.savez(file, **arrays)
     with pytest.raises(ms.FileFormatError, match="unit_system"):
         ms.load_clip(tmp_path / "run.clip")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("basis", "it is a basis that modalshell saved, not a saved trajectory"),
+        ("birds", "it is not a saved trajectory but other arrays, for numpy.load to read: directions, levels$"),
+        ("cut", "it is cut off, or no such file"),
+        ("turned", "times must increase"),
+    ],
+)
+def test_what_is_no_trajectory_is_told_by_what_it_is(run, tmp_path, name, told):
+    """Names of members in archives said nothing to who exported a flock; times that fall were played."""
+    file = tmp_path / f"{name}.npz"
+    if name == "basis":
+        ms.solve_modes(cantilever((8, 4)), 2).save(file)
+    elif name == "birds":
+        write_npz(file, directions=np.zeros((3, 2, 3)), levels=np.zeros(3))
+    else:
+        whole = ms.save_trajectory(run, file)
+        if name == "cut":
+            file.write_bytes(whole.read_bytes()[:900])
+        else:
+            arrays = dict(np.load(whole))
+            np.savez(file, **arrays | {"times": arrays["times"][::-1]})
+    with pytest.raises(ms.FileFormatError, match=told):
+        ms.load_trajectory(file)

@@ -111,7 +111,7 @@ def test_missing_parts_and_compressed_archives_are_refused(tmp_path, run):
     with pytest.raises(ms.FileFormatError, match="nothing"):
         ms.load_trajectory(tmp_path / "nothing.npz")
     np.savez(tmp_path / "other.npz", a=np.eye(3))
-    with pytest.raises(ms.FileFormatError, match="modalshell_trajectory"):
+    with pytest.raises(ms.FileFormatError, match="not a saved trajectory but other arrays"):
         ms.load_trajectory(tmp_path / "other.npz")
     with np.load(ms.save_trajectory(run, tmp_path / "run.npz")) as stored:
         np.savez_compressed(tmp_path / "other.npz", **stored)

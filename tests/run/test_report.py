@@ -171,6 +171,13 @@ fields = ["von_mises_faces"]
     numbers = json.loads((plate / "results" / "creased_report.json").read_text())
     run = ms.load_trajectory(plate / "results" / "creased.npz")
     assert np.abs(run.crease_angles).max() > 0.1
+    folds, kept = numbers["creases"], run.crease_angles[-1]
+    assert abs(folds["largest"]) == np.abs(kept).max()
+    assert folds["largest"] in kept
+    assert (folds["edges"], folds["yielded"], folds["heat"]) == (len(kept), (kept != 0).sum(), run.crease_heat[-1])
+    page = (plate / "results" / "creased_report.html").read_text()
+    assert f"{folds['yielded']} of {len(kept)} edges have yielded; " in page
+    assert f"stays {np.degrees(folds['largest']):.4g}°" in page
     assert numbers["balance"] < 1e-6
     assert numbers["stress"]["value"] == pytest.approx(run.fields["von_mises_faces"].max())
 
