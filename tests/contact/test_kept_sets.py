@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.contact.kept_sets import KeptSteps
+from modalshell.models.base.kept_sets import KeptSteps
 from modalshell.motion.stepping import Motion
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
