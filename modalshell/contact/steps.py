@@ -19,7 +19,6 @@ from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
-from modalshell.integrators.state import GIVEN
 from modalshell.shell import Shell
 from modalshell.statics.mixed_newton import HIGHER, Rules
 from modalshell.statics.newton import rules_of
@@ -295,10 +294,10 @@ class TouchingSteps:
         """Keep an ``impulse`` (n, 3) [N s] of a step from ``begin`` [s], for its frame."""
         self._impulses[begin] = impulse
 
-    def given_since(self, begin: float) -> dict[str, Array]:
+    def given_since(self, begin: float) -> Array:
         """Impulses (n, 3) [N s] of contacts in steps of implicit Euler since ``begin`` [s]."""
         near = begin - _SAME * self._dt
-        return {GIVEN: np.asarray(sum(one for time, one in self._impulses.items() if time >= near))}
+        return np.asarray(sum(one for time, one in self._impulses.items() if time >= near))
 
     def energy(self, x: Array) -> float:
         """Energy [J] of the barrier between layers at x (n, 3)."""
@@ -355,7 +354,7 @@ class TouchingSteps:
         """
         touching, rows, (_, _, time) = self.now, np.flatnonzero(self.pushes), before
         if self._last is not None and touching.restitution[rows].any():
-            given = self.given_since(time)[GIVEN]
+            given = self.given_since(time)
             rates, impulses = rebounded(touching, self._last, before, (x, rates, given), loads, rows)
             self._impulses[time] = self._impulses.get(time, 0.0) + impulses
         out = np.zeros(0, np.int64) if touching.bounds is None else rows[touching.bounds[rows] < 0.0]

@@ -143,7 +143,7 @@ class ImplicitRule(FullIntegrator):
         return MotionState(after.coordinates, after.rates)
 
     def continued(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:  # noqa: ARG002
-        """The rule's own step after the one before, in which nothing stands in; not solved where there is none."""
+        """The rule's own step after the one before, in which nothing stands in; not solved if there is none."""
         return state, False
 
     def standing_in(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:

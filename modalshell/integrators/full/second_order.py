@@ -53,7 +53,7 @@ class SecondOrderRule(ImplicitRule):
         return self._landed(euler, state, end, dt, order), solved
 
     def continued(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
-        """The rule's own step after the one before, in which nothing stands in; not solved where there is none."""
+        """The rule's own step after the one before, in which nothing stands in; not solved if there is none."""
         if not ("order" in state.memory and state.memory["order"][0]):
             return state, False
         end, solved = self.go_on(euler, state, dt)

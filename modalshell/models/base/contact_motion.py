@@ -9,7 +9,6 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.contact.contact import Contact
-from modalshell.contact.kept_sets import KeptSteps
 from modalshell.contact.layers import Layers
 from modalshell.contact.steps import TouchingSteps
 from modalshell.contact.touching import parted, put_out
@@ -21,6 +20,7 @@ from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, St
 from modalshell.integrators.full.linear_implicit_euler import LinearisedEuler
 from modalshell.integrators.full.second_order import SecondOrderRule
 from modalshell.integrators.state import GIVEN, MIDDLE_GIVEN, PUSHES, MotionState
+from modalshell.models.base.kept_sets import KeptSteps
 from modalshell.models.base.setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
@@ -35,11 +35,11 @@ class ContactMotion:
     """Takes the steps of a full model with contacts.
 
     While nothing touches, the model's rule steps, and a rule of order two does so on contacts that stay as they are
-    (:class:`modalshell.contact.kept_sets.KeptSteps`). Where something strikes or parts, or would have entered, or such
-    a step would gain energy, or layers would meet on the straight way of a step or at the rates before it, implicit
-    Euler stands in for it, whose steps are minima of a potential, outside the colliders: they find the contact forces
-    exactly, and never gain energy from a collider at rest. After explicit steps, and the one of linear implicit Euler,
-    what entered is put onto its collider and loses its speed inward.
+    (:class:`modalshell.models.base.kept_sets.KeptSteps`). Where something strikes or parts, or would have entered, or
+    such a step would gain energy, or layers would meet on the straight way of a step or at the rates before it,
+    implicit Euler stands in for it, whose steps are minima of a potential, outside the colliders: they find the contact
+    forces exactly, and never gain energy from a collider at rest. After explicit steps, and the one of linear implicit
+    Euler, what entered is put onto its collider and loses its speed inward.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class ContactMotion:
         rates = steps.struck(after.coordinates, after.rates, (x, state.rates, begin), loads)
         smooth = solved and rates is after.rates and steps.stays(was)
         after = rule.stood_in_for(state, MotionState(after.coordinates, rates), dt, smooth=smooth)
-        return self._kept(after, steps.given_since(begin)), solved
+        return self._kept(after, {GIVEN: steps.given_since(begin)}), solved
 
     def _kept_step(
         self, model: Any, felt: StageOf, loads: Array, begin: float, dt: float, state: MotionState

@@ -52,7 +52,7 @@ class KeptSteps(EulerSteps):
         dt: float,
     ) -> None:
         self._steps, self._state, self._when = steps, state, (begin, dt)
-        self._before, self._part = steps.now, 0.0
+        self._before, self._part, self._pushed = steps.now, 0.0, steps.pushes
         self._forces = np.zeros_like(state.coordinates)
         self._known: list[tuple[MotionState, Array]] = [(state, self._forces)]
         self._euler = make(self._minimum)
@@ -106,10 +106,7 @@ class KeptSteps(EulerSteps):
         shell, before, touching = self._steps.now.shell, self._state, self._steps.now
         if (after.coordinates[shell.clamped] != before.coordinates[shell.clamped]).any():
             return False
-        rows = np.flatnonzero(self._steps.pushes)
-        drift = touching.velocities(after.coordinates, rows)
-        work = float(np.sum(load * (after.coordinates - before.coordinates)))
-        work += float(np.sum(self._known[-1][1][touching.vertices[rows]] * drift))
+        work = float(np.sum(load * (after.coordinates - before.coordinates))) + self._most_given(after.coordinates)
         energies = [
             value
             for state in (after, before)
@@ -118,6 +115,27 @@ class KeptSteps(EulerSteps):
         gained = energies[0] + energies[1] - energies[2] - energies[3] - work
         least = _STILL * touching.size * float(np.linalg.norm(load, axis=1).sum())
         return not gained <= _ROUNDING * (sum(map(abs, energies)) + abs(work)) + least
+
+    def _most_given(self, x: Array) -> float:
+        """Work [J] that moving colliders give at most in a step to x (n, 3).
+
+        That of forces that change is known but for what the change would do along the way. Friction gives no more than
+        Coulomb's limit on the collider's way. Of colliders at rest all of it is nothing.
+        """
+        pushes, dt = self._steps.pushes, self._when[1]
+        rows = np.flatnonzero(pushes)
+        touching, own = self._steps.now, pushes[rows]
+        vertices = touching.vertices[rows]
+        drift = touching.velocities(x, rows)
+        # Several colliders share what their vertex was given.
+        shares = own / np.bincount(vertices, weights=own, minlength=len(x))[vertices]
+        impulses = shares[:, None] * self._known[-1][1][vertices]
+        normals = touching.normals(x, rows)
+        mean = np.sum(normals * impulses, axis=1) / dt
+        unsure = dt * (np.abs(mean - own) + np.abs(mean - self._pushed[rows]))
+        unsure = float(unsure @ np.abs(np.sum(drift * normals, axis=1)))
+        rubbed = touching.friction[rows] * np.linalg.norm(impulses, axis=1)
+        return float(np.sum(impulses * drift)) + unsure + float(rubbed @ np.linalg.norm(drift, axis=1))
 
     def undo(self, pushes: Array) -> None:
         """Leave the contacts as they were, with the forces (r,) [N] of the step before."""
