@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -20,11 +21,13 @@ from modalshell.supports.unknowns import Unknowns
 Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""
 
+_JUMP, _HALVINGS = 0.6, 12
+"""Share of a target's way in a step that is a jump if it takes no longer than this many halves of halves of it."""
 _LINE = 1e-3
 """Width over length of a patch up to which its vertices lie on a line."""
 
 
-class Constraint(ReadOnlyArrays):
+class Constraint(ReadOnlyArrays, ABC):
     """A constraint on the mean of a patch; make a :class:`PositionConstraint` or an :class:`OrientationConstraint`.
 
     Attributes
@@ -55,6 +58,28 @@ class Constraint(ReadOnlyArrays):
         time = checked_number("time", time, unit="s")
         return self._checked(self._target(time) if callable(self._target) else self._target).copy()
 
+    def jumps(self, begin: float, end: float, least: float) -> bool:
+        """Whether the target jumps by at least ``least``, in [m] or [rad], at a time between two [s]."""
+        if not callable(self._target):
+            return False
+        low, high = self.at(begin), self.at(end)
+        wanted = max(least, _JUMP * self._change(low, high))
+        for _ in range(_HALVINGS):
+            if self._change(low, high) < wanted:
+                return False
+            middle = 0.5 * (begin + end)
+            between = self.at(middle)
+            if self._change(low, between) > self._change(between, high):
+                end, high = middle, between
+            else:
+                begin, low = middle, between
+        return self._change(low, high) >= wanted
+
+    @staticmethod
+    @abstractmethod
+    def _change(first: Array, second: Array) -> float:
+        """Distance of two targets [m], or the angle between them [rad]."""
+
     def _checked(self, value: ArrayLike) -> Array:
         return checked_vectors(f"the target of the {self.kind} constraint", value, (3,), OptionError)
 
@@ -77,6 +102,10 @@ class PositionConstraint(Constraint):
 
     kind = "position"
 
+    @staticmethod
+    def _change(first: Array, second: Array) -> float:
+        return float(np.linalg.norm(second - first))
+
 
 class OrientationConstraint(Constraint):
     """Prescribes the mean rotation of a vertex or a patch from its rest orientation.
@@ -98,6 +127,10 @@ class OrientationConstraint(Constraint):
     """
 
     kind = "orientation"
+
+    @staticmethod
+    def _change(first: Array, second: Array) -> float:
+        return float((Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)).magnitude())
 
 
 def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unknowns) -> list[Constraint]:

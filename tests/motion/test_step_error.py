@@ -1,5 +1,6 @@
 """What a motion says of its steps' cost, and steps that are divided to a tolerance."""
 
+import re
 from functools import partial
 
 import numpy as np
@@ -210,6 +211,36 @@ def test_a_step_before_which_nothing_is_known_is_divided_too(strip, basis, build
     off = np.linalg.norm(run.positions - fine.positions, axis=2).max(axis=1) / strip.mesh.moment_length
     assert off.max() <= tolerance
     assert run.step_error <= tolerance
+
+
+def to_target(strip, target):
+    """A constraint that leads the strip's free end."""
+    tip = np.flatnonzero(strip.rest_positions[:, 0] > 0.999)
+    place = strip.rest_positions[tip].mean(axis=0)
+    return [ms.PositionConstraint(tip, lambda time: place + target(time) * np.array([0.0, 0.0, 1.0]))]
+
+
+def test_targets_that_jump_are_named_and_tolerances_that_are_not_kept(strip):
+    """Damping that takes away the error of a step within it lets no step make more than the tolerance."""
+    options = {"duration": 0.2, "dt": 1 / 30, "damping": (0.0, 1e-3)}
+    model, named = ms.DiscreteShell(strip), r"from 0\.133333 s on .* target of constraint 0 has jumped"
+    jump = to_target(strip, lambda time: 0.02 * (time > 0.1))
+    run = ms.simulate(model, constraints=jump, tolerance=1e-2, **options)
+    assert run.step_error <= 1e-2
+    assert re.search(named, run.message)
+    close = ms.simulate(model, constraints=jump, tolerance=1e-3, **options)
+    assert close.step_error > 3e-3
+    assert "beyond the tolerance of 0.001" in close.message
+    assert re.search(named, ms.simulate(model, constraints=jump, **options).message)
+    for gradual in (lambda time: 0.5 * time, lambda time: 0.02 * min(max(time - 0.11, 0.0) / 0.003, 1.0)):
+        moved = ms.simulate(model, constraints=to_target(strip, gradual), **options)
+        assert "jumped" not in moved.message
+
+
+def test_turns_by_whole_turns_are_no_jumps():
+    turned = ms.OrientationConstraint(0, lambda time: (0.0, 0.0, time if time < np.pi else time - 2.0 * np.pi))
+    assert not turned.jumps(3.1, 3.2, 1e-3)
+    assert ms.OrientationConstraint(0, lambda time: (0.0, 0.0, float(time > 3.14))).jumps(3.1, 3.2, 1e-3)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 2.0, float("nan"), "small"])
