@@ -22,7 +22,7 @@ from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint, checked_constraints
+from modalshell.supports.constraints import Constraint, checked_constraints, jumps
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -185,7 +185,7 @@ class Motion:
         """What is said of a constraint whose target has jumped in the last step; "" of others."""
         begin, units = self.time - self.setup.dt, {"position": self.shell.size, "orientation": 1.0}
         for place, constraint in enumerate(self.setup.constraints):
-            if constraint.jumps(begin, self.time, _JUMP * units[constraint.kind]):
+            if jumps(constraint, begin, self.time, _JUMP * units[constraint.kind]):
                 return (
                     f"the motion depends on the step, as the target of constraint {place} has jumped, the faster the "
                     "shorter steps are: let it take some time"

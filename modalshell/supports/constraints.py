@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -27,7 +26,7 @@ _LINE = 1e-3
 """Width over length of a patch up to which its vertices lie on a line."""
 
 
-class Constraint(ReadOnlyArrays, ABC):
+class Constraint(ReadOnlyArrays):
     """A constraint on the mean of a patch; make a :class:`PositionConstraint` or an :class:`OrientationConstraint`.
 
     Attributes
@@ -58,28 +57,6 @@ class Constraint(ReadOnlyArrays, ABC):
         time = checked_number("time", time, unit="s")
         return self._checked(self._target(time) if callable(self._target) else self._target).copy()
 
-    def jumps(self, begin: float, end: float, least: float) -> bool:
-        """Whether the target jumps by at least ``least``, in [m] or [rad], at a time between two [s]."""
-        if not callable(self._target):
-            return False
-        low, high = self.at(begin), self.at(end)
-        wanted = max(least, _JUMP * self._change(low, high))
-        for _ in range(_HALVINGS):
-            if self._change(low, high) < wanted:
-                return False
-            middle = 0.5 * (begin + end)
-            between = self.at(middle)
-            if self._change(low, between) > self._change(between, high):
-                end, high = middle, between
-            else:
-                begin, low = middle, between
-        return self._change(low, high) >= wanted
-
-    @staticmethod
-    @abstractmethod
-    def _change(first: Array, second: Array) -> float:
-        """Distance of two targets [m], or the angle between them [rad]."""
-
     def _checked(self, value: ArrayLike) -> Array:
         return checked_vectors(f"the target of the {self.kind} constraint", value, (3,), OptionError)
 
@@ -101,10 +78,6 @@ class PositionConstraint(Constraint):
     """
 
     kind = "position"
-
-    @staticmethod
-    def _change(first: Array, second: Array) -> float:
-        return float(np.linalg.norm(second - first))
 
 
 class OrientationConstraint(Constraint):
@@ -128,9 +101,30 @@ class OrientationConstraint(Constraint):
 
     kind = "orientation"
 
-    @staticmethod
-    def _change(first: Array, second: Array) -> float:
-        return float((Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)).magnitude())
+
+def _change(kind: str, first: Array, second: Array) -> float:
+    """Distance of two targets (3,) [m], or the angle between them [rad]."""
+    if kind == "position":
+        return float(np.linalg.norm(second - first))
+    return float((Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)).magnitude())
+
+
+def jumps(constraint: Constraint, begin: float, end: float, least: float) -> bool:
+    """Whether a target jumps by at least ``least``, in [m] or [rad], at a time between two [s]."""
+    kind, low, high = constraint.kind, constraint.at(begin), constraint.at(end)
+    if np.array_equal(low, high):
+        return False
+    wanted = max(least, _JUMP * _change(kind, low, high))
+    for _ in range(_HALVINGS):
+        if _change(kind, low, high) < wanted:
+            return False
+        middle = 0.5 * (begin + end)
+        between = constraint.at(middle)
+        if _change(kind, low, between) > _change(kind, between, high):
+            end, high = middle, between
+        else:
+            begin, low = middle, between
+    return _change(kind, low, high) >= wanted
 
 
 def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unknowns) -> list[Constraint]:

@@ -102,7 +102,7 @@ def _cubic(times: Array, values: Array) -> Array:
 
 
 def _warn_of_swings(name: str, times: Array, values: Array, spline: Array, unit: str) -> None:
-    """Warn where the spline through keyframes (k, 3) swings far beyond them: beside a much shorter interval."""
+    """Warn where the spline through keyframes (k, 3) swings far beyond them, next to a much shorter interval."""
     lengths = np.diff(times)
     if lengths.max() <= _UNEVEN * lengths.min():
         return
