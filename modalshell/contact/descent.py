@@ -35,6 +35,10 @@ _MOST = 900
 """Iterations from which no further step is taken."""
 _PAUSE, _LONGER = 8, 4
 """Single steps after the first failure in the fluid, and by how many times more after each further one."""
+_THICKER = 2
+"""Failures off a saddle after which single steps are gone: a way that curves down fails in a fluid that is too thin."""
+_BACK = 0.1
+"""Share of what the potential has fallen from the last saddle by which a step may rise."""
 _STIFF = 1e-4
 """First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
 _LEAST = 1e-3
@@ -107,6 +111,8 @@ class _Way:
         Drags of the next step in the fluid and of the next single one.
     mix : float
         Share of the exact Hessian in that of single steps near the end.
+    left : float
+        Potential at the saddle that was left last.
     iterations, failures : int
         Newton's, of all steps, and steps in vain since the last one that was not.
     """
@@ -117,6 +123,7 @@ class _Way:
         self.least, self.shift, self.mix = _LEAST * self.drag, 0.0, _MIX
         self.residual, self.iterations, self.failures = np.inf, 0, 0
         self._waits, self._pause = singles, _PAUSE
+        self.left = -np.inf
 
     def rest(self) -> Rest:
         """Where it has come to, as an end that is none."""
@@ -131,7 +138,10 @@ class _Way:
 
     def _falls(self, reached: float) -> bool:
         """Whether a potential is no higher than the present one, which is infinite where vertices lie inside."""
-        return bool(np.isfinite(reached) and reached <= self.value + method.HIGHER * abs(self.value))
+        higher = method.HIGHER * abs(self.value)
+        if self.left > self.value:  # or what rounding explains would lead back to that saddle
+            higher = min(higher, _BACK * (self.left - self.value))
+        return bool(np.isfinite(reached) and reached <= self.value + higher)
 
     def go(self) -> bool:
         """Go a step in the fluid, or for some time after one that failed single steps; True if the potential fell."""
@@ -141,7 +151,8 @@ class _Way:
                 self.shift = max(self.shift * _STEEPER, self.least)
         elif not (went := self._flow()):
             self.drag *= RISE
-            self._waits, self._pause = self._pause, _LONGER * self._pause
+            if not self.left > self.value or self.failures >= _THICKER:
+                self._waits, self._pause = self._pause, _LONGER * self._pause
         self.failures = 0 if went else self.failures + 1
         return went
 
@@ -229,10 +240,17 @@ class _Way:
         return self.solver.settled(last) if self._falls(reached) else None
 
     def leave(self, rest: Rest) -> None:
-        """Leave a saddle along the lowest mode on the motions that keep the gaps."""
-        aside = _Aside(self.solver, rest)
-        self.value, self.drag = method.leave_saddle(aside, self.solver.potential(rest.point)[0])
+        """Leave a saddle along the lowest mode on the motions that keep the gaps.
+
+        Where the potential does not fall, what nearly touches is in the way: it then touches.
+        """
+        aside, self.left = _Aside(self.solver, rest), self.solver.potential(rest.point)[0]
+        self.value, self.drag = method.leave_saddle(aside, self.left)
         self.x, self.active, self.shift = aside.x, rest.active, 0.0
+        if not self.value < self.left:
+            aside.step_aside(0.5**method.HALVINGS)
+            self.x, self.active = aside.x, rest.active | self.solver.near(aside.x)
+            self.value = self.solver.potential(self.x)[0]
 
 
 class _Tried(NamedTuple):
@@ -267,13 +285,14 @@ class _Aside:
         return lowest
 
     def step_aside(self, fraction: float) -> None:
-        """Move along that mode, what touches staying on its collider."""
+        """Move along that mode, what touches staying on its collider, and what would enter one coming onto it."""
         shell, start = self._solver.problem.shell, self._rest.point
         self.x[:] = warped_step(shell, start, fraction * self._way, method.LARGEST_TURN)[0]
-        self._solver.touching.put_on(self.x, self._rows, np.zeros(self._rows.size))
+        touching = self._solver.touching
+        touching.put_on(self.x, self._rows, np.zeros(self._rows.size))
+        self.x[:] = put_out(touching, self.x, np.ones(len(touching.contacts), dtype=bool))
 
     def potential(self) -> tuple[float, float]:
-        """Potential, infinite where something enters a collider."""
-        passes = bool(self._solver.entered(self.x, self._rest.active).any())
-        passes = passes or self._solver.touching.crossed(self._rest.point, self.x)
+        """Potential, infinite where something enters a collider or passes through one."""
+        passes = self._solver.is_inside(self.x) or self._solver.touching.crossed(self._rest.point, self.x)
         return (np.inf, np.inf) if passes else (self._solver.potential(self.x)[0], 0.0)

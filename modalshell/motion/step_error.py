@@ -33,6 +33,8 @@ _FEW, _MUCH = 4.0, 0.02
 """Steps a period below which frames do not show a mode, and its share of the motion from which it counts."""
 _RESOLVED = 6.0
 """Steps a period from which the exponential rule follows a mode under forces that turn."""
+_BEYOND = 3.0
+"""Error over the tolerance from which a motion says so: errors of a motion are known to such a factor."""
 _LEAST = 1e-300
 _AIM = 0.05
 """Share of the damping asked for, or of its least that counts, that a better step may add."""
@@ -164,6 +166,15 @@ class StepErrors:
         known = self._known and math.isfinite(self._largest)
         return self._largest / self._stepper.shell.mesh.moment_length if known else None
 
+    def beyond(self, tolerance: Tolerance) -> str:
+        """What is said of errors far beyond a tolerance, which the shortest steps do not keep; "" of others."""
+        if (largest := self.largest) is None or not largest > _BEYOND * tolerance.share:
+            return ""
+        return (
+            f"steps are off by up to {largest:.2g} of the shell's size, beyond the tolerance of {tolerance.share:g}: "
+            "what comes at once excites motion that no step resolves; let it take some time, or take more damping"
+        )
+
     def damping_error(self, state: MotionState) -> float | None:
         """Error of the damping ratio at the motion's frequency, over the one asked for; None where not known."""
         obtained, asked = self.obtained(state, self._stepper.setup.dt), self.asked
@@ -186,9 +197,12 @@ class StepErrors:
         return 0.5 * self._damping_rate(omega) / omega if omega else 0.0
 
     def allowed(self, tolerance: Tolerance, dt: float) -> float:
-        """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance."""
-        adding = 1.0 / max(self.decay, 1.0 / tolerance.span)
-        return tolerance.share * self._stepper.shell.mesh.moment_length * dt / (_COHERENT * adding)
+        """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance.
+
+        Where errors die away within a step, each of them may make all of it, and not more.
+        """
+        share = min(1.0, dt * max(self.decay, 1.0 / tolerance.span))
+        return tolerance.share * self._stepper.shell.mesh.moment_length * share / _COHERENT
 
     def obtained(self, state: MotionState, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s], as to ``state``, give motion of its frequency; NaN if unknown."""

@@ -22,7 +22,7 @@ from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint, checked_constraints
+from modalshell.supports.constraints import Constraint, checked_constraints, jumps
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -31,6 +31,8 @@ STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""
 _PARTS = 1 << 12
 """Parts of a step, the shortest that a tolerance asks for."""
+_JUMP = 1e-3
+"""Jump of a constraint's target, in the shell's sizes or [rad], of which a motion says something."""
 _EASY = 0.1
 """Share of the allowed error below which the next step is twice as long."""
 _FIRST = 4
@@ -175,8 +177,20 @@ class Motion:
             converged = self._whole_step() if self._tolerance is None else self._divided_step()
         self.unconverged += not converged
         self.count += 1
-        if remark := self.stepper.remark(self.state, self.time):
-            self.remarked.setdefault(remark, self.count)
+        for remark in (self.stepper.remark(self.state, self.time), self._jumped()):
+            if remark:
+                self.remarked.setdefault(remark, self.count)
+
+    def _jumped(self) -> str:
+        """What is said of a constraint whose target has jumped in the last step; "" of others."""
+        begin, units = self.time - self.setup.dt, {"position": self.shell.size, "orientation": 1.0}
+        for place, constraint in enumerate(self.setup.constraints):
+            if jumps(constraint, begin, self.time, _JUMP * units[constraint.kind]):
+                return (
+                    f"the motion depends on the step, as the target of constraint {place} has jumped, the faster the "
+                    "shorter steps are: let it take some time"
+                )
+        return ""
 
     def _whole_step(self) -> bool:
         """Take a step as long as it is; whether it was solved."""
@@ -226,6 +240,8 @@ class Motion:
     def remarks(self) -> list[str]:
         """What the model says of its states, each sentence once, with the time from which it holds."""
         told = [self.stepper.note] if self.stepper.note else []
+        if self._tolerance is not None and (beyond := self.errors.beyond(self._tolerance)):
+            told.append(beyond)
         return told + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
             for remark, first in self.remarked.items()

@@ -242,7 +242,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
-    factor, iterations, saddles = first_drag(problem, size), 0, 0
+    factor, iterations, saddles, left = first_drag(problem, size), 0, 0, -np.inf
     for _ in range(DESCENT):
         write(x, slots[START])
         drag(problem, factor)
@@ -269,9 +269,12 @@ def descend(problem: Any, rules: Rules) -> Solved:
             write(slots[START], x)
             continue
         minimum = is_minimum(problem)
+        if not minimum and left > value and reached > 0.5 * (left + value):  # up again to the saddle that was left
+            write(slots[START], x)
+            continue
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
-        saddles += 1
+        saddles, left = saddles + 1, reached
         value, factor = leave_saddle(problem, reached)
     return Solved(size, iterations, False, saddles)
 

@@ -20,6 +20,8 @@ from modalshell.supports.unknowns import Unknowns
 Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""
 
+_JUMP, _HALVINGS = 0.6, 12
+"""Share of a target's way in a step that is a jump if it takes no longer than this many halves of halves of it."""
 _LINE = 1e-3
 """Width over length of a patch up to which its vertices lie on a line."""
 
@@ -98,6 +100,31 @@ class OrientationConstraint(Constraint):
     """
 
     kind = "orientation"
+
+
+def _change(kind: str, first: Array, second: Array) -> float:
+    """Distance of two targets (3,) [m], or the angle between them [rad]."""
+    if kind == "position":
+        return float(np.linalg.norm(second - first))
+    return float((Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)).magnitude())
+
+
+def jumps(constraint: Constraint, begin: float, end: float, least: float) -> bool:
+    """Whether a target jumps by at least ``least``, in [m] or [rad], at a time between two [s]."""
+    kind, low, high = constraint.kind, constraint.at(begin), constraint.at(end)
+    if np.array_equal(low, high):
+        return False
+    wanted = max(least, _JUMP * _change(kind, low, high))
+    for _ in range(_HALVINGS):
+        if _change(kind, low, high) < wanted:
+            return False
+        middle = 0.5 * (begin + end)
+        between = constraint.at(middle)
+        if _change(kind, low, between) > _change(kind, between, high):
+            end, high = middle, between
+        else:
+            begin, low = middle, between
+    return _change(kind, low, high) >= wanted
 
 
 def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unknowns) -> list[Constraint]:

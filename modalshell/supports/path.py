@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, final, get_args
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from modalshell.core.checks import checked_choice, checked_count, checked_number, checked_times, checked_vectors
-from modalshell.core.errors import OptionError
+from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
@@ -100,6 +101,25 @@ def _cubic(times: Array, values: Array) -> Array:
     return np.asarray(CubicSpline(times, values, bc_type="clamped").c)
 
 
+def _warn_of_swings(name: str, times: Array, values: Array, spline: Array, unit: str) -> None:
+    """Warn where the spline through keyframes (k, 3) swings far beyond them, next to a much shorter interval."""
+    lengths = np.diff(times)
+    if lengths.max() <= _UNEVEN * lengths.min():
+        return
+    between = lengths * np.linspace(0.0, 1.0, _LOOKED_AT)[1:-1, None]
+    looked = np.polyval(spline[:, None], between[..., None])
+    beyond = np.maximum(looked - values.max(axis=0), values.min(axis=0) - looked).max(axis=2)
+    worst, span = float(beyond.max()), float(np.ptp(values, axis=0).max())
+    if worst > _SWING * span:
+        place = int(beyond.max(axis=0).argmax())
+        warnings.warn(
+            f"the spline through {name} swings {worst:.2g} {unit} beyond its keyframes, which span {span:.2g} {unit}, "
+            f"between {times[place]:.6g} and {times[place + 1]:.6g} s: add keyframes there",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+
+
 def _with_derivatives(times: Array, spline: Array, time: float) -> tuple[Array, Array, Array]:
     """Value (3,) of a :func:`_cubic` at a time within it, and its first and second derivatives: SciPy's own bits."""
     place = min(max(int(times.searchsorted(time, side="right")) - 1, 0), times.size - 2)
@@ -126,6 +146,10 @@ def _jumps(vectors: Array) -> bool:
 _NONE, _NO_TURN = read_only(np.zeros(3)), read_only(np.eye(3))
 _KEPT = 8
 """Poses that a path keeps: steps ask for those of their ends and middles several times."""
+_UNEVEN, _LOOKED_AT = 2.0, 18
+"""Longest over shortest interval of keyframes from which a path is looked at between them, and at how many times."""
+_SWING = 0.5
+"""Way of a spline beyond its keyframes, over what these span, from which a path warns."""
 _ROUNDING = 1e-12
 """Share of a path's times by which a time may lie outside and still count as its end, where supports yet brake."""
 
@@ -134,7 +158,8 @@ _ROUNDING = 1e-12
 class SupportPath:
     """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation vector.
 
-    Before the first and after the last keyframe the supports rest there.
+    Before the first and after the last keyframe the supports rest there. A spline swings: past an interval much shorter
+    than its neighbours it leaves the range of the keyframes, of which a warning tells where it does so by half of it.
 
     Parameters
     ----------
@@ -169,9 +194,11 @@ class SupportPath:
         moved = checked_vectors("translations", translations, shape, OptionError)
         self._translation = _cubic(self.times, moved)
         self._rotation: Array | RotationSpline | None = None
+        _warn_of_swings("translations", self.times, moved, self._translation, "m")
         if rotation_vectors is not None:
             turned = checked_vectors("rotation_vectors", rotation_vectors, shape, OptionError)
             self._rotation = _cubic(self.times, turned)
+            _warn_of_swings("rotation_vectors", self.times, turned, self._rotation, "rad")
 
     @classmethod
     def from_function(

@@ -26,6 +26,11 @@ def arch():
     return ms.Shell(mesh, ms.Isotropic(**SHEET), clamped="x < 1e-6 or x > 1 - 1e-6")
 
 
+@pytest.fixture(scope="module")
+def free_path(arch):
+    return ms.equilibrium_path(arch, **LOADS)
+
+
 def uneven(shell):
     """A small force on a quarter of the arch."""
     force = np.zeros_like(shell.rest_positions)
@@ -60,14 +65,51 @@ def test_it_is_lifted_off_again(strip):
     np.testing.assert_allclose(up.positions[-1], free.positions, atol=1e-8)
 
 
-def test_contacts_that_are_far_leave_the_path_and_its_bifurcation(arch):
-    free = ms.equilibrium_path(arch, **LOADS)
+def test_contacts_that_are_far_leave_the_path_and_its_bifurcation(arch, free_path):
+    free = free_path
     far = ms.equilibrium_path(arch, contacts=[ms.Contact(ms.Plane((0, 0, 1), -9.0))], **LOADS)
     (event,), (wanted,) = far.events, free.events
     assert event.kind == wanted.kind == "bifurcation"
     assert event.factor == pytest.approx(wanted.factor, abs=1e-5)
     assert far.stable[: event.index].all()
     assert not far.stable[event.index + 1 :].any()
+
+
+FAR = [ms.Contact(ms.Plane((0, 0, -1), -1.0))]
+
+
+@pytest.mark.parametrize(("contacts", "beyond"), [(None, 1e-6), (FAR, 1e-4)], ids=["free", "contacts far"])
+def test_little_beyond_its_bifurcation_the_arch_leaves_the_saddle(arch, free_path, contacts, beyond):
+    """The potential falls from there by a small part of itself, which rounding must not take for none."""
+    gravity = (0.0, 0.0, -100.0 * (1.0 + beyond) * free_path.events[0].factor)
+    state = ms.DiscreteShell(arch).equilibrium(gravity=gravity, contacts=contacts)
+    assert state.converged
+    assert state.stable
+    assert state.positions[:, 2].max() < 0.02  # snapped
+
+
+PUNCHES = {
+    "plane": (lambda depth: ms.Plane((0, 0, -1), depth - 0.06), (0.0, 0.0125, 0.02, 0.0225, 0.025)),
+    "sphere": (lambda depth: ms.Sphere((0.5, 0.0, 0.16 - depth), 0.1), (0.0, 0.0125, 0.015, 0.0175)),
+}
+
+
+@pytest.mark.parametrize("kind", PUNCHES)
+def test_a_pressed_arch_buckles_under_the_punch(kind):
+    """On the way the shell lies at saddles next to others, where what nearly touches is in the way."""
+    flat = ms.flat_beam(length=1.0, width=0.1, cells=(32, 2))
+    x, y, _ = flat.vertices.T
+    mesh = ms.TriangleMesh(np.stack([x, y, 0.06 * np.sin(np.pi * x)], axis=1), flat.faces)
+    model = ms.DiscreteShell(ms.Shell(mesh, ms.Isotropic(**SHEET), clamped="x < 1e-6 or x > 1 - 1e-6"))
+    body, depths = PUNCHES[kind]
+    start, presses = None, []
+    for depth in depths:
+        state = model.equilibrium(contacts=[ms.Contact(body(depth), push_out=1.0)], start=start)
+        assert state.converged, (depth, state.message)
+        assert state.stable
+        start = state.positions
+        presses.append(-float(state.contact_forces[:, 2].sum()))
+    assert presses[-2] > presses[-1] > 0.0  # it gives way
 
 
 def test_a_stop_above_a_quarter_holds_an_arch_that_would_snap(arch):

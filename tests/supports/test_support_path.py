@@ -30,6 +30,7 @@ def test_spline_meets_its_keyframes_and_rests_outside():
         np.testing.assert_array_equal(rate, 0.0)
 
 
+@pytest.mark.filterwarnings("ignore:the spline through translations swings")
 def test_poses_are_those_of_scipy_to_the_bit_and_kept_for_those_who_ask_again():
     random = np.random.default_rng(5)
     times, moved = np.sort(random.uniform(0.0, 2.0, 9)), random.standard_normal((9, 3))
@@ -44,6 +45,19 @@ def test_poses_are_those_of_scipy_to_the_bit_and_kept_for_those_who_ask_again():
     with pytest.raises(ValueError, match="read-only"):
         pose.translation[0] = 1.0
     assert path.about(np.ones(3)).at(time).pivot[0] == -1.0
+
+
+def test_a_spline_that_swings_far_beyond_its_keyframes_says_so():
+    """A hold, a quick move and a hold make it swing by seven times the move, over seconds."""
+    held, moved = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]
+    with pytest.warns(ms.ModalShellWarning, match=r"swings 0\.73 m beyond .* which span 0\.1 m, between 0 and 1 s"):
+        path = ms.SupportPath([0.0, 1.0, 1.02, 2.0], [held, held, moved, moved])
+    assert path.at(1.5).translation[2] > 0.7
+    with pytest.warns(ms.ModalShellWarning, match=r"rotation_vectors swings .* rad"):
+        ms.SupportPath([0.0, 1.0, 1.02, 2.0], np.zeros((4, 3)), [held, held, moved, moved])
+    times = [0.0, 0.9, 0.94, 0.96, 0.98, 1.0, 1.02, 1.04, 1.06, 1.08, 1.12, 2.0]
+    kept = ms.SupportPath(times, [held] * 6 + [moved] * 6)  # and does not warn
+    assert max(kept.at(t).translation[2] for t in np.linspace(0.0, 2.0, 400)) < 0.12
 
 
 def test_rates_are_the_derivatives_of_the_pose():
