@@ -21,9 +21,9 @@ from modalshell.integrators.state import GIVEN, MIDDLE_GIVEN, MotionState
 from modalshell.statics.newton import rules_of
 from modalshell.statics.potential import Potential
 
-_MOST = 12
+_ITERATIONS = 12
 """Iterations of a solve at most: on contacts that stay it takes as few as without them."""
-_ROUNDING, _STILL = 1e-12, 1e-15
+_NO_GAIN, _STILL = 1e-12, 1e-15
 """Energy, as a share of the step's energies, and of the work of the load over the shell's size, that is none."""
 
 
@@ -83,7 +83,7 @@ class KeptSteps(EulerSteps):
         rubs = Friction(before, steps.pushes, problem.origin, self._part, steps.whole) if steps.rubs else None
         solver = ActiveSet(problem, steps.now, scale, rubs)
         was = steps.pushes > 0.0
-        rest = solver.iterate(first, was, rules_of(problem, goal, _MOST), stresses)
+        rest = solver.iterate(first, was, rules_of(problem, goal, _ITERATIONS), stresses)
         pushes = np.where(rest.active, rest.pushes, 0.0)
         stays = rest.converged and np.array_equal(pushes > 0.0, was)
         if not stays or steps.now.crossed(self._state.coordinates, rest.point):
@@ -114,7 +114,7 @@ class KeptSteps(EulerSteps):
         ]
         gained = energies[0] + energies[1] - energies[2] - energies[3] - work
         least = _STILL * touching.size * float(np.linalg.norm(load, axis=1).sum())
-        return not gained <= _ROUNDING * (sum(map(abs, energies)) + abs(work)) + least
+        return not gained <= _NO_GAIN * (sum(map(abs, energies)) + abs(work)) + least
 
     def _most_given(self, x: Array) -> float:
         """Work [J] that moving colliders give at most in a step to x (n, 3).
