@@ -256,7 +256,7 @@ class CoarseDiscreteShell(OnCoarse):
         down = self.carried(load)
         if self._step is not None:
             begin, felt, factor = start, down, damping.stiffness_factor
-            if start.calm and (factor or self.coarse.shell.has_dashpots):
+            if factor or self.coarse.shell.has_dashpots:
                 begin = replace(start, viscous_at=start.guess_ahead)
                 felt = down + bent_way_load(self.coarse.shell, start, factor)
             moved, solved = self._step(begin, felt, damping, self.step_tolerance, straight=self._exact)

@@ -6,7 +6,7 @@ import cmath
 from typing import final
 
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
-from modalshell.integrators.full.second_order import CALM, VIOLENT, SecondOrderRule
+from modalshell.integrators.full.second_order import VIOLENT, SecondOrderRule
 from modalshell.integrators.state import MotionState
 
 
@@ -37,15 +37,11 @@ class BDF2(SecondOrderRule, key="bdf2"):
         x, v, memory = state.coordinates, state.rates, state.memory
         ratio = dt / memory["step"][0]
         move, gain = ratio * memory["move"], ratio * memory["gain"]
-        turn = euler.turn(x, dt * gain)
-        if not turn <= VIOLENT:
+        if not euler.turn(x, dt * gain) <= VIOLENT:
             return state, False
-        calm = turn <= 0.5 * CALM  # its one guess is further from the end than those of two parts
         ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
         earlier = MotionState(x - memory["move"], v - memory["gain"])
         made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
         begin, rates = x + ahead * move, v + ahead * gain
-        start = EulerStart(
-            begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True, calm=calm
-        )
+        start = EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True)
         return euler.solve(start)

@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
-from modalshell.integrators.full.second_order import CALM, GAMMA, VIOLENT, SecondOrderRule, two_parts
+from modalshell.integrators.full.second_order import GAMMA, VIOLENT, SecondOrderRule, two_parts
 from modalshell.integrators.state import MotionState
 
 EARLIER: Final = -0.035
@@ -109,10 +109,8 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     """Both parts of a step of ``dt`` [s], ``ratio`` times the one before; not solved where the motion is violent."""
     x, v, memory = state.coordinates, state.rates, state.memory
     gain = ratio * memory["gain"]
-    turn = euler.turn(x, dt * gain)
-    if turn > VIOLENT:
+    if euler.turn(x, dt * gain) > VIOLENT:
         return state, False
-    calm = turn <= CALM
     known = "middle" in memory and bool(memory["middle"][0])
     length, first, second = _weights(ratio, middle=known)
     states = [MotionState(x - memory["move"], v - memory["gain"]), state]
@@ -122,7 +120,7 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     ahead = x + 0.5 * dt * (v + 0.25 * gain)
     made_of = tuple(zip(first, states, strict=True))
     begin, expected = _combined(made_of), v + 0.5 * gain
-    start = EulerStart(*begin, length * dt, 0.5, expected, x, ahead, 0.5, made_of, viscous_ahead=True, calm=calm)
+    start = EulerStart(*begin, length * dt, 0.5, expected, x, ahead, 0.5, made_of, viscous_ahead=True)
     middle, solved = euler.solve(start)
     if not solved:
         return middle, False
@@ -131,9 +129,7 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     # Loads at the end stand for both sides of it: ends feel half of a jump there, which middles alone would lack.
     near, last = middle.coordinates, 2.0 * middle.rates - v
     ahead = x + 0.5 * dt * (v + last)
-    start = EulerStart(
-        *_combined(made_of), GAMMA * dt, 1.0, last, near, ahead, 1.0, made_of, viscous_ahead=True, calm=calm
-    )
+    start = EulerStart(*_combined(made_of), GAMMA * dt, 1.0, last, near, ahead, 1.0, made_of, viscous_ahead=True)
     after, solved = euler.solve(start)
     after.memory = {"middle_at": near, "middle_rates": middle.rates}  # of itself, whose momenta are known by it
     return after, solved

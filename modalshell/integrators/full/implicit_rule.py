@@ -42,15 +42,13 @@ class EulerStart:
     near : ndarray
         A state without false strains, whose stresses the first iterate takes.
     viscous_at : ndarray
-        Where the viscous matrix is taken; of full shells at ``guess_ahead`` where the step is ``calm``.
+        Where that of a reduced shell is taken.
     viscous_time : float
         When that is, as a share of the rule's step.
     made_of : tuple of (float, MotionState)
         States with their weights whose rates add up to v': so do the momenta of free parts.
     viscous_ahead : bool
         Whether ``viscous_at`` is as near to its end as where the rates lead.
-    calm : bool
-        Whether its end is known so well that rates of strain may be those of measures; see :func:`bent_way_load`.
     side : "before" or None
         Side of a jump in time at its end of which it takes loads; None where they are the only ones of a frame, which
         then stand for the time on both sides.
@@ -66,7 +64,6 @@ class EulerStart:
     viscous_time: float
     made_of: tuple[tuple[float, MotionState], ...] = ()
     viscous_ahead: bool = False
-    calm: bool = False
     side: Literal["before"] | None = None
 
     @property
@@ -85,7 +82,7 @@ class EulerStart:
 
     @property
     def guess_ahead(self) -> Array:
-        """Where the rates expected at its end would lead."""
+        """Where the rates expected at its end would lead; there the viscous matrix of a full shell is taken."""
         return self.origin + self.dt * self.expected_rates
 
     def after(self, coordinates: Array) -> MotionState:
@@ -215,7 +212,6 @@ class ShellSteps(LoadedSteps):
 
     def __init__(self, body: Body, at: StageOf, damping: Damping, minimum: StepMinimum | None = None) -> None:
         self._body, self._at, self._damping, self._minimum = body, at, damping, minimum
-        self._viscous: tuple[Array, Array] | None = None
         self._felt: tuple[Array, LiveLoads | None] | None = None
         self._last: tuple[float, NewtonResult] | None = None
 
@@ -227,7 +223,7 @@ class ShellSteps(LoadedSteps):
         viscosity = self._viscosity(body, start)
         if self._damping.stiffness_factor:
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
-        if viscosity is not None and start.calm:
+        if viscosity is not None:
             load = load + bent_way_load(body.start_shell, start, self._damping.stiffness_factor)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
         near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
@@ -243,13 +239,10 @@ class ShellSteps(LoadedSteps):
         return start.after(result.point), result.converged
 
     def _viscosity(self, body: Body, start: EulerStart) -> Array | None:
-        """Viscous matrix, kept from one part of a step to the next where both take it at one place."""
+        """Viscous matrix at the expected end, about which changes of measures are linear."""
         if not (self._damping.stiffness_factor or body.shell.has_dashpots):
             return None
-        place = start.guess_ahead if start.calm else start.viscous_at
-        if self._viscous is None or self._viscous[0] is not place:
-            self._viscous = place, body.start_shell.damping_matrix(place, self._damping.stiffness_factor)
-        return self._viscous[1]
+        return body.start_shell.damping_matrix(start.guess_ahead, self._damping.stiffness_factor)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""

@@ -14,9 +14,6 @@ from modalshell.integrators.state import MotionState
 VIOLENT = 0.3
 """Turn [rad] of a vertex, by the last change of velocity over a step, from which motion is not smooth: there a rule of
 order two keeps a false velocity."""
-CALM = 0.1
-"""The same turn [rad] up to which a rule knows the end of a step so well that strain rates may be those of measures:
-where it does not, that feeds energy."""
 GAMMA = 1.0 - np.sqrt(0.5)
 """Share of the step in each of the two parts of SDIRK2, by which it is of order two and L-stable."""
 
