@@ -15,7 +15,7 @@ from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
-from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, bent_way_load
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
@@ -255,11 +255,7 @@ class CoarseDiscreteShell(OnCoarse):
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
         down = self.carried(load)
         if self._step is not None:
-            begin, felt, factor = start, down, damping.stiffness_factor
-            if factor or self.coarse.shell.has_dashpots:
-                begin = replace(start, viscous_at=start.guess_ahead)
-                felt = down + bent_way_load(self.coarse.shell, start, factor)
-            moved, solved = self._step(begin, felt, damping, self.step_tolerance, straight=self._exact)
+            moved, solved = self._step(start, down, damping, self.step_tolerance, straight=self._exact)
             if solved:
                 return moved, True
         after, solved = ShellSteps(self.coarse, lambda _: (self.coarse, down, None), damping).solve(start)

@@ -151,12 +151,5 @@ class ElasticEnergy(ABC):
         """Minus ``factor`` [s] times the first part of the Hessian, and dashpots, times ``velocity`` (n, 3) [N]."""
 
     @abstractmethod
-    def bent_way(self, x: Array, states: Sequence[tuple[float, Array]], factor: float) -> Array:
-        """Minus the damping force (n, 3) [N s] of strains of the second order in the ways from x to weighted states.
-
-        Along a straight way from where a triangle has turned the rates of its measures at x show a strain that is none.
-        """
-
-    @abstractmethod
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of the matrix of :meth:`damping_force` on a ``pattern`` [N s/m]."""

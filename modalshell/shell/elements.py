@@ -330,23 +330,6 @@ class ElementSum(ElasticEnergy):
             e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
 
-    def bent_way(self, x: Array, states: Sequence[tuple[float, Array]], factor: float) -> Array:
-        """Damping force (n, 3) [N s] of strains of the second order; those of angles are small by far."""
-        force, x, none = np.zeros_like(x), read_only_view(x), read_only_view(np.zeros_like(x))
-        for e in self.elements:
-            if "flexure" in e.name:
-                continue
-            ahead, strains, own = np.empty(e.rest.size), np.zeros(e.rest.size), np.empty(e.rest.size)
-            half = np.full(e.rest.size, 0.5)
-            for weight, positions in states:
-                positions = read_only_view(positions)
-                e.kernel.linear_stress(positions, none, e.stencils, e.rest, half, own)
-                e.kernel.linear_stress(x, read_only_view(positions - x), e.stencils, e.rest, half, ahead)
-                strains += weight * (own - ahead)
-            e.kernel.measures(x, e.stencils, own)
-            e.kernel.add_gradient(x, e.stencils, own - strains, e.resistance(factor), force)
-        return force
-
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""
         data = np.zeros(pattern.size)

@@ -58,18 +58,3 @@ def _integrated(kernel: Any, edges: Extended, moved: Extended) -> Extended:
         kernel.first_derivatives.py_func(*(edges + 0.5 * (1.0 + node) * moved), slope)
         total += 0.5 * weight * (slope * moved).sum(axis=0)
     return total
-
-
-def add_edge_forces(
-    edges: Index, points: Array, moved: Extended, stretches: Array, tension: Any, total: Extended
-) -> None:
-    """Add those of edges after a displacement ``moved`` of the points, ``stretches`` being half their squares before.
-
-    ``tension`` times the stretches after it are the edges' tensions.
-    """
-    first, second = edges.T
-    ways, steps = points[second] - points[first].astype(np.longdouble), moved[second] - moved[first]
-    grown = np.sum((ways + 0.5 * steps) * steps, axis=1)
-    forces = (tension @ (stretches + grown.astype(np.float64)))[:, None] * (ways + steps)
-    np.add.at(total, second, forces)
-    np.add.at(total, first, -forces)

@@ -20,7 +20,7 @@ from modalshell.shell.constant_forms import ConstantForms
 from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
-from modalshell.shell.extended import Extended, add_edge_forces, add_forces, measure_changes
+from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
@@ -311,9 +311,11 @@ class SplitFoldEnergy(RestFolds):
 
     def _material_part(self, slots: list[Index], pattern: SparsePattern, state: Measures) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
-        folds, strides, data = self._folds, pattern.strides, np.zeros(pattern.size)
-        tables = folds.stencils, folds.folds, folds.places, folds.shares, folds.moments
-        kernels.add_bending(state.slopes, *tables, slots[0], slots[-1], strides, data)
+        folds, strides = self._folds, pattern.strides
+        data = np.zeros(pattern.size)
+        factors = (folds.shares, folds.moments)
+        tables = (folds.stencils, folds.folds, folds.places)
+        kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
             kernels.add_membrane(state.points, *e.as_pairs(place), strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
@@ -329,8 +331,12 @@ class SplitFoldEnergy(RestFolds):
         self._mirrors.halve(change, slope.T)
         total = np.zeros(moved.shape, dtype=np.longdouble)
         add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
-        before, tension = still.stretches, self._tension
-        add_edge_forces(self._edges, still.points, moved, before, tension, total)
+        first, second = self._edges.T
+        edges, steps = still.points[second] - still.points[first].astype(np.longdouble), moved[second] - moved[first]
+        stretches = np.sum((edges + 0.5 * steps) * steps, axis=1)
+        forces = (self._tension @ (still.stretches + stretches.astype(np.float64)))[:, None] * (edges + steps)
+        np.add.at(total, second, forces)
+        np.add.at(total, first, -forces)
         return total[: len(rest)] + self._further.extended_gradient(rest, displacement)
 
     def shifted(self, origin: Array) -> SplitFoldEnergy:
@@ -385,12 +391,6 @@ class SplitFoldEnergy(RestFolds):
         folds, stretches = self._rates(state, velocity)
         own = self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
         return self._further.damping_force(x, velocity, factor) - factor * own
-
-    def bent_way(self, x: Array, states: Sequence[tuple[float, Array]], factor: float) -> Array:
-        """Damping force (n, 3) [N s] of membrane strains of the second order; those of folds are small by far."""
-        squares = kernels.squares_of_ways(x, states, self._edges)
-        own = self._gradient(self._measured(x), np.zeros(len(self._rest_angles)), self._tension @ squares)
-        return factor * own + self._further.bent_way(x, states, factor)
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""

@@ -16,7 +16,6 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
-from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.mixed_newton import STRAIGHT_TURN
@@ -42,7 +41,7 @@ class EulerStart:
     near : ndarray
         A state without false strains, whose stresses the first iterate takes.
     viscous_at : ndarray
-        Where that of a reduced shell is taken.
+        Where the viscous matrix is taken.
     viscous_time : float
         When that is, as a share of the rule's step.
     made_of : tuple of (float, MotionState)
@@ -82,7 +81,7 @@ class EulerStart:
 
     @property
     def guess_ahead(self) -> Array:
-        """Where the rates expected at its end would lead; there the viscous matrix of a full shell is taken."""
+        """Coordinates to which the rates expected at its end would lead."""
         return self.origin + self.dt * self.expected_rates
 
     def after(self, coordinates: Array) -> MotionState:
@@ -212,6 +211,7 @@ class ShellSteps(LoadedSteps):
 
     def __init__(self, body: Body, at: StageOf, damping: Damping, minimum: StepMinimum | None = None) -> None:
         self._body, self._at, self._damping, self._minimum = body, at, damping, minimum
+        self._viscous: tuple[Array, Array] | None = None
         self._felt: tuple[Array, LiveLoads | None] | None = None
         self._last: tuple[float, NewtonResult] | None = None
 
@@ -223,8 +223,6 @@ class ShellSteps(LoadedSteps):
         viscosity = self._viscosity(body, start)
         if self._damping.stiffness_factor:
             load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
-        if viscosity is not None:
-            load = load + bent_way_load(body.start_shell, start, self._damping.stiffness_factor)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
         near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
         # Stresses predicted along the straight way to a turned place would be a compression (theory 12).
@@ -239,10 +237,13 @@ class ShellSteps(LoadedSteps):
         return start.after(result.point), result.converged
 
     def _viscosity(self, body: Body, start: EulerStart) -> Array | None:
-        """Viscous matrix at the expected end, about which changes of measures are linear."""
+        """Viscous matrix, kept from one part of a step to the next."""
         if not (self._damping.stiffness_factor or body.shell.has_dashpots):
             return None
-        return body.start_shell.damping_matrix(start.guess_ahead, self._damping.stiffness_factor)
+        if self._viscous is None or self._viscous[0] is not start.viscous_at:
+            matrix = body.start_shell.damping_matrix(start.viscous_at, self._damping.stiffness_factor)
+            self._viscous = start.viscous_at, matrix
+        return self._viscous[1]
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""
@@ -253,17 +254,6 @@ class ShellSteps(LoadedSteps):
         assert self._felt is not None
         load, live = self._felt
         return load if live is None else load + live.force(x)
-
-
-def bent_way_load(shell: Shell, start: EulerStart, factor: float) -> Array:
-    """Load (n, 3) [N] that takes out of a step's damping the strain rates that its straight way has and it has not.
-
-    A triangle that turns by theta in a step of h has a false strain rate ``theta^2 / (2 h)`` along the chord. What is
-    left are the changes of measures since the states that the step begins at a combination of, linear about its
-    expected end.
-    """
-    states = [(weight, state.coordinates) for weight, state in start.made_of]
-    return shell.elastic_energy.bent_way(start.guess_ahead, states, factor) / start.dt
 
 
 class Floating(Protocol):

@@ -242,15 +242,6 @@ def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
         out[edge] = 0.5 * total - rest[edge]
 
 
-def squares_of_ways(x: Any, states: Any, edges: Any) -> Any:
-    """Half the squares (E,) of how edges turn and stretch from x (n, 3) to weighted states, added up."""
-    total, none, own = np.zeros(len(edges)), np.zeros(len(edges)), np.empty(len(edges))
-    for weight, positions in states:
-        half_squares(positions - x, edges, none, own)
-        total += weight * own
-    return total
-
-
 @njit(**_PLAIN)
 def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
     """Write the derivative of ``l^2 / 2`` along ``step`` into ``rates`` (E,)."""
