@@ -39,6 +39,8 @@ _THICKER = 2
 """Failures off a saddle after which single steps are gone: a way that curves down fails in a fluid that is too thin."""
 _BACK = 0.1
 """Share of what the potential has fallen from the last saddle by which a step may rise."""
+_ULPS = 1e-15
+"""Share of itself by which the potential always may rise."""
 _STIFF = 1e-4
 """First drag where vertices are to be pushed out, as a share of the mean stiffness over the mean mass."""
 _LEAST = 1e-3
@@ -140,7 +142,7 @@ class _Way:
         """Whether a potential is no higher than the present one, which is infinite where vertices lie inside."""
         higher = method.HIGHER * abs(self.value)
         if self.left > self.value:  # or what rounding explains would lead back to that saddle
-            higher = min(higher, _BACK * (self.left - self.value))
+            higher = min(higher, max(_BACK * (self.left - self.value), _ULPS * abs(self.value)))
         return bool(np.isfinite(reached) and reached <= self.value + higher)
 
     def go(self) -> bool:
