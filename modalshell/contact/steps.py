@@ -155,7 +155,7 @@ class TouchingSteps:
         """
         before, lagged = self.now, self.pushes
         self._last = problem, time - before.time
-        self.now = before.at(time, problem.shell)
+        self.now = before.at(time, problem.shell.undamped)
         rules = rules_of(problem, goal, _MOST)
         if self.layers is not None:
             layers = self.layers.rubbed(problem.origin, time - before.time, self.whole)

@@ -147,6 +147,17 @@ class ElasticEnergy(ABC):
         """Energy [J] of the measures' rates along ``step`` (n, 3) at ``x``: half the Hessian's first part."""
 
     @abstractmethod
+    def changes(self, x: Array) -> list[Array]:
+        """Changes of the measures of every kind at ``x`` (n, 3) from those at rest."""
+
+    @abstractmethod
+    def damped(self, begun: list[Array], factor: float, dt: float) -> ElasticEnergy:
+        """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``.
+
+        Both are quadratic in the measures, so that their sum is such an energy, too, but for a constant.
+        """
+
+    @abstractmethod
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Minus ``factor`` [s] times the first part of the Hessian, and dashpots, times ``velocity`` (n, 3) [N]."""
 

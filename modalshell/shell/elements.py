@@ -322,6 +322,24 @@ class ElementSum(ElasticEnergy):
             for stress, offset, e in zip(stresses, zero, self.elements, strict=True)
         )
 
+    def changes(self, x: Array) -> list[Array]:
+        """Changes of the measures of every set at ``x`` from those at rest."""
+        x, none = read_only_view(x), read_only_view(np.zeros_like(x))
+        found = [np.empty(e.rest.size) for e in self.elements]
+        for e, change in zip(self.elements, found, strict=True):
+            e.kernel.linear_stress(x, none, e.stencils, e.rest, np.full(e.rest.size, 0.5), change)
+        return found
+
+    def damped(self, begun: list[Array], factor: float, dt: float) -> ElementSum:
+        """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``."""
+        elements = []
+        for e, change in zip(self.elements, begun, strict=True):
+            lost = e.resistance(factor) / dt
+            weight = e.weight + lost
+            share = np.divide(lost, weight, out=np.zeros_like(lost), where=weight != 0.0)
+            elements.append(replace(e, rest=e.rest + share * change, weight=weight, viscosity=None))
+        return ElementSum(elements, self._vertex_count)
+
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""
         force = np.zeros_like(x)

@@ -41,6 +41,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     _slots: list[Index]
     _slopes: HeldSlopes
     _settled: bool
+    _damping: tuple[Self, list[Array], float, float] | None = None
 
     @property
     def elastic_energy(self) -> ElasticEnergy:
@@ -69,6 +70,8 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         if self.creases is None or self.crease_state is None:
             raise OptionError("this shell has no creases to keep a state: pass creases=[ms.Crease(...)]")
         state = state if isinstance(state, CreaseState) else CreaseState(self.creases.checked(state))
+        if self._damping is not None:
+            return self._redamped(self.undamped.creased(state))
         further = self.creases.checked(state.angles) - self.crease_state.angles
         other = copy.copy(self)
         other._energy = self._energy.with_rest_angles(self.creases.on_mesh(further))
@@ -155,6 +158,29 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     def has_dashpots(self) -> bool:
         """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
         return self._energy.has_dashpots
+
+    def changes(self, x: Array) -> list[Array]:
+        """Changes of the measures of every kind at x (n, 3) from those at rest."""
+        return self._energy.changes(x)
+
+    def damped(self, begun: list[Array], factor: float, dt: float) -> Self:
+        """The shell with the energy that damping makes of its own in a step of ``dt`` [s]; see ElasticEnergy.damped."""
+        other = copy.copy(self)
+        other._energy, other._damping = self._energy.damped(begun, factor, dt), (self, begun, factor, dt)
+        return other
+
+    @property
+    def undamped(self) -> Self:
+        """The shell with its own energy; see :meth:`damped`."""
+        return self if self._damping is None else self._damping[0]
+
+    def _redamped(self, shell: Self) -> Self:
+        """A shell that differs from :attr:`undamped` by its rest angles, damped as this one."""
+        assert self._damping is not None
+        own, begun, *step = self._damping
+        x = self.rest_positions
+        shifts = zip(begun, own.changes(x), shell.changes(x), strict=True)
+        return shell.damped([known - before + after for known, before, after in shifts], *step)
 
     def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
         """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].

@@ -12,6 +12,7 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
+from modalshell.shell.elements import ElementSum
 from modalshell.shell.fold_shares import FoldShares, Measures
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.rest_shape import RestShape
@@ -30,6 +31,9 @@ class RestFolds(ElasticEnergy):
     _plastic: Array | None
     _anchor: TriangleMesh | None
     _mirrors: MirroredHinges
+    _further: ElementSum
+    _factor: float = 1.0
+    """Of the energy of folds and stretches."""
 
     @abstractmethod
     def bending(self, x: Array) -> tuple[Array, Array]:
@@ -53,6 +57,21 @@ class RestFolds(ElasticEnergy):
         other._rest_shape = shape
         other._rest_angles = self._rest_angles + shape.offsets(self._parts[0], self._folds)
         other._rest_squares = self._rest_squares + shape.squares
+        return other
+
+    def changes(self, x: Array) -> list[Array]:
+        """Changes of folds, of half the squared lengths, and of the measures of further sets at ``x``."""
+        state = self._measured(x)
+        return [state.folds, state.stretches, *self._further.changes(x)]
+
+    def damped(self, begun: list[Array], factor: float, dt: float) -> Self:
+        """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``."""
+        other, share = copy.copy(self), factor / (dt + factor)
+        folds = share * begun[0]
+        folds[self._mirrors.places] *= 2.0
+        other._factor = 1.0 + factor / dt
+        other._rest_angles, other._rest_squares = self._rest_angles + folds, self._rest_squares + share * begun[1]
+        other._further = self._further.damped(begun[2:], factor, dt)
         return other
 
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:

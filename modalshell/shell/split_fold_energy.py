@@ -267,24 +267,26 @@ class SplitFoldEnergy(RestFolds):
         """Energy [J]."""
         state = self._measured(x)
         own = state.energy(self._shares.couples(state.folds), self._tension @ state.stretches)
-        return own + self._further.energy(x)
+        return self._factor * own + self._further.energy(x)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
+        return self._energy_gradient(x)[:2]
+
+    def _energy_gradient(self, x: Array) -> tuple[float, Array, Measures, list[Array]]:
+        """Energy and gradient, and the measures and stresses that they are of."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        further, gradient = self._further.energy_gradient(x)
-        return state.energy(couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
+        total, gradient = self._further.energy_gradient(x)
+        total += self._factor * state.energy(couples, tensions)
+        return total, self._factor * self._gradient(state, couples, tensions) + gradient, state, [couples, tensions]
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian values."""
-        state = self._measured(x)
-        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        further, gradient = self._further.energy_gradient(x)
-        total, gradient = state.energy(couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
-        acting = stresses if stresses is not None and geometric == MIXED else [couples, tensions]
+        total, gradient, state, acting = self._energy_gradient(x)
+        acting = acting if stresses is None or geometric != MIXED else stresses
         return total, gradient, self._hessian(slots, pattern, x, state, geometric, acting)
 
     def hessian(
@@ -299,23 +301,23 @@ class SplitFoldEnergy(RestFolds):
         self, slots: list[Index], pattern: SparsePattern, x: Array, state: Measures, how: int, stresses: list[Array]
     ) -> Array:
         data, strides = self._material_part(slots, pattern, state), pattern.strides
-        if self._further.elements:
-            data += self._further.energy_gradient_hessian(slots[5:-1], pattern, x, how, stresses[2:] or None)[2]
         if how != GAUSS_NEWTON:
             (couples, tensions), projected = stresses[:2], how == PROJECTED
             self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
-            own = self._folds.hinges, self._mirrors.without(couples), projected, slots[1]
-            add_fold_curvatures(state.points, *own, strides, data)
+            own = state.points, self._folds.hinges, self._mirrors.without(couples), projected
+            add_fold_curvatures(*own, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
+        if self._factor != 1.0:
+            data *= self._factor
+        if self._further.elements:
+            data += self._further.energy_gradient_hessian(slots[5:-1], pattern, x, how, stresses[2:] or None)[2]
         return data
 
     def _material_part(self, slots: list[Index], pattern: SparsePattern, state: Measures) -> Array:
         """Entries of the first, positive semi-definite part of the Hessian."""
-        folds, strides = self._folds, pattern.strides
-        data = np.zeros(pattern.size)
-        factors = (folds.shares, folds.moments)
-        tables = (folds.stencils, folds.folds, folds.places)
-        kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
+        folds, strides, data = self._folds, pattern.strides, np.zeros(pattern.size)
+        tables = folds.stencils, folds.folds, folds.places, folds.shares, folds.moments
+        kernels.add_bending(state.slopes, *tables, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
             kernels.add_membrane(state.points, *e.as_pairs(place), strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
@@ -394,7 +396,5 @@ class SplitFoldEnergy(RestFolds):
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""
-        # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton's matrix is approximate,
-        # to the second order in the step.
         own = factor * self._material_part(slots, pattern, self._measured(x))
         return own + self._further.damping_matrix(slots[5:-1], pattern, x, factor)

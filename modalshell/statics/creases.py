@@ -88,7 +88,7 @@ def yielded(
         iterations += result.iterations
         if not result.converged:
             return Yielded(result, angles, False, iterations)
-        couples = own.shell.elastic_energy.fold_couples(result.point, creases.hinges)
+        couples = own.shell.undamped.elastic_energy.fold_couples(result.point, creases.hinges)
         drive, slipped = creases.drive(couples, angles), angles - before
         beyond = creases.beyond(drive, slipped)
         size = float(beyond.max())
@@ -114,7 +114,7 @@ def _creases(problem: Potential) -> CreaseSet:
 
 def _released(problem: Potential, result: NewtonResult, creases: CreaseSet, chosen: Index) -> tuple[Array, Array]:
     """Stiffness (c, c) of the ``chosen`` creases against yielding, and the moves (N, c) of the positions with it."""
-    energy, hinges = problem.shell.elastic_energy, creases.hinges[chosen]
+    energy, hinges = problem.shell.undamped.elastic_energy, creases.hinges[chosen]
     fixed = energy.fold_stiffness(hinges)
     pulls = energy.rest_angle_pulls(result.point, hinges)
     sides = np.stack([problem.shell.unknowns.restrict(pull.ravel()) for pull in pulls], axis=1)

@@ -52,8 +52,8 @@ class Body(Protocol):
     def free_parts(self) -> FreeParts | None:
         """Parts of the shell that nothing holds."""
 
-    def support_rate(self, x: Array) -> Array | float:
-        """Rate [N/s] at which supports that move change the gradient at ``x`` at the step's end."""
+    def shell_at(self, share: float) -> Shell:
+        """The shell with what clamps its edges where it is at a ``share`` of the rule's step."""
 
 
 class FullIntegrator(Integrator):

@@ -41,7 +41,7 @@ class BDF2(SecondOrderRule, key="bdf2"):
             return state, False
         ahead, length = ratio / (1.0 + 2.0 * ratio), dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
         earlier = MotionState(x - memory["move"], v - memory["gain"])
-        made_of = (1.0 + ahead * ratio, state), (-ahead * ratio, earlier)
+        made_of = (1.0 + ahead * ratio, state, 0.0), (-ahead * ratio, earlier, -1.0 / ratio)
         begin, rates = x + ahead * move, v + ahead * gain
-        start = EulerStart(begin, rates, length, 1.0, v + gain, x, x + move, 1.0, made_of, viscous_ahead=True)
+        start = EulerStart(begin, rates, length, 1.0, v + gain, x, 0.0, x + move, made_of, viscous_ahead=True)
         return euler.solve(start)

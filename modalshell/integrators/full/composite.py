@@ -114,32 +114,34 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     known = "middle" in memory and bool(memory["middle"][0])
     length, first, second = _weights(ratio, middle=known)
     states = [MotionState(x - memory["move"], v - memory["gain"]), state]
+    times = [-1.0 / ratio, 0.0]
     if known:
         states.insert(1, MotionState(x - memory["middle_move"], v - memory["middle_gain"]))
+        times.insert(1, -0.5 / ratio)
     # Viscous matrices are those of where parts end, else turning of a stiff sheet is resisted.
     ahead = x + 0.5 * dt * (v + 0.25 * gain)
-    made_of = tuple(zip(first, states, strict=True))
+    made_of = tuple(zip(first, states, times, strict=True))
     begin, expected = _combined(made_of), v + 0.5 * gain
-    start = EulerStart(*begin, length * dt, 0.5, expected, x, ahead, 0.5, made_of, viscous_ahead=True)
+    start = EulerStart(*begin, length * dt, 0.5, expected, x, 0.0, ahead, made_of, viscous_ahead=True)
     middle, solved = euler.solve(start)
     if not solved:
         return middle, False
     middle = euler.landed(state, middle, 0.5 * dt)
-    made_of = tuple(zip(second, [*states, middle], strict=True))
+    made_of = tuple(zip(second, [*states, middle], [*times, 0.5], strict=True))
     # Loads at the end stand for both sides of it: ends feel half of a jump there, which middles alone would lack.
     near, last = middle.coordinates, 2.0 * middle.rates - v
     ahead = x + 0.5 * dt * (v + last)
-    start = EulerStart(*_combined(made_of), GAMMA * dt, 1.0, last, near, ahead, 1.0, made_of, viscous_ahead=True)
+    start = EulerStart(*_combined(made_of), GAMMA * dt, 1.0, last, near, 0.5, ahead, made_of, viscous_ahead=True)
     after, solved = euler.solve(start)
     after.memory = {"middle_at": near, "middle_rates": middle.rates}  # of itself, whose momenta are known by it
     return after, solved
 
 
-def _combined(made_of: tuple[tuple[float, MotionState], ...]) -> tuple[Array, Array]:
+def _combined(made_of: tuple[tuple[float, MotionState, float], ...]) -> tuple[Array, Array]:
     """Coordinates and rates of weighted states, whose weights add up to one: from the first, to keep digits."""
     first = made_of[0][1]
     x, v = first.coordinates, first.rates
-    for weight, state in made_of[1:]:
+    for weight, state, _ in made_of[1:]:
         x, v = x + weight * (state.coordinates - first.coordinates), v + weight * (state.rates - first.rates)
     return x, v
 

@@ -7,7 +7,7 @@ Every rule here asks for such steps alone, so that one solver serves them all, s
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol, final
 
 import numpy as np
@@ -40,12 +40,13 @@ class EulerStart:
         Rates expected at its end, at which loads that are not solved for are taken.
     near : ndarray
         A state without false strains, whose stresses the first iterate takes.
-    viscous_at : ndarray
-        Where the viscous matrix is taken.
-    viscous_time : float
+    near_time : float
         When that is, as a share of the rule's step.
-    made_of : tuple of (float, MotionState)
-        States with their weights whose rates add up to v': so do the momenta of free parts.
+    viscous_at : ndarray
+        Where a reduced shell takes the viscous matrix of its bending.
+    made_of : tuple of (float, MotionState, float)
+        States with their weights whose rates add up to v', and when they are, as shares of the rule's step: so do the
+        momenta of free parts, and the measures of the shell from which damping by the stiffness counts their changes.
     viscous_ahead : bool
         Whether ``viscous_at`` is as near to its end as where the rates lead.
     side : "before" or None
@@ -59,9 +60,9 @@ class EulerStart:
     end: float
     expected_rates: Array
     near: Array
+    near_time: float
     viscous_at: Array
-    viscous_time: float
-    made_of: tuple[tuple[float, MotionState], ...] = ()
+    made_of: tuple[tuple[float, MotionState, float], ...] = ()
     viscous_ahead: bool = False
     side: Literal["before"] | None = None
 
@@ -169,7 +170,7 @@ class ImplicitRule(FullIntegrator):
 def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, end: float) -> tuple[MotionState, bool]:
     """A step of implicit Euler over the part of a step of ``dt`` [s] from ``begin`` to ``end``, shares of it."""
     x, v = state.coordinates, state.rates
-    return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin, ((1.0, state),)))
+    return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, begin, x, ((1.0, state, begin),)))
 
 
 def euler_steps(euler: EulerSteps, state: MotionState, dt: float, count: int) -> tuple[MotionState, bool]:
@@ -211,7 +212,7 @@ class ShellSteps(LoadedSteps):
 
     def __init__(self, body: Body, at: StageOf, damping: Damping, minimum: StepMinimum | None = None) -> None:
         self._body, self._at, self._damping, self._minimum = body, at, damping, minimum
-        self._viscous: tuple[Array, Array] | None = None
+        self._known: list[tuple[MotionState, list[Array]]] = []
         self._felt: tuple[Array, LiveLoads | None] | None = None
         self._last: tuple[float, NewtonResult] | None = None
 
@@ -219,14 +220,15 @@ class ShellSteps(LoadedSteps):
         """Minimise the potential of the step, with the factor of an earlier one of this length where that serves."""
         body, load, held = self._at(start)
         self._felt = load, body.live
-        shell = body.shell
-        viscosity = self._viscosity(body, start)
-        if self._damping.stiffness_factor:
-            load = load - self._damping.stiffness_factor * body.support_rate(start.origin)
-        problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
+        shell, begun = body.shell, body.start_shell
+        if self._damping.stiffness_factor or shell.has_dashpots:
+            damp = self._begun(body, start), self._damping.stiffness_factor, start.dt
+            shell, begun = shell.damped(*damp), begun.damped(*damp)
+        problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping)
+        problem = replace(problem, shell=shell)
         near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
         # Stresses predicted along the straight way to a turned place would be a compression (theory 12).
-        stresses = body.start_shell.predicted_stresses(start.near, np.zeros_like(near))
+        stresses = begun.predicted_stresses(start.near, np.zeros_like(near))
         if self._minimum is not None:
             point, solved = self._minimum(problem, first, scale, body.step_tolerance, stresses, start.end)
             return start.after(point), solved
@@ -236,14 +238,20 @@ class ShellSteps(LoadedSteps):
         self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged
 
-    def _viscosity(self, body: Body, start: EulerStart) -> Array | None:
-        """Viscous matrix, kept from one part of a step to the next."""
-        if not (self._damping.stiffness_factor or body.shell.has_dashpots):
-            return None
-        if self._viscous is None or self._viscous[0] is not start.viscous_at:
-            matrix = body.start_shell.damping_matrix(start.viscous_at, self._damping.stiffness_factor)
-            self._viscous = start.viscous_at, matrix
-        return self._viscous[1]
+    def _begun(self, body: Body, start: EulerStart) -> list[Array]:
+        """Changes of measures that the step begins with: those of the states that it is made of."""
+        total: list[Array] = []
+        for weight, state, when in start.made_of:
+            found = next((changes for known, changes in self._known if known is state), None)
+            if found is None:
+                found = body.shell_at(when).changes(state.coordinates)
+                self._known.append((state, found))
+            total = (
+                [weight * own for own in found]
+                if not total
+                else [known + weight * own for known, own in zip(total, found, strict=True)]
+            )
+        return total
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""
@@ -286,7 +294,7 @@ class Flight(EulerSteps):
         """A step of Euler, and its momenta."""
         after, solved = self._euler.solve(start)
         x = after.coordinates
-        momenta = sum((weight * self._momenta(state) for weight, state in start.made_of), np.zeros(()))
+        momenta = sum((weight * self._momenta(state) for weight, state, _ in start.made_of), np.zeros(()))
         momenta = momenta + start.dt * self._free.wrenches(x, self._euler.load_on(x))
         self._known.append((after, momenta / (1.0 + start.dt * self._drag)))
         return after, solved

@@ -121,11 +121,12 @@ def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> 
     part, rest = GAMMA * dt, (1.0 - GAMMA) * dt
     # The viscous matrix of each part is that of where it ends, else turning of a stiff sheet is resisted.
     middle = x + part * (v + 0.5 * GAMMA * gain)
-    half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, GAMMA, ((1.0, state),)))
+    made_of = ((1.0, state, 0.0),)
+    half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, 0.0, middle, made_of))
     if not solved:
         return half, False
     w, lead, near = half.rates, rest / part, half.coordinates
     change, last = lead * (w - v), v + (w - v) / GAMMA
-    end, made_of = x + 0.5 * dt * (v + last), ((1.0 - lead, state), (lead, half))
-    last_part = EulerStart(x + rest * w, v + change, part, 1.0, last, near, end, 1.0, made_of, side="before")
+    end, begun = x + 0.5 * dt * (v + last), ((1.0 - lead, state, 0.0), (lead, half, GAMMA))
+    last_part = EulerStart(x + rest * w, v + change, part, 1.0, last, near, GAMMA, end, begun, side="before")
     return euler.solve(last_part)

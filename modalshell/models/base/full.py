@@ -100,7 +100,7 @@ class FullModel(Model):
         self.costs = Timings()
         self.live: LiveLoads | None = None
         self._start_shell: Shell | None = None
-        self._earlier: tuple[Shell, float] | None = None
+        self._carried: tuple[Shell, SupportPath, float, float] | None = None
         self._free_parts: tuple[Unknowns, FreeParts | None] | None = None
 
     def stepped_by(self, integrator: str | FullIntegrator) -> Self:
@@ -336,8 +336,8 @@ class FullModel(Model):
         model.shell = self.shell.creased(angles)
         if self._start_shell is not None:
             model._start_shell = self._start_shell.creased(angles)
-        if self._earlier is not None:
-            model._earlier = self._earlier[0].creased(angles), self._earlier[1]
+        if self._carried is not None:
+            model._carried = self._carried[0].creased(angles), *self._carried[1:]
         return model
 
     def elastic_energy(self, state: MotionState) -> float:
@@ -363,23 +363,23 @@ class FullModel(Model):
         """The shell with what clamps its edges where it is at the beginning of a step."""
         return self._start_shell or self.shell
 
-    def support_rate(self, x: Array) -> Array | float:
-        """Rate [N/s] at which supports that move change the gradient at ``x`` (n, 3) at the step's end."""
-        if self._earlier is None:
-            return 0.0
-        shell, lead = self._earlier
-        return shell.elastic_energy.pull(x, self.shell.elastic_energy) / lead
+    def shell_at(self, share: float) -> Shell:
+        """The shell with what clamps its edges where it is at a ``share`` of the rule's step."""
+        if self._carried is None:
+            return self.shell
+        shell, path, begin, dt = self._carried
+        return shell.posed(path.at(begin + share * dt).to_world)
 
-    def carried(self, path: SupportPath, begin: float, end: float, lead: float) -> Self:
-        """The model for a step from ``begin`` to ``end`` [s] of moving supports, which take along what clamps edges.
+    def carried(self, path: SupportPath, rule: tuple[float, float], begin: float = 0.0, end: float = 0.0) -> Self:
+        """The model for moving supports, which take along what clamps edges, from one share of a step to another.
 
-        How fast they move at its end shows in where they were a ``lead`` [s] before.
+        ``rule`` are the time and the length [s] of the rule's step.
         """
-        if (after := self.shell.posed(path.at(end).to_world)) is self.shell:
-            return self
         model = copy.copy(self)
-        model.shell, model._start_shell = after, self.shell.posed(path.at(begin).to_world)
-        model._earlier = self.shell.posed(path.at(end - lead).to_world), lead
+        model._carried = self.shell, path, *rule
+        if (after := model.shell_at(end)) is self.shell:
+            return self
+        model.shell, model._start_shell = after, model.shell_at(begin)
         return model
 
     def placed(self, state: MotionState, pose: Pose) -> MotionState:

@@ -13,7 +13,7 @@ from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.crease_motion import CreaseMotion
-from modalshell.models.base.stepper import LEAD, Stepper
+from modalshell.models.base.stepper import Stepper
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -95,7 +95,7 @@ class FullStepper(Stepper):
 
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
-        return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)
+        return self.model if self._path is None else self.model.carried(self._path, (time, self.setup.dt))
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
@@ -122,7 +122,7 @@ class FullStepper(Stepper):
             steps = ShellSteps(model, at, damping)
             return rule.march(steps_of(steps, model.free_parts, damping), state, dt)
         x, rates = state.coordinates, state.rates
-        whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
+        whole = EulerStart(x, rates, dt, 1.0, rates, x, 0.0, x)
         body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
         if self.contacts is not None:
@@ -136,7 +136,7 @@ class FullStepper(Stepper):
         model, loading = self.model if model is None else model, self.setup.loading
         time, path = begin + start.end * dt, self._path or self._frame
         if self._path is not None:
-            model = model.carried(self._path, begin + start.viscous_time * dt, time, LEAD * dt)
+            model = model.carried(self._path, (begin, dt), start.near_time, start.end)
             load = load + self.drag_along(self._path, time, start.guess.coordinates)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:

@@ -63,7 +63,7 @@ class KeptSteps(EulerSteps):
         after, solved = self._euler.solve(start)
         earlier = iter([-self._state.memory[GIVEN], -self._state.memory[MIDDLE_GIVEN]])
         impulse = start.dt * self._forces
-        for weight, state in start.made_of:
+        for weight, state, _ in start.made_of:
             known = next((one for other, one in self._known if other is state), None)
             impulse = impulse + weight * (next(earlier) if known is None else known)
         self._known.append((after, impulse))
@@ -79,7 +79,7 @@ class KeptSteps(EulerSteps):
         """Minimum (n, 3) of a step's potential, and whether what touches there is what touched before."""
         steps, (begin, dt) = self._steps, self._when
         end = begin + share * dt
-        before, steps.now = steps.now.at(end - self._part), steps.now.at(end, problem.shell)
+        before, steps.now = steps.now.at(end - self._part), steps.now.at(end, problem.shell.undamped)
         rubs = Friction(before, steps.pushes, problem.origin, self._part, steps.whole) if steps.rubs else None
         solver = ActiveSet(problem, steps.now, scale, rubs)
         was = steps.pushes > 0.0
