@@ -87,7 +87,7 @@ class HybridStress(OnCoarse):
         self.coarse_errors, self._stated = trained.coarse_errors, stated(trained)
         self._trained, self._basis = trained, trained.basis
         at_origin = measures_of(coarse.centred()[0], trained.turned)
-        self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses, trained.viscous)
+        self._reduced: ReducedStress = reduce_energy(at_origin, trained.basis, trained.stresses)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         self._about()
         size = trained.basis.shape[1]

@@ -243,7 +243,7 @@ class ModalDerivatives(ImplicitModel):
         problem, scale = self.step_problem(start, load.ravel() @ self._vectors, damping)
         scale = max(scale, size)
         guess = start.origin + start.dt * start.rates
-        stresses = self.energy.predicted_stresses(start.near, np.zeros_like(guess))
+        stresses = problem.energy.predicted_stresses(start.near, np.zeros_like(guess))
         answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
         if not answer.converged:
             answer = problem.descend(start.near, scale)
@@ -253,11 +253,12 @@ class ModalDerivatives(ImplicitModel):
         """The potential of such a step under reduced forces (r,), and the size of its forces."""
         z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
+        push, eigenvalues, energy = push + start.rates / dt, self.basis.eigenvalues, self.energy
         if damping.stiffness_factor:
-            quadratic += damping.stiffness_factor / dt * self.energy.hessian(start.viscous_at, GAUSS_NEWTON)[2]
-        push = push + start.rates / dt
-        scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
-        problem = ReducedPotential(push, z, self.energy, scaling, self.basis.edge_change, quadratic=quadratic)
+            energy = energy.damped(start, damping.stiffness_factor)
+            eigenvalues = eigenvalues * (1.0 + damping.stiffness_factor / dt)
+        scaling = np.sqrt(eigenvalues + np.diagonal(quadratic))
+        problem = ReducedPotential(push, z, energy, scaling, self.basis.edge_change, quadratic=quadratic)
         return problem, problem.scale_at(z)
 
     def turn(self, coordinates: Array, move: Array) -> float:

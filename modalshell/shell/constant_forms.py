@@ -36,6 +36,8 @@ class ConstantForms(NamedTuple):
         Elements of the membrane.
     tension : csr_array, shape (E, E)
         Their sum [N/m^3].
+    factor : float
+        Of the energy, in which damping may take part; see :meth:`ElasticEnergy.damped`.
     """
 
     points: Array
@@ -47,3 +49,4 @@ class ConstantForms(NamedTuple):
     half_squares: Array
     membrane: list[MembraneElements]
     tension: sps.csr_array
+    factor: float

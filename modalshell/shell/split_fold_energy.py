@@ -98,8 +98,9 @@ class SplitFoldEnergy(RestFolds):
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
         of_folds = self._folds.hinges, self._rest_angles, self._shares, self._folds
+        stretching = self._edges, self._rest_squares, self._membrane, self._tension
         points = self._points(np.array(self._parts[0].vertices) - self._origin)
-        return ConstantForms(points, *of_folds, self._edges, self._rest_squares, self._membrane, self._tension)
+        return ConstantForms(points, *of_folds, *stretching, self._factor)
 
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))

@@ -39,7 +39,7 @@ def energies() -> tuple[float, float, float]:
     measures, still = measures_of(shell), np.zeros_like(rest)
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in modes.T]).T
     stresses = np.array([measures.state(x, still) for x in states[:STATES]]).T
-    reduced = reduce_energy(measures, basis, *[stress_modes(measures, leading, stresses, 2 * VECTORS)] * 2)
+    reduced = reduce_energy(measures, basis, stress_modes(measures, leading, stresses, 2 * VECTORS))
     none, found = np.zeros(reduced.membrane.modes), []
     for x in states[STATES:]:
         z = basis.T @ (shell.mass[:, None] * (x - rest)).ravel()

@@ -110,7 +110,7 @@ def test_a_step_ends_in_balance(make):
     dt, drag, none = 1 / 30, 1.0, np.zeros(reduced.membrane.modes)
     kept = np.full(6 + none.size, np.nan)
     end, done, energy, _, iterations = implicit_step(
-        reduced, (z, rates, z, z, z + dt * rates), force, dt, drag, 0.0, 1e-10, kept
+        reduced, (z, rates, z, z, z + dt * rates, none), force, dt, drag, 0.0, 1e-10, kept
     )
     assert done
     assert 2 < iterations < 15

@@ -7,7 +7,9 @@ Every rule here asks for such steps alone, so that one solver serves them all, s
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Literal, Protocol, final
 
 import numpy as np
@@ -74,6 +76,14 @@ class EulerStart:
         """
         first = self.viscous_at if self.viscous_ahead else self.origin + self.dt * self.rates
         return self.origin, self.rates, self.near, self.viscous_at, first
+
+    def begun(self, changes: Callable[[float, MotionState], list[Array]]) -> list[Array]:
+        """Changes of measures from which damping counts: the weighted sum of those of the states it is made of."""
+        total: list[Array] = []
+        for weight, state, when in self.made_of:
+            found = [weight * own for own in changes(when, state)]
+            total = [known + own for known, own in zip(total, found, strict=True)] if total else found
+        return total
 
     @property
     def guess(self) -> MotionState:
@@ -222,7 +232,8 @@ class ShellSteps(LoadedSteps):
         self._felt = load, body.live
         shell, begun = body.shell, body.start_shell
         if self._damping.stiffness_factor or shell.has_dashpots:
-            damp = self._begun(body, start), self._damping.stiffness_factor, start.dt
+            begun_with = start.begun(partial(self._changes, body))
+            damp = begun_with, self._damping.stiffness_factor, start.dt
             shell, begun = shell.damped(*damp), begun.damped(*damp)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping)
         problem = replace(problem, shell=shell)
@@ -238,20 +249,13 @@ class ShellSteps(LoadedSteps):
         self._last = (start.dt, result) if result.converged else None
         return start.after(result.point), result.converged
 
-    def _begun(self, body: Body, start: EulerStart) -> list[Array]:
-        """Changes of measures that the step begins with: those of the states that it is made of."""
-        total: list[Array] = []
-        for weight, state, when in start.made_of:
-            found = next((changes for known, changes in self._known if known is state), None)
-            if found is None:
-                found = body.shell_at(when).changes(state.coordinates)
-                self._known.append((state, found))
-            total = (
-                [weight * own for own in found]
-                if not total
-                else [known + weight * own for known, own in zip(total, found, strict=True)]
-            )
-        return total
+    def _changes(self, body: Body, when: float, state: MotionState) -> list[Array]:
+        """Changes of measures in a state, at a share of the rule's step."""
+        found = next((changes for known, changes in self._known if known is state), None)
+        if found is None:
+            found = body.shell_at(when).changes(state.coordinates)
+            self._known.append((state, found))
+        return found
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""

@@ -104,7 +104,7 @@ def _take(values, start, other, begin, count, factor):  # type: ignore[no-untype
 
 @njit(**_options)
 def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
-    """:func:`modalshell.statics.margin.lowest_ratio` less 1, G in ``room.values``, a factor in ``room.viscous``."""
+    """:func:`modalshell.statics.margin.lowest_ratio` less 1, G in ``room.values``, a factor in ``room.second``."""
     vectors, images, diagonal, beside = lanczos.vectors, lanczos.images, lanczos.diagonal, lanczos.beside
     first, starts, wide = body.first, body.starts, probe.size
     most = min(diagonal.size - 1, 3 * body.free.size)
@@ -122,7 +122,7 @@ def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
             add_product(room.values, first, starts, vectors[here:there], image)
             diagonal[count - 1] = dot(vectors, here, images, there, wide)
         write(image, following)
-        solve(room.viscous, first, starts, room.own, room.pivots, following)
+        solve(room.second, first, starts, room.own, room.pivots, following)
         for twice in range(2 * count):  # as rounding would let found directions come back
             k = twice % count
             lanczos.shape[k] = dot(images, k * wide, vectors, there, wide)
@@ -145,11 +145,11 @@ def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def check(body, rooms, lanczos, start, load, weights, probe, early):  # type: ignore[no-untyped-def]
+def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-untyped-def]
     """Two mixed steps from ``start`` (n, 3), which are left in the room's ``x``, and the stability margin there.
 
-    ``rooms`` are the room, and the same with the two matrices in each other's place. ``weights`` are those of the
-    first part of the Hessian, ``probe`` (3b,) is where Lanczos iterations start.
+    ``rooms`` are the room, and the same with the two matrices in each other's place. ``probe`` (3b,) is where Lanczos
+    iterations start.
 
     If it may be ``early``, the second step's factor of ``K_1 + G`` finds it where that step began, without a third one:
     there the lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``. That serves where the step is short and the
@@ -170,16 +170,16 @@ def check(body, rooms, lanczos, start, load, weights, probe, early):  # type: ig
     write(start, x)
     write(load, room.push)
     still(room)
-    step = Step(body, room, body.rest, room.viscous[:0], x, room.slots)
+    step = Step(body, room, body.rest, x, room.slots)
     for stage in range(_STAGES):  # a loop, as each place that calls a kernel is compiled anew
         stressed = stage == 1
-        matrix = room.values if stressed else room.viscous
+        matrix = room.values if stressed else room.second
         if stage == 2 or (early and stressed):
             elasticity.soften(elastic, body, rooms[stage % 2], x)
         if stressed:
             elasticity.assemble(elastic, body, room, x)
         else:
-            elasticity.resist(elastic, body, room, x, weights, 1.0)
+            elasticity.harden(elastic, body, room, x)
         if stage == 0:
             elasticity.energy(elastic, room, x)
         negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)

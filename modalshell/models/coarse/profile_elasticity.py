@@ -28,14 +28,9 @@ def soften(elastic: Any, body: Any, room: Any, x: Array) -> None:
     elastic.soften(body, room, x)
 
 
-def resist(elastic: Any, body: Any, room: Any, x: Array, resistances: tuple[Array, ...], dt: float) -> None:
-    """Write the viscous matrix at ``x``, over ``dt``, to ``room``: the first part of the Hessian, of other weights."""
-    elastic.resist(body, room, x, resistances, dt)
-
-
-def add_viscous_force(elastic: Any, body: Any, room: Any, x: Array, origin: Array) -> float:
-    """Add the viscous matrix times ``x - origin`` to the residual in ``room``; its potential."""
-    return float(elastic.add_viscous_force(body, room, x, origin))
+def harden(elastic: Any, body: Any, room: Any, x: Array) -> None:
+    """Write the first part of the Hessian at ``x`` to ``room``, as its second matrix."""
+    elastic.harden(body, room, x)
 
 
 def predict(elastic: Any, room: Any, x: Array) -> None:

@@ -97,13 +97,13 @@ class Folds(NamedTuple):
         hinges, edges = len(self.hinges), len(self.membrane.edges)
         known = np.vstack([np.full((self.vertices.size, 3), np.nan), self.ghosts])  # no measures are known yet
         moved, forces = np.zeros((2, *known.shape))
-        slopes, viscous_slopes = np.empty((2, hinges, 9))
+        slopes = np.empty((hinges, 9))
         angles, rates, couples, own_couples = np.empty((4, hinges))
         stretches, square_rates, tensions, own_tensions = np.empty((4, edges))
         right, shares = np.zeros((2, 1, self.bending.factor.pivots.size))
         return FoldRoom(
-            known, known.copy(), moved, forces, slopes, viscous_slopes, angles, rates, couples, own_couples, stretches,
-            square_rates, tensions, own_tensions, np.empty((edges, 3)), right, shares, np.zeros(1),
+            known, moved, forces, slopes, angles, rates, couples, own_couples, stretches, square_rates, tensions,
+            own_tensions, np.empty((edges, 3)), right, shares,
         )  # fmt: skip
 
     @property
@@ -111,20 +111,24 @@ class Folds(NamedTuple):
         """Elements that an evaluation takes: pairs of triangles, hinges and edges."""
         return len(self.bending.stencils) + len(self.hinges) + len(self.membrane.edges)
 
+    def damped(self, shell: Shell) -> tuple[Folds, float]:
+        """The energy of a shell of the same folds, of other measures at rest, over its factor; and the factor."""
+        forms = shell.elastic_energy.constant_forms()  # type: ignore[attr-defined]
+        membrane = self.membrane._replace(half_squares=forms.half_squares)
+        return self._replace(angles=forms.angles, membrane=membrane), forms.factor
+
 
 class FoldRoom(NamedTuple):
-    """Arrays that a step writes to: of points, of hinges, of edges, of shares; and the viscosity over the stiffness.
+    """Arrays that a step writes to: of points, of hinges, of edges, of shares.
 
     ``points`` are where ``slopes``, ``angles`` and ``stretches`` are, ``couples`` and ``tensions`` the predicted
     stresses.
     """
 
     points: Array
-    viscous_points: Array
     moved: Array
     forces: Array
     slopes: Array
-    viscous_slopes: Array
     angles: Array
     rates: Array
     couples: Array
@@ -136,7 +140,10 @@ class FoldRoom(NamedTuple):
     vectors: Array
     right: Array
     shares: Array
-    viscosity: Array
+
+    def forget(self) -> None:
+        """Forget the measures: those of another energy are others."""
+        self.points[0] = np.nan
 
 
 # ---- tables
@@ -299,38 +306,14 @@ def _soften(elastic, body, room, x):  # type: ignore[no-untyped-def]
     add_tensions(own.tensions, elastic.membrane, strides, values)
 
 
-@operation_of(Folds, elasticity.resist, **_options)
-def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped-def]
-    """Write the viscous matrix at ``x``: the first part of the Hessian times the one resistance [s]."""
-    own, values, strides = room.elastic, room.viscous, body.strides
+@operation_of(Folds, elasticity.harden, **_options)
+def _harden(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the first part of the Hessian at ``x``."""
+    own, values, strides = room.elastic, room.second, body.strides
     _measure(elastic, own, x)
-    write(own.points, own.viscous_points)
-    for hinge in range(own.slopes.shape[0]):
-        for k in range(9):
-            own.viscous_slopes[hinge, k] = own.slopes[hinge, k]
-    own.viscosity[0] = resistances[0][0] / dt
     write(elastic.shares, values)
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
-    if own.viscosity[0] != 1.0:
-        for k in range(values.size):
-            values[k] *= own.viscosity[0]
-
-
-@operation_of(Folds, elasticity.add_viscous_force, **_options)
-def _add_viscous_force(elastic, body, room, x, origin):  # type: ignore[no-untyped-def]
-    """Add the viscous matrix times the displacement to the residual, shares following at their minimum."""
-    own = room.elastic
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            own.moved[v, axis] = x[v, axis] - origin[v, axis]
-    fold_rates(own.moved, elastic.hinges, own.viscous_slopes, own.rates)
-    half_square_rates(own.viscous_points, own.moved, elastic.membrane.edges, own.square_rates)
-    work = _forces(elastic, own, own.viscous_points, own.viscous_slopes, own.rates, own.square_rates)
-    for k in range(body.free.size):
-        for axis in range(3):
-            room.residual[3 * body.rows[k] + axis] += own.viscosity[0] * own.forces[body.free[k], axis]
-    return 0.5 * own.viscosity[0] * work
 
 
 @operation_of(Folds, elasticity.predict, **_options)

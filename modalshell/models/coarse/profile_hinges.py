@@ -9,7 +9,6 @@ import numpy as np
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.linalg import ProfileAnalysis
-from modalshell.linalg.profile import add_product
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
@@ -50,6 +49,11 @@ class Hinges(NamedTuple):
         """Elements that an evaluation takes."""
         return sum(elements.rest.size for elements in self)
 
+    def damped(self, shell: Shell) -> tuple[Hinges, float]:
+        """The energy of a shell of the same elements, of other weights and measures at rest, and its factor."""
+        own = zip(self, shell.elements, strict=True)
+        return Hinges(*(known._replace(rest=e.rest, weight=e.weight) for known, e in own)), 1.0
+
 
 class Stresses(NamedTuple):
     """Stresses of the elements, and weights of zero."""
@@ -58,6 +62,9 @@ class Stresses(NamedTuple):
     edges: Array
     hinges: Array
     nothing: Array
+
+    def forget(self) -> None:
+        """Forget the measures; none are known."""
 
 
 def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
@@ -99,31 +106,15 @@ def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-u
     flexure.add_stiffness(x, h.stencils, h.rest, hinges, s.hinges, kind, h.slots, strides, values, gradient)
 
 
-@operation_of(Hinges, elasticity.resist, **_options)
-def _resist(elastic, body, room, x, resistances, dt):  # type: ignore[no-untyped-def]
-    """Write the viscous matrix at ``x``: the first part of the Hessian, ``resistances`` being its weights."""
-    strides, none, values, gradient = body.strides, room.residual[:0], room.viscous, room.gradient
+@operation_of(Hinges, elasticity.harden, **_options)
+def _harden(elastic, body, room, x):  # type: ignore[no-untyped-def]
+    """Write the first part of the Hessian at ``x``."""
+    strides, none, values, gradient = body.strides, room.residual[:0], room.second, room.gradient
     values[:] = 0.0
     t, e, h = elastic.triangles, elastic.edges, elastic.hinges
-    stretch.add_stiffness(x, t.stencils, t.rest, resistances[0], none, _STRETCHING, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, resistances[1], none, _STRETCHING, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, resistances[2], none, _STRETCHING, h.slots, strides, values, gradient)
-    if dt != 1.0:
-        for k in range(values.size):
-            values[k] /= dt
-
-
-@operation_of(Hinges, elasticity.add_viscous_force, **_options)
-def _add_viscous_force(elastic, body, room, x, origin):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    """Add the viscous matrix times the displacement to the residual, which is zero so far."""
-    value, displacement, residual = 0.0, room.displacement, room.residual
-    for k in range(body.free.size):
-        for axis in range(3):
-            displacement[3 * k + axis] = x[body.free[k], axis] - origin[body.free[k], axis]
-    add_product(room.viscous, body.first, body.starts, displacement, residual)
-    for k in range(residual.size):
-        value += 0.5 * displacement[k] * residual[k]
-    return value
+    stretch.add_stiffness(x, t.stencils, t.rest, t.weight, none, _STRETCHING, t.slots, strides, values, gradient)
+    shear.add_stiffness(x, e.stencils, e.rest, e.weight, none, _STRETCHING, e.slots, strides, values, gradient)
+    flexure.add_stiffness(x, h.stencils, h.rest, h.weight, none, _STRETCHING, h.slots, strides, values, gradient)
 
 
 @operation_of(Hinges, elasticity.energy, **_options)

@@ -67,7 +67,7 @@ class Room(NamedTuple):
     moved: Array
     slots: Array
     values: Array
-    viscous: Array
+    second: Array
     own: Array
     pivots: Array
     residual: Array
@@ -81,11 +81,11 @@ def make_room(body: Body) -> Room:
     """Room for the steps of a body; every thread needs its own."""
     count, unknowns = len(body.rest), 3 * body.first.size
     x, push, gradient, step, turns, moved = np.empty((6, count, 3))
-    values, viscous = np.empty((2, int(body.starts[-1])))
+    values, second = np.empty((2, int(body.starts[-1])))
     residual, displacement, way = np.empty((3, unknowns))
     own, pivots = np.empty((body.first.size, 3)), np.empty(unknowns + LANES)
     return Room(
-        x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, viscous, own, pivots, residual,
+        x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, second, own, pivots, residual,
         displacement, way, body.elastic.room(), np.zeros(5),
     )  # fmt: skip
 
@@ -96,7 +96,6 @@ class Start(NamedTuple):
     origin: Array
     rates: Array
     near: Array
-    viscous_at: Array
 
 
 class Step(NamedTuple):
@@ -105,7 +104,6 @@ class Step(NamedTuple):
     body: Body
     room: Room
     origin: Array
-    viscous: Array
     x: Array
     slots: Array
 
@@ -129,8 +127,6 @@ def outer(p):  # type: ignore[no-untyped-def]
     value, x, origin = 0.0, p.x, p.origin
     residual, inertia, drag = room.residual, room.numbers[_INERTIA], room.numbers[_DRAG]
     residual[:] = 0.0
-    if p.viscous.size:
-        value += elasticity.add_viscous_force(body.elastic, body, room, x, origin)
     for k in range(body.free.size):
         v = body.free[k]
         mass = inertia * body.mass[v]
@@ -182,8 +178,6 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
         for axis in range(3):
             place = body.starts[row] + axis * stride + 3 * row - body.first[row] + axis
             values[place] += inertia * body.mass[body.free[k]]
-    for k in range(p.viscous.size):
-        values[k] += p.viscous[k]
     room.numbers[_STIFF] = _diagonal(body, values)
     negative = factorise(values, body.first, body.starts, room.own, room.pivots)
     room.numbers[_NEGATIVE] = negative
@@ -328,11 +322,11 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  # type: ignore[no-untyped-def]
+def implicit_step(body, room, start, load, dt, drag, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
-    ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty if
-    there is none. ``room.x`` is left at the positions after the step, or where the solver gave up.
+    ``drag`` is damping by the mass [1/s]. ``room.x`` is left at the positions after the step, or where the solver gave
+    up.
 
     Returns
     -------
@@ -341,13 +335,10 @@ def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  #
     solved : bool
         Whether the residual met the tolerance and the last Hessian was positive definite.
     """
-    x, viscous, numbers = room.x, room.viscous[:0], room.numbers
+    numbers = room.numbers
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
-    if resistances[0].size:
-        viscous = room.viscous
-        elasticity.resist(body.elastic, body, room, start.viscous_at, resistances, dt)
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
-    step = Step(body, room, start.origin, viscous, x, room.slots)
+    step = Step(body, room, start.origin, room.x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return found.iterations, found.solved

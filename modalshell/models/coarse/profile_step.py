@@ -54,9 +54,6 @@ class ProfileStep:
     def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
         self._shell, self._analysis = shell, analysis
         self._unknowns, self._products = analysis.size, analysis.products
-        folded = isinstance(shell.material, Sheet)
-        self._undamped = (np.empty(0),) * (1 if folded else len(KERNELS))
-        self._weights = (np.ones(1),) if folded else tuple(elements.weight for elements in elastic)
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
@@ -85,12 +82,13 @@ class ProfileStep:
         one of few iterations, which has gone down no way of its own to one of several minima; others are not solved.
         """
         # Writeable, as above: a shell's positions at rest are not.
-        begin = Start(*map(_writeable, (start.origin, start.rates, start.near, start.viscous_at)))
-        room = self._room()
-        iterations, solved = implicit_step(
-            self._body, room, begin, load, start.dt,
-            damping.mass_factor, self._resistances(damping.stiffness_factor), tolerance,
-        )  # fmt: skip
+        begin, room = Start(*map(_writeable, (start.origin, start.rates, start.near))), self._room()
+        body, load = self._damped(start, load, damping.stiffness_factor)
+        if body is not self._body:
+            room.elastic.forget()
+        iterations, solved = implicit_step(body, room, begin, load, start.dt, damping.mass_factor, tolerance)
+        if body is not self._body:
+            room.elastic.forget()
         count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
@@ -104,9 +102,9 @@ class ProfileStep:
         is short: for a third less work, to a tenth of what stresses take.
         """
         room, lanczos = self._room(), self._lanczos()
-        rooms = room, room._replace(values=room.viscous, viscous=room.values)
+        rooms = room, room._replace(values=room.second, second=room.values)
         margin, products, factors = check(
-            self._body, rooms, lanczos, _writeable(x), _writeable(load), self._weights, self._probe, early
+            self._body, rooms, lanczos, _writeable(x), _writeable(load), self._probe, early
         )
         factors = factors or 3
         count_elements(2 * factors * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
@@ -114,13 +112,13 @@ class ProfileStep:
         count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
         return (room.x.copy(), float(margin)) if np.isfinite(margin) else None
 
-    def _resistances(self, rate: float) -> tuple[Array, ...]:
-        """Weights of the damping by the elements' rates; empty arrays without damping."""
-        if isinstance(self._shell.material, Sheet):
-            return (np.array([rate]),) if rate else self._undamped
-        if rate or self._shell.has_dashpots:
-            return tuple(elements.resistance(rate) for elements in self._shell.elements)
-        return self._undamped
+    def _damped(self, start: EulerStart, load: Array, factor: float) -> tuple[Body, Array]:
+        """The body whose energy is what damping makes of its own in a step, and the load; both over one factor."""
+        if not (factor or self._shell.has_dashpots):
+            return self._body, load
+        begun = start.begun(lambda _, state: self._shell.changes(state.coordinates))
+        elastic, whole = self._body.elastic.damped(self._shell.damped(begun, factor, start.dt))
+        return self._body._replace(mass=self._body.mass / whole, elastic=elastic), load / whole
 
 
 def _writeable(array: Array) -> Array:

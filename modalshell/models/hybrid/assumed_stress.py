@@ -49,14 +49,11 @@ class ReducedStress(NamedTuple):
     ----------
     membrane : Quadratic
         ``d_k``.
-    viscous : Quadratic
-        The same of the stresses that resist the rates of the membrane's strains.
     bending : Bending
         Flat hinges as a constant matrix, others as they are.
     """
 
     membrane: Quadratic
-    viscous: Quadratic
     bending: Bending
 
 
@@ -66,7 +63,7 @@ def measures_of(shell: Shell, turned: Index = NONE_TURNED) -> Measures:
     return SplitFoldMeasures(shell, turned) if folded else HingeMeasures(shell)
 
 
-def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:
+def reduce_energy(measures: Measures, basis: Array, stresses: Array) -> ReducedStress:
     """Reduced energy of a coarse shell.
 
     Parameters
@@ -75,13 +72,12 @@ def reduce_energy(measures: Measures, basis: Array, stresses: Array, viscous: Ar
         Of the shell.
     basis : ndarray, shape (3n, m)
         V, of displacements.
-    stresses, viscous : ndarray, shape (e, K) and (e, L)
-        Modes of elastic and of viscous stresses; see :func:`stress_modes`.
+    stresses : ndarray, shape (e, K)
+        Modes of stresses; see :func:`stress_modes`.
     """
     columns = basis.reshape(-1, 3, basis.shape[1])
     return ReducedStress(
         _strain_measures(measures, columns, measures.elastic_tensions(stresses)),
-        _strain_measures(measures, columns, measures.tensions(viscous)),
         _padded_bending(measures.bending(columns)),
     )
 

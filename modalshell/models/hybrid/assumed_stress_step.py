@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import dot
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.bending_kernels import Room, fold_rows, make_room, write_bending
-from modalshell.models.hybrid.dense_kernels import add_rows, factorise, mirror, solve, width_of, write_products
+from modalshell.models.hybrid.dense_kernels import add_rows, factorise, mirror, solve, width_of
 from modalshell.models.hybrid.energy_kernels import energy_terms, predict, quadratic, write_hessian
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
@@ -34,7 +35,9 @@ class Step(NamedTuple):
     of the coordinates, where the force itself is mostly a stretch that the next correction takes away. It is relative
     to the way that load and inertia alone would go, or in steps longer than the shell's period to the coordinates.
 
-    ``bending`` is the sum of the quadratic part and of the Hessian of bending.
+    ``bending`` is the sum of the quadratic part and of the Hessian of bending. Damping by the stiffness, f over the
+    step's length, adds ``f |d - d'|^2 / 2``: stresses are ``(1 + f) d - f d'``. ``offset`` is ``f d'``, ``viscous`` are
+    stresses of the damping, ``steep`` are slopes times ``1 + f``.
 
     Rows, and vectors that products are made with, have zeros beyond the m coordinates; see :mod:`.dense_kernels`.
     """
@@ -46,7 +49,10 @@ class Step(NamedTuple):
     x: Array
     stresses: Array
     strains: Array
+    offset: Array
+    viscous: Array
     slopes: Array
+    steep: Array
     folds: Array
     gradient: Array
     hessian: Array
@@ -60,10 +66,10 @@ class Step(NamedTuple):
     room: Room
 
 
-_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT, _DAMPED = range(9)
+_SCALE, _DRAG, _NEGATIVE, _ENERGY, _INERTIA, _FACTORED, _BEGUN, _BENT, _DAMPING = range(9)
 """Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy, what
 inertia adds to the diagonal, whether there is a factor of this drag, whether the energy's terms are known at the
-iterate already, whether the Hessian of bending is, and whether there is more than inertia."""
+iterate already, whether the Hessian of bending is, and the factor of damping by the stiffness over the step."""
 
 
 @operation_of(Step, method.residual, **_operation)
@@ -89,11 +95,14 @@ def _balance(p):  # type: ignore[no-untyped-def]
     if p.numbers[_BEGUN] == 0.0:
         p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.gradient, p.room)
     p.numbers[_BEGUN] = 0.0
-    if p.numbers[_DAMPED] == 0.0:
+    if p.numbers[_DAMPING] == 0.0:
         for i in range(count):
             p.gradient[i] += p.numbers[_INERTIA] * p.moved[i]
     else:
         add_rows(p.outer, p.moved, 0, count, p.gradient)
+        for k in range(p.offset.size):
+            p.viscous[k] = p.numbers[_DAMPING] * p.strains[k] - p.offset[k]
+        add_rows(p.slopes, p.viscous, 0, p.offset.size, p.gradient)
     for i in range(count):
         p.gradient[i] += p.numbers[_DRAG] * (p.x[i] - p.slots[START, i]) - p.push[i]
     return np.sqrt(dot(p.gradient, 0, p.gradient, 0, width)) / p.numbers[_SCALE]
@@ -108,7 +117,17 @@ def _potential(p):  # type: ignore[no-untyped-def]
         for j in range(p.x.size):
             value += 0.5 * move * p.outer[i * width + j] * (p.x[j] - p.origin[j])
         value -= move * p.push[i]
+    for k in range(p.offset.size):
+        value += (0.5 * p.numbers[_DAMPING] * p.strains[k] - p.offset[k]) * p.strains[k]
     return value, size
+
+
+@njit(**_operation)
+def _stress(p, strains):  # type: ignore[no-untyped-def]
+    """Write the stresses of ``strains`` (K',), those of damping with them."""
+    factor = 1.0 + p.numbers[_DAMPING]
+    for k in range(p.stresses.size):
+        p.stresses[k] = factor * strains[k] - p.offset[k]
 
 
 @njit(**_operation)
@@ -118,7 +137,10 @@ def _assemble(p):  # type: ignore[no-untyped-def]
     if p.numbers[_BENT] == 0.0:
         write_bending(p.outer, p.reduced.bending, width, p.folds, p.room, p.bending)
     p.numbers[_BENT] = 0.0
-    write_hessian(p.bending, p.reduced.membrane, p.stresses, p.slopes, width, p.hessian)
+    if p.numbers[_DAMPING] > 0.0:
+        for k in range(p.slopes.size):
+            p.steep[k] = (1.0 + p.numbers[_DAMPING]) * p.slopes[k]
+    write_hessian(p.bending, p.reduced.membrane, p.stresses, p.steep, p.slopes, width, p.hessian)
 
 
 @operation_of(Step, method.solve, **_operation)
@@ -139,6 +161,8 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the direction."""
     predict(p.slopes, p.gradient, p.strains, p.stresses)
+    if p.numbers[_DAMPING] > 0.0:
+        _stress(p, p.stresses)
     for i in range(p.x.size):
         p.x[i] += p.gradient[i]
     return 0.0
@@ -155,8 +179,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     p.numbers[_DRAG], p.numbers[_FACTORED], p.numbers[_BENT] = factor, 0.0, 0.0
     _balance(p)
-    for k in range(p.stresses.size):
-        p.stresses[k] = p.strains[k]
+    _stress(p, p.strains)
 
 
 @operation_of(Step, method.first_drag, **_operation)
@@ -191,35 +214,58 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def _damp(p, at, factor):  # type: ignore[no-untyped-def]
-    """Write ``factor`` times the viscous matrix ``at`` coordinates (m,), by the strains' slopes, as the quadratic part.
+def _damp(p, at):  # type: ignore[no-untyped-def]
+    """Write the viscous matrix of bending ``at`` coordinates (m,) as the quadratic part.
 
     Where Newton's method begins there, the slopes of bending serve the first iteration, too.
     """
-    count, width, viscous, begun = p.x.size, p.at.size, p.reduced.viscous, True
-    rows = viscous.linear.shape[1]
-    slopes, strains = np.empty(rows * width), np.empty(viscous.modes)
-    for i in range(count):
+    width, begun = p.at.size, True
+    for i in range(p.x.size):
         p.at[i] = at[i]
         begun &= at[i] == p.x[i]
     p.numbers[_ENERGY] = energy_terms(p.reduced, p.at, p.strains, p.slopes, p.gradient, p.room)
     write_bending(p.outer, p.reduced.bending, width, p.folds, p.room, p.bending)
     p.numbers[_BEGUN] = p.numbers[_BENT] = 1.0 if begun else 0.0
-    quadratic(viscous, p.at, strains, slopes, p.room)
-    write_products(p.bending, slopes, slopes, rows, width, p.outer)
     for k in range(p.outer.size):
-        p.outer[k] *= factor
+        p.outer[k] = p.numbers[_DAMPING] * p.bending[k]
     mirror(p.outer, width)
-    p.numbers[_DAMPED] = 1.0
+
+
+@njit(**_options)
+def add_strains(reduced, z, weight, kept, total):  # type: ignore[no-untyped-def]
+    """Add ``weight`` times the strains at z (m,) to ``total`` (K,); ``kept`` is that of :func:`implicit_step`."""
+    membrane, count, width, known = reduced.membrane, z.size, width_of(z.size), True
+    for i in range(count):
+        known &= kept[i] == z[i]
+    if known:
+        for k in range(membrane.modes):
+            total[k] += weight * kept[count + k]
+        return
+    at, rows = np.zeros(width), membrane.linear.shape[1]
+    for i in range(count):
+        at[i] = z[i]
+    strains, slopes = np.zeros(rows), np.empty(rows * width)
+    quadratic(membrane, at, strains, slopes, make_room(width, reduced.bending))
+    for k in range(membrane.modes):
+        total[k] += weight * strains[k]
+
+
+def reduced_start(reduced: ReducedStress, start: EulerStart, viscosity: float, kept: Array) -> tuple[Array, ...]:
+    """What :func:`implicit_step` takes of where a step begins."""
+    begun = np.zeros(reduced.membrane.modes)
+    if viscosity > 0.0:
+        for weight, state, _ in start.made_of:
+            add_strains(reduced, state.coordinates, weight, kept, begun)
+    return *start.reduced, begun
 
 
 @njit(**_options)
 def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
-    ``start`` holds coordinates and rates, a state without false strains, where the viscous matrix is taken, and where
-    Newton's method begins, with the stresses of that state. ``force`` (m,) is the load's; ``drag`` [1/s] and
-    ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is that of the strains' slopes, as for discrete shells.
+    ``start`` holds coordinates and rates, a state without false strains, where the viscous matrix of bending is taken,
+    where Newton's method begins, with the stresses of that state, and strains (K,) from which damping counts.
+    ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors.
     ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
     they are the state without false strains. The end's are written there.
 
@@ -234,7 +280,7 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     iterations : int
         Iterations.
     """
-    z, rates, near, viscous_at, begin = start
+    z, rates, near, viscous_at, begin, begun = start
     count, width, modes, rows = z.size, width_of(z.size), reduced.membrane.modes, reduced.membrane.linear.shape[1]
     size = rows + reduced.bending.angles.size
     outer, at, room = np.zeros(width * width), np.zeros(width), make_room(width, reduced.bending)
@@ -250,15 +296,19 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     strains, slopes, stresses = np.zeros(size), np.empty(rows * width), np.zeros(rows)
     if not known:
         quadratic(reduced.membrane, at, strains, slopes, room)
+    damping, offset = viscosity / dt, np.zeros(rows)
     for k in range(modes):
-        stresses[k] = kept[count + k] if known else strains[k]
+        offset[k] = damping * begun[k]
+        stresses[k] = (1.0 + damping) * (kept[count + k] if known else strains[k]) - offset[k]
+    steep = np.empty(slopes.size) if damping > 0.0 else slopes
     step = Step(
-        reduced, z, outer, push, first, stresses, strains, slopes, np.empty(fold_rows(reduced.bending) * width),
+        reduced, z, outer, push, first, stresses, strains, offset, np.empty(rows), slopes, steep,
+        np.empty(fold_rows(reduced.bending) * width),
         np.zeros(width), np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at,
-        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0, 0.0]), room,
+        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0, damping]), room,
     )  # fmt: skip
     if viscosity > 0.0:
-        _damp(step, viscous_at, viscosity / dt)
+        _damp(step, viscous_at)
     for i in range(count):
         outer[i * width + i] += inertia
     if step.numbers[_BENT] > 0.0:

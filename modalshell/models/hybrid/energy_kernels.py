@@ -138,9 +138,12 @@ def energy_terms(reduced, z, strains, slopes, gradient, room):  # type: ignore[n
 
 
 @njit(**_options)
-def write_hessian(known, membrane, stresses, slopes, width, hessian):  # type: ignore[no-untyped-def]
-    """Write the lower triangle of the sum of ``known`` and the membrane's Hessian at given ``stresses`` (K',)."""
-    write_products(known, slopes, slopes, membrane.linear.shape[1], width, hessian)
+def write_hessian(known, membrane, stresses, steep, slopes, width, hessian):  # type: ignore[no-untyped-def]
+    """Write the lower triangle of the sum of ``known`` and the membrane's Hessian at given ``stresses`` (K',).
+
+    ``steep`` are the slopes times the stiffness of the strains.
+    """
+    write_products(known, steep, slopes, membrane.linear.shape[1], width, hessian)
     _add_stressed(membrane, stresses, width, hessian)
 
 
@@ -161,7 +164,7 @@ def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     value = energy_terms(reduced, padded, strains, slopes, slope, room)
     matrix = np.zeros(width * width)
     write_bending(matrix, bending, width, np.empty(fold_rows(bending) * width), room, matrix)
-    write_hessian(matrix, membrane, own, slopes, width, matrix)
+    write_hessian(matrix, membrane, own, slopes, slopes, width, matrix)
     hessian = matrix.reshape(width, width)[:count, :count].copy()
     found = np.concatenate((strains[:modes], strains[rows:]))
     return value, found, slopes.reshape(rows, width)[:modes, :count].copy(), slope[:count].copy(), hessian

@@ -84,11 +84,11 @@ def records_of(record):  # type: ignore[no-untyped-def]
     """The reduced energy and the surface."""
     x, i, at = record.numbers, record.indices, record.places
     bending = Bending(
-        _matrix(x, at, 6), _matrix(x, at, 7), _block(x, at, 8), _matrix(i, at, 9), _row(x, at, 10), _row(x, at, 11),
-        _row(i, at, 12), _row(i, at, 13), _row(x, at, 14), _block(x, at, 15), _matrix(x, at, 16),
+        _matrix(x, at, 3), _matrix(x, at, 4), _block(x, at, 5), _matrix(i, at, 6), _row(x, at, 7), _row(x, at, 8),
+        _row(i, at, 9), _row(i, at, 10), _row(x, at, 11), _block(x, at, 12), _matrix(x, at, 13),
     )  # fmt: skip
     surface = Surface(
-        _matrix(x, at, 17), _matrix(x, at, 18), _matrix(i, at, 19), _matrix(i, at, 20), _row(x, at, 21),
-        _row(i, at, 22), _row(i, at, 23), _row(x, at, 24),
+        _matrix(x, at, 14), _matrix(x, at, 15), _matrix(i, at, 16), _matrix(i, at, 17), _row(x, at, 18),
+        _row(i, at, 19), _row(i, at, 20), _row(x, at, 21),
     )  # fmt: skip
-    return ReducedStress(_quadratic(x, i, at, 0), _quadratic(x, i, at, 3), bending), surface
+    return ReducedStress(_quadratic(x, i, at, 0), bending), surface

@@ -15,7 +15,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import MotionState
 from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of
-from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
+from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step, reduced_start
 from modalshell.models.hybrid.coarse_states import CoarseShape
 from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.flat_record import flat_record
@@ -104,7 +104,8 @@ class ReducedShell:
         if last.push is None:
             return start.near, False
         options = last.push, float(start.dt), *_factors(damping), STEP_GOAL, last.kept
-        moved, solved, energy, seen, iterations = implicit_step(self._reduced, start.reduced, *options)
+        begin = reduced_start(self._reduced, start, damping.stiffness_factor, last.kept)
+        moved, solved, energy, seen, iterations = implicit_step(self._reduced, begin, *options)
         self._count_step(iterations)
         return moved, bool(solved) and self.sees(moved, energy, seen)
 

@@ -22,7 +22,6 @@ _HYBRID = Archive(
     {
         "basis": Field("f", ("N", "m"), "1/sqrt(kg)"),
         "stresses": Field("f", ("e", "K")),
-        "viscous": Field("f", ("e", "L")),
         "held_out_error": Field("f", (), ""),
         "strain_limit": Field("f", (), ""),
         "energy": Field("f", (), "J"),
@@ -32,7 +31,7 @@ _HYBRID = Archive(
         "rest": Field("f", ("n", 3), "m"),
     },
     most=LARGEST,
-    version=2,
+    version=3,
 )
 
 
@@ -76,6 +75,6 @@ def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
         size = measures_of(coarse, turned).state_size  # an IndexError where there are fewer folds
         if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != size:
             raise ValueError(f"its stresses are of {len(data['stresses'])} numbers, those of this shell of {size}")
-        arrays = data["basis"], data["stresses"], data["viscous"]
+        arrays = data["basis"], data["stresses"]
         numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
         return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"], turned)

@@ -25,7 +25,7 @@ from modalshell.models.hybrid.assumed_stress import (
     reduce_energy,
     stress_modes,
 )
-from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step
+from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step, reduced_start
 from modalshell.models.hybrid.measures import NONE_TURNED, Measures
 from modalshell.models.hybrid.training_loads import TrainingLoads
 from modalshell.shell import Shell
@@ -80,8 +80,8 @@ class Trained:
     ----------
     basis : ndarray, shape (3k, m)
         V, mass-orthonormal, of the coarse shell's displacements.
-    stresses, viscous : ndarray, shape (e, K) and (e, L)
-        Modes of elastic and of viscous stresses.
+    stresses : ndarray, shape (e, K)
+        Modes of stresses.
     held_out_error : float
         90th percentile of the motions' errors against the coarse shell on loads that were not in training.
     strain_limit : float
@@ -98,7 +98,6 @@ class Trained:
 
     basis: Array
     stresses: Array
-    viscous: Array
     held_out_error: float
     strain_limit: float
     energy: float
@@ -239,23 +238,20 @@ def _random_motions(
 def _reduce(
     measures: Measures, loads: TrainingLoads, motions: list[Array], modes: int
 ) -> tuple[Trained, ReducedStress]:
-    """Basis, as many stress modes, and half as many viscous ones, of motions (f, k, 3)."""
+    """Basis, and as many stress modes, of motions (f, k, 3)."""
     coarse, rest = measures.shell, measures.shell.rest_positions
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
-    steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
     lowest, none = loads.lowest, np.zeros_like(rest)
     leading = np.array([measures.state(rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
     leading[:, np.sum(measures.scaled(leading) ** 2, axis=0) <= _UNSTRETCHED * loads.eigenvalues] = 0.0
     elastic = np.array([measures.state(frame, none) for frame in frames]).T
-    rates = np.array([measures.state(x, step) - measures.state(x, none) for x, step in steps]).T
     moves = (frames - rest).reshape(len(frames), -1).T
     displacements = _evened(moves, np.sqrt(np.repeat(coarse.mass, 3))[:, None] * moves)
     basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
     stresses = stress_modes(measures, leading, _evened(elastic, measures.scaled(elastic)), modes)
-    viscous = stress_modes(measures, leading[:, :0], _evened(rates, measures.scaled(rates)), max(1, modes // 2))
     energy = max(coarse.raw_energy(frame) for frame in frames[::5])
-    return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(measures, basis, stresses, viscous)
+    return Trained(basis, stresses, 0.0, 1.0, energy, ""), reduce_energy(measures, basis, stresses)
 
 
 def _evened(snapshots: Array, scaled: Array) -> Array:
@@ -338,8 +334,9 @@ class _ReducedSteps(EulerSteps):
         return self._coarse.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        begin = reduced_start(self._reduced, start, self._factors[1], self._kept)
         z, solved, *energies, _ = implicit_step(
-            self._reduced, start.reduced, self.push, start.dt, *self._factors, STEP_GOAL, self._kept
+            self._reduced, begin, self.push, start.dt, *self._factors, STEP_GOAL, self._kept
         )
         self.energies = energies[0], energies[1]
         return start.after(z), bool(solved)

@@ -13,7 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.full.second_order import GAMMA, VIOLENT
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import largest_turn
-from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.models.hybrid.assumed_stress_step import add_strains, implicit_step
 from modalshell.models.hybrid.dense_kernels import multiply
 from modalshell.models.hybrid.flat_record import records_of
 
@@ -133,18 +133,29 @@ def _ahead(x, rates, length, first):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
+def _begun(taking, one, weight, other, rest):  # type: ignore[no-untyped-def]
+    """Strains (K,) from which damping counts: those of two states (m,), of a ``weight`` and of the ``rest`` of 1."""
+    begun = np.zeros(taking.reduced.membrane.modes)
+    if taking.factors[1] > 0.0:
+        add_strains(taking.reduced, one, weight, taking.kept, begun)
+        if rest != 0.0:
+            add_strains(taking.reduced, other, rest, taking.kept, begun)
+    return begun
+
+
+@njit(**_options)
 def _euler(taking, x, v, length, end):  # type: ignore[no-untyped-def]
     """Write coordinates and rates after a step of implicit Euler to ``end`` (2, m); whether it is solved."""
     first = np.empty(x.size)
     _ahead(x, v, length, first)
-    solved = _solved(taking, (x, v, x, x, first), length, end[0])
+    solved = _solved(taking, (x, v, x, x, first, _begun(taking, x, 1.0, x, 0.0)), length, end[0])
     _rates(x, end[0], length, end[1])
     return solved
 
 
 @njit(**_exact)
 def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
-    """Write origin, rates and where the step begins into ``start`` (3, m), the next change of move too."""
+    """Write origin, rates, where the step begins, and the state before into ``start`` (4, m), and the next ``jump``."""
     x, v, move, gain = state
     ahead = ratio / (1.0 + 2.0 * ratio)
     for k in range(x.size):
@@ -152,6 +163,7 @@ def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
         start[0, k] = x[k] + ahead * further
         start[1, k] = v[k] + ahead * faster
         start[2, k] = x[k] + further
+        start[3, k] = x[k] - move[k]
         jump[k] = dt * faster
 
 
@@ -159,11 +171,13 @@ def _begin(state, ratio, dt, start, jump):  # type: ignore[no-untyped-def]
 def _go_on(taking, state, dt, before, end):  # type: ignore[no-untyped-def]
     """Write the step after another one to ``end`` (2, m); its order, 0 where it failed. See :class:`BDF2`."""
     x, v, ratio = state[0], state[1], dt / before
-    start, jump = np.empty((3, x.size)), np.empty(x.size)
+    start, jump = np.empty((4, x.size)), np.empty(x.size)
     _begin(state, ratio, dt, start, jump)
     if not _is_violent(taking.surface, x, jump):
         length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-        if _solved(taking, (start[0], start[1], x, start[2], start[2]), length, end[0]):
+        further = ratio / (1.0 + 2.0 * ratio) * ratio
+        begun = _begun(taking, x, 1.0 + further, start[3], -further)
+        if _solved(taking, (start[0], start[1], x, start[2], start[2], begun), length, end[0]):
             _rates(start[0], end[0], length, end[1])
             return 2
     return 1 if taking.surface.edges.shape[0] > 0 and _euler(taking, x, v, dt, end) else 0
@@ -205,12 +219,14 @@ def _start(taking, state, dt, end):  # type: ignore[no-untyped-def]
         gain[k] *= dt
     if _is_violent(taking.surface, x, gain):
         return 1
-    if not _solved(taking, (x, v, x, parts[0], parts[1]), part, half[0]):
+    if not _solved(taking, (x, v, x, parts[0], parts[1], _begun(taking, x, 1.0, x, 0.0)), part, half[0]):
         return 1
     _rates(x, half[0], part, half[1])
     _next_part(x, v, half, dt, parts)
     last = np.empty(x.size)
-    if not _solved(taking, (parts[0], parts[1], half[0], parts[2], parts[3]), part, last):
+    lead = (1.0 - _GAMMA) * dt / part
+    begun = _begun(taking, x, 1.0 - lead, half[0], lead)
+    if not _solved(taking, (parts[0], parts[1], half[0], parts[2], parts[3], begun), part, last):
         return 1
     for k in range(x.size):
         end[0, k] = last[k]

@@ -209,7 +209,7 @@ class _PressedSteps(LoadedSteps):
         problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
         guess, (begin_at, whole) = start.origin + start.dt * start.rates, self._when
         self._pressing.at(begin_at + start.end * whole)
-        stresses = self._model.energy.predicted_stresses(start.near, np.zeros_like(guess))
+        stresses = problem.energy.predicted_stresses(start.near, np.zeros_like(guess))
         begin = self.pressed._replace(q=guess, positions=None)
         found = settle(problem, self._pressing, begin, scale, self._goal, stresses)
         self.pressed = found.pressed

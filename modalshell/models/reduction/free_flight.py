@@ -260,8 +260,12 @@ class FlyingSteps(LoadedSteps):
 
     def _elastic(self, start: EulerStart) -> EulerStart:
         """The step of z alone."""
-        names = "origin", "rates", "expected_rates", "near", "viscous_at"
-        return replace(start, **{name: getattr(start, name)[self._flight.count :] for name in names})
+        names, r = ("origin", "rates", "expected_rates", "near", "viscous_at"), self._flight.count
+        parts = {name: getattr(start, name)[r:] for name in names}
+        states = [
+            (weight, MotionState(one.coordinates[r:], one.rates[r:]), when) for weight, one, when in start.made_of
+        ]
+        return replace(start, **parts, made_of=tuple(states))
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex in its frame by a small ``move`` of the coordinates."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 
 import numpy as np
 
 from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.models.reduction.blocks import multiply
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.elastic_energy import Part
@@ -44,6 +46,13 @@ class ReducedEnergy:
         self._vectors = np.ascontiguousarray(vectors[rows])
         unknowns = VertexUnknowns(np.zeros(self.vertices.size, dtype=bool))
         self._pattern, self._slots = self.energy.pattern(unknowns)
+
+    def damped(self, start: EulerStart, factor: float) -> ReducedEnergy:
+        """Sum of it and of what damping takes in a step; see :meth:`modalshell.shell.ElasticEnergy.damped`."""
+        other = copy.copy(self)
+        begun = start.begun(lambda _, state: self.energy.changes(self.positions(state.coordinates)))
+        other.energy = self.energy.damped(begun, factor, start.dt)
+        return other
 
     @property
     def size(self) -> int:
