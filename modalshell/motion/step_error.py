@@ -1,6 +1,6 @@
 """What the steps of a motion cost in accuracy: the error that they add up to, and the damping that they add.
 
-See theory 12, eq. 11 and 12.
+See theory 12, eq. 13 and 14.
 """
 
 from __future__ import annotations

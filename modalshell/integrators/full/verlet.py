@@ -1,4 +1,4 @@
-"""Velocity Verlet of full models (theory 12, eq. 10)."""
+"""Velocity Verlet of full models (theory 12, eq. 12)."""
 
 from __future__ import annotations
 
