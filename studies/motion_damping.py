@@ -80,10 +80,15 @@ def damping_rows(
     return rows
 
 
-def order_of(rung: Rung, shell: ms.Shell, rule: str, counts: tuple[int, ...]) -> dict[str, Any]:
-    """Order of a rule, from the changes of a falling strip's motion when the step is halved twice."""
+def order_of(
+    rung: Rung, shell: ms.Shell, rule: str, counts: tuple[int, ...], *, viscous: bool = True
+) -> dict[str, Any]:
+    """Order of a rule, from the changes of a falling strip's motion when the step is halved twice.
+
+    It is damped by its mass and, if ``viscous``, by its stiffness.
+    """
     omega = first_frequency(shell)
-    period, damping = 2.0 * np.pi / omega, ms.Damping(ORDER_RATIO * omega, ORDER_RATIO / omega)
+    period, damping = 2.0 * np.pi / omega, ms.Damping(ORDER_RATIO * omega, viscous * ORDER_RATIO / omega)
     model, runs = rung.make(rule), []
     for count in counts:
         every = count // counts[0]

@@ -20,7 +20,7 @@ class SDIRK2(SecondOrderRule, key="sdirk2"):
     Of order one where a sheet much stiffer than steps resolve swings about a line of supports: the first part meets
     its stretch with half the pull towards the axis, and each step of a turn by :math:`h \omega` takes
     :math:`(h \omega)^2 / 4` of the speed, which ``step_error`` does not see. :class:`Composite` and
-    :class:`BDF2` keep it.
+    :class:`BDF2` keep it. So is damping by the stiffness there, whose second part counts from that stretch.
     """
 
     name = "SDIRK2"
