@@ -45,6 +45,8 @@ def test_levels_show_no_more_than_is_allowed(tmp_path):
         assert stored["positions"].shape == (13, 30, 3)
         assert stored["coordinates"].shape == (13, 30, 8)
         np.testing.assert_allclose(stored["time"], np.arange(13) / 30, atol=1e-12)
+    with pytest.raises(ms.FileFormatError, match="it is a flight that modalshell saved, not a saved trajectory"):
+        ms.load_trajectory(tmp_path / "flock.npz")
     record = json.loads((tmp_path / "flock.json").read_text())
     assert record["report"]["largest_pixels"] == found.largest_pixels
     again = ms.run_scene(small(), out=tmp_path)
@@ -205,6 +207,7 @@ formats = ["mp4"]
         ms.run_scene(scene, out=tmp_path)
         with np.load(tmp_path / f"{name}.npz") as stored:
             flown[name] = stored["coordinates"] / (length * np.sqrt(mass)), json.loads(str(stored["units"]))
+            assert stored["unit_system"][0] == name
         flight = scene.build_flight(scene.build_shell())
         assert np.linalg.norm(flight.gravity) == pytest.approx(9.81 * length / second**2)
         films[name] = next(imageio_ffmpeg.read_frames(str(tmp_path / f"{name}.mp4")))["fps"]
