@@ -20,7 +20,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_v
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.closest import TOGETHER, all_closest, lowest
+from modalshell.mesh.closest import TOGETHER, all_closest, common_parts, lowest
 from modalshell.mesh.topology import connected_parts
 from modalshell.shell.smoothed_membrane import SHARP
 
@@ -64,7 +64,8 @@ class Prolongation(ReadOnlyArrays):
             self._keep(sps.csr_array(sps.eye_array(len(fine.vertices))), own_triangles(fine)[0], fine)
             return
         points = np.asarray(fine.vertices)
-        under, _, self.distance, on = all_closest(coarse, points)
+        parts = common_parts(fine, coarse)  # sheets close together keep each to its own
+        under, _, self.distance, on = all_closest(coarse, points, parts and parts[::-1])
         patches = _smooth_patches(coarse, fine, folds)
         pairs = [np.unique(patches[near]) for near in on]
         owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
