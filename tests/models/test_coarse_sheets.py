@@ -70,6 +70,22 @@ def test_sheets_close_together_keep_each_to_its_own_coarse_one():
     assert moved[inner].max() < 1e-9 < 1e-3 < moved[~inner].max()
 
 
+def test_the_turns_of_a_roll_do_not_hold_one_another():
+    def roll(cells):
+        sheet = ms.sheet(length=1.0, width=0.2, cells=cells)
+        turn = 4.4 * np.pi * sheet.vertices[:, 0]
+        radius = 0.05 + 0.02 * turn / (2.0 * np.pi)
+        places = np.stack([radius * np.cos(turn), sheet.vertices[:, 1], radius * np.sin(turn)], axis=1)
+        return ms.TriangleMesh(places, sheet.faces), sheet.vertices[:, 0] < 1e-9
+
+    mesh, held = roll((48, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-4, 300.0), held)
+    model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, roll((24, 2))[0]))
+    gravity = (0.0, 0.0, -0.5)
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=gravity)
+    assert far(model.equilibrium(gravity=gravity).positions, truth.positions, shell) < 0.05
+
+
 def test_creases_stay_on_their_own_of_two_sheets():
     def strips(cells):
         strip = ms.flat_beam(length=0.4, width=0.1, cells=cells)
