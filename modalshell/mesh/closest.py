@@ -23,7 +23,7 @@ def common_parts(fine: TriangleMesh, coarse: TriangleMesh) -> tuple[IntArray, In
     """Labels of the vertices of two meshes of one surface, the same on the same part of it; None where it is in one.
 
     A connected part of the coarse mesh, whose vertices lie on the surface, is that of the fine one next to most of
-    them. Sheets that lie upon each other cannot be told apart, where some part has none: None, too.
+    them. None, too, where some part has none, as of sheets that lie upon each other.
     """
     above, below = fine.components, coarse.components
     count = int(above.max()) + 1

@@ -28,7 +28,7 @@ from modalshell.shell.smoothed_membrane import SHARP
 _NEIGHBOURS = 14
 """Number of nearest coarse vertices with a weight; that of the farthest is zero."""
 _RINGS, _ROUND = 6, 20
-"""Edges at most to the nearest vertices, of which so many are looked at, where no other layer is near."""
+"""Largest number of edges to the nearest vertices, and how many of these are looked at, if no other layer is near."""
 _DETOUR = 3.0
 """Way along edges over the straight one from which a vertex is of another layer, as of the next turn of a roll."""
 _INDEPENDENT = 1e-6
