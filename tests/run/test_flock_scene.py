@@ -108,7 +108,8 @@ def test_film_and_picture(tmp_path, monkeypatch):
 def test_the_camera_keeps_the_flock_in_view(tmp_path):
     scene = ms.load_scene(FILE)
     output = msgspec.structs.replace(scene.output, formats=[])
-    result = ms.run_scene(replace(scene, output=output), out=tmp_path)
+    motion = msgspec.structs.replace(scene.motion, duration=5.0)
+    result = ms.run_scene(replace(scene, motion=motion, output=output), out=tmp_path)
     table = scene.flock.camera
     camera = look_at(table.position, table.target, np.deg2rad(table.view_angle), table.size[0] / table.size[1])
     with np.load(result.files[0]) as found:
