@@ -7,6 +7,7 @@ import modalshell as ms
 from modalshell.contact.descent import _Way
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
+from modalshell.models.base.contact_motion import ContactMotion
 from modalshell.motion.colliders import ColliderAccount
 from modalshell.motion.step_error import Tolerance
 from modalshell.motion.stepping import Motion
@@ -294,6 +295,22 @@ def test_contact_forces_are_means_of_a_step_that_change_the_momentum(integrator,
         assert change / dt - weight == pytest.approx(pushed, abs=2e-6 * (pushed + abs(weight)))
         touched += free
     assert touched > (1 if restitution else 5)
+
+
+def test_a_tolerance_does_not_seek_the_moment_of_each_strike(monkeypatch):
+    """Each strike was halved to 1/4096 of a step: 282 steps and as many in vain, for a tenth of the error allowed."""
+    mesh, material = strip()
+    start, taken, advance = tilted(mesh, 0.3, 0.05), [], ContactMotion.advance
+    given = {"duration": 0.3, "gravity": GRAVITY, "start": start, "contacts": [FLOOR], "damping": (0.5, 0.0)}
+    model = ms.DiscreteShell(ms.Shell(mesh, material))
+    truth = ms.simulate(model, dt=1 / 960, store_every=16, **given)
+    monkeypatch.setattr(ContactMotion, "advance", lambda *args: taken.append(1) or advance(*args))
+    run = ms.simulate(model, dt=1 / 60, tolerance=0.03, **given)
+    assert run.in_contact.any()
+    assert len(taken) < 90
+    assert 0.003 < run.step_error < 0.03
+    off = np.linalg.norm(run.positions - truth.positions, axis=2).max() / mesh.moment_length
+    assert off < 0.03
 
 
 def test_forces_of_linear_implicit_steps_overcome_the_drag_in_them():
