@@ -456,6 +456,18 @@ def test_colliders_that_leave_no_room_are_told(held_sheet, kind):
     assert "finer mesh" not in run.message
 
 
+def test_edges_that_dip_into_a_collider_at_the_end_are_told(held_sheet):
+    """They were by statics alone; and a coarse shell that a punch had passed through was told to take shorter steps."""
+    roller = [ms.Contact(ms.Cylinder((0.26, -1.0, -0.06), (0.26, 1.0, -0.06), 0.05))]
+    given = {"duration": 1.0, "dt": 1 / 60, "gravity": GRAVITY, "damping": (20.0, 0.0)}
+    run = ms.simulate(ms.DiscreteShell(held_sheet), contacts=roller, **given)
+    assert run.in_contact[-1].any()
+    ends = held_sheet.mesh.edges
+    depth = -roller[0].distance(run.positions[-1][ends].mean(axis=1)).min()
+    assert f"at the end edges dip up to {depth:.2g} m into a collider" in run.message
+    assert "dip" not in ms.simulate(ms.DiscreteShell(held_sheet), contacts=[FLOOR], **given).message
+
+
 def test_a_valley_has_room(held_sheet):
     sides = [ms.Contact(ms.Plane((side, 0, 1.0), 0.0)) for side in (-1, 1)]
     x = held_sheet.rest_positions - np.array([0.0, 0.0, 0.05])

@@ -15,7 +15,7 @@ from modalshell.contact.led import Led
 from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
-from modalshell.contact.statics import rest_on_contacts, rest_on_layers
+from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_told
 from modalshell.contact.touching import Touching, parted
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -162,6 +162,8 @@ def equilibrium_on_contacts(
     notes = [] if rest.converged else [told]
     if rubs and rest.converged:
         notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
+    if side := sides_told(touching, first):
+        notes.append(side)
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
         notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
