@@ -157,8 +157,9 @@ class StepErrors:
     def add(self, dt: float, cost: tuple[float, float, float], after: MotionState) -> None:
         """Count a step of ``dt`` [s] to a state."""
         error, gained, moved = cost
-        self._gained += gained
-        self._moved += moved
+        if not _strikes(after):  # whose jump of speeds is of no frequency
+            self._gained += gained
+            self._moved += moved
         self._steps += 1
         self._time += dt
         if "order" in after.memory and after.memory["order"][0] < 2.0:
@@ -215,7 +216,7 @@ class StepErrors:
         """
         whole = tolerance.share * self._stepper.shell.mesh.moment_length
         share = min(1.0, dt * max(self.decay, 1.0 / tolerance.span))
-        if "order" in after.memory and after.memory["order"][0] == 0.0:
+        if _strikes(after):
             share = max(share, _STRUCK * (1.0 - self.error / whole))
         return whole * share / _COHERENT
 
@@ -294,3 +295,8 @@ class StepErrors:
         if damping.ratios:
             rate += 2.0 * float(np.mean(damping.ratios)) * omega
         return rate
+
+
+def _strikes(after: MotionState) -> bool:
+    """Whether something struck or parted in the step to a state, so that its rule has to begin again."""
+    return "order" in after.memory and after.memory["order"][0] == 0.0
