@@ -53,6 +53,14 @@ SLOW_STUDIES |= {"contact_truth", "engines", "identification", "lateral_buckling
 SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drift", "manipulation"}
 """Those that take long even if quick; so do the tests that name them."""
 
+SHORTER = {
+    "engines": {"studies.engines._FRAMES": 2},
+    "stability_atlas": {"studies.stability_atlas.FEWEST": 10, "studies.stability_atlas.MOST": 20},
+    "tradeoff": {"studies.tradeoff.REPEATS": 1, "modalshell.compare.runs._FRAMES": 8},
+    "validity_map": {"studies.validity_map.MOTIONS": 4},
+}
+"""What quick studies take less of in the tests: repeats for exact timings, and work for findings that none looks at."""
+
 SCENE = (
     beam_text()
     + """[loads]
@@ -194,6 +202,8 @@ def quick_study(tmp_path_factory):
                 if not done.exists():
                     with pytest.MonkeyPatch.context() as patch:
                         patch.setenv("MODALSHELL_RENDERER", "built-in")
+                        for place, value in SHORTER.get(name, {}).items():
+                            patch.setattr(place, value)
                         reproduce(name, folder, folder / "figures", quick=True)
                     done.touch()
             finally:

@@ -9,11 +9,13 @@ import pkgutil
 import re
 import shlex
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tomllib
 import urllib.parse
 import warnings
+from contextlib import closing
 
 import pytest
 from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
@@ -24,10 +26,12 @@ from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
 FLAT_BEAM, PANEL = "studies/scenes/flat_beam.toml", "studies/scenes/panel_wind.toml"
+SNAPPING = "studies/scenes/v_beam_stiff.toml"
 SWEEP = "studies/sweeps/v_beam_gravity.toml"
 SMALLER = {
     FLAT_BEAM: {"cells = [40, 8]": "cells = [16, 4]", "x < 0.026": "x < 0.07"},
     PANEL: {"duration = 4.0": "duration = 0.5"},
+    SNAPPING: {"cells = [80, 16]": "cells = [20, 4]", "x < 0.026": "x < 0.076"},
     SWEEP: {", [0, 0, -1], [0, 0, -2], [0, 0, -4], [0, 0, -8]]": "]", "../scenes": str(ROOT / "studies" / "scenes")},
 }
 """What is changed in copies of scenes and sweeps that take long: they lie in the folder where commands run."""
@@ -37,6 +41,7 @@ VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
     ADVISE: "modalshell advise flat_beam.toml --error 0.02 --fps 60 --modes 4",
     TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4",
+    f"modalshell path {SNAPPING}": "modalshell path v_beam_stiff.toml",
     f"modalshell run {PANEL}": "modalshell run panel_wind.toml",
     f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml",
     VIEW: f"{VIEW} --screenshot leaf.png",
@@ -56,9 +61,10 @@ SET_UP = {
 
 .ci/run takes those commands as they stand, all extras but ``docs`` among them.
 """
+MADE = "python3 -m venv .venv"
 ALL = list(dict.fromkeys(line for page in PAGES for line in commands(page)))
 OWN = [line for line in ALL if line.startswith("modalshell ")]
-SETTING_UP = [line for line in ALL if " -m venv " in line]
+SETTING_UP = [line for line in ALL if MADE in line]
 OTHERS = [line for line in ALL if line not in OWN and line not in SETTING_UP]
 INLINE = sorted({span for page in PAGES for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))})
 
@@ -143,13 +149,25 @@ def test_the_python_of_contributing_meets_the_rules_of_style(written_guide):
         assert run.returncode == 0, run.stdout + run.stderr
 
 
+def copy_of_known_types(folder):
+    """What mypy keeps of a run on the checkout, where there was one; a run that goes on meanwhile may keep a part."""
+    for kept in (ROOT / ".mypy_cache").rglob("cache*.db"):
+        copy = folder / kept.relative_to(ROOT / ".mypy_cache")
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        found = closing(sqlite3.connect(kept)), closing(sqlite3.connect(copy))
+        with found[0] as one, found[1] as other, contextlib.suppress(sqlite3.Error):
+            one.backup(other)
+    return folder
+
+
 @pytest.mark.slow
-def test_the_python_of_contributing_has_the_types_that_it_needs(written_guide):
+def test_the_python_of_contributing_has_the_types_that_it_needs(written_guide, tmp_path_factory):
+    """It is read with the package, of which mypy may know the types already."""
     pytest.importorskip("mypy")
     (written_guide / "toy_fibres" / "kernel.py").touch()
     files = sorted(str(path.relative_to(written_guide)) for path in written_guide.rglob("*.py"))
     options = ["--config-file", str(ROOT / "pyproject.toml"), "--explicit-package-bases", "--namespace-packages"]
-    options += ["--follow-imports", "silent"]  # what the package's functions are given and give, without their insides
+    options += ["--cache-dir", str(copy_of_known_types(tmp_path_factory.mktemp("types")))]
     environment = {**os.environ, "MYPYPATH": str(ROOT)}
     run = subprocess.run(
         [sys.executable, "-m", "mypy", *options, *files],
@@ -159,6 +177,7 @@ def test_the_python_of_contributing_has_the_types_that_it_needs(written_guide):
         text=True,
     )
     assert [line for line in run.stdout.splitlines() if line.startswith(tuple(files))] == [], run.stdout
+    assert f"{len(files)} source files" in run.stdout, run.stdout + run.stderr
 
 
 def test_the_project_file_of_contributing_names_its_modules():
@@ -255,9 +274,12 @@ def test_relative_links_resolve(page):
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """A copy of the repository that commands may write into, with this Python first on the path."""
+    """A copy of the repository that commands may write into, with this Python first on the path.
+
+    With what Python has compiled of it, which stands for the same sources there.
+    """
     copy = tmp_path_factory.mktemp("checkout") / "modalshell"
-    left_out = shutil.ignore_patterns("results", ".git", ".venv", "__pycache__", ".*_cache", ".hypothesis", "*.mp4")
+    left_out = shutil.ignore_patterns("results", ".git", ".venv", ".*_cache", ".hypothesis", "*.mp4")
     shutil.copytree(ROOT, copy, ignore=left_out)
     return copy
 
@@ -289,8 +311,10 @@ def test_commands_of_a_checkout_run(line, checkout):
 @pytest.mark.slow
 @pytest.mark.parametrize("line", SETTING_UP)
 def test_environments_are_made_as_the_documents_say(line, checkout):
-    """One after the other, as a reader does; skipped where no package index answers."""
+    """One after the other, as a reader does, in an environment that is made once; skipped where no index answers."""
     for part in line.split(" && "):
+        if part == MADE and (checkout / ".venv" / "pyvenv.cfg").exists():
+            continue
         status, output = in_shell(SET_UP.get(part, part), checkout, PYTHONPATH="", PIP_NO_COMPILE="0")  # to pip: yes
         if status != 0 and re.search(r"No matching distribution|ConnectionError|NewConnectionError", output):
             pytest.skip("no package index answers here")

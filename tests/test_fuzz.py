@@ -50,7 +50,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 280, 420
+DEFAULT, LONG = 280, 280
 
 
 def attempts(surface, count, folder, seed=None):

@@ -29,7 +29,7 @@ print(*ms.models())
 
 def without(folder, copy):
     """A copy of the package without a folder and without the lines that name it; the files that had such lines."""
-    shutil.copytree(PACKAGE, copy / "modalshell", ignore=shutil.ignore_patterns("__pycache__", folder))
+    shutil.copytree(PACKAGE, copy / "modalshell", ignore=shutil.ignore_patterns(folder))
     changed = {}
     for path in (copy / "modalshell").rglob("*.py"):
         source = path.read_text(encoding="utf-8")

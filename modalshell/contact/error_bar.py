@@ -82,6 +82,18 @@ class ContactEstimator(Estimator):
             raise SolverError(f"what touches has not settled in {_MOST} Newton steps{told}")
         return self._rest.point, stresses
 
+    def refined(self) -> tuple[Array, list[Array]]:
+        """Positions (n, 3) [m] after further steps like those of the last bar, and the stresses that they predict."""
+        last = self._last()
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, stresses = self._steps(last.problem, last.x)
+        return x + self.origin, stresses
+
+    def pushed(self) -> Array:
+        """Forces (n, 3) [N] of the colliders where the last steps ended."""
+        assert self._rest is not None
+        return self.touching.forces(self._rest.point, self._rest.pushes)
+
     def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses, of motions along the colliders."""
         touching, rest = self.touching, self._rest

@@ -22,6 +22,8 @@ _SHALLOW = 1e-3
 """Depth, as a share of the shell's size, from which a start is led out in steps."""
 _FIRST_STEP = 0.125
 """First share of the way out."""
+_HALFWAY = 0.25
+"""Depth, as a share of the collider's smallest radius, from which a start may be on the wrong side of its middle."""
 _CLOSE = 0.1
 """Distance of layers, as a share of the gap, below which the barrier is stiffened."""
 _STIFFER, _STIFFENED = 8.0, 6
@@ -106,6 +108,19 @@ def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start
             break
         start, pressure = rest.point, _STIFFER * pressure
     return rest, layers
+
+
+def sides_told(touching: Touching, start: Array) -> str:
+    """What is said of a ``start`` (n, 3) [m] near the middle of a collider, which knows no side; "" of others."""
+    gaps = touching.distances(start)
+    for index, contact in enumerate(touching.contacts):
+        depth, radius = -float(gaps[touching.of_contact(index)].min(initial=0.0)), contact.collider.smallest_radius
+        if depth > max(_HALFWAY * radius, _SHALLOW * touching.size):
+            return (
+                f"the start is {depth:.2g} m inside contact {index}, {depth / radius:.2g} of its smallest radius, and "
+                "was pushed out on the nearer side: where that is the wrong one, begin on the other (start=)"
+            )
+    return ""
 
 
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:

@@ -22,6 +22,7 @@ from modalshell.crowd.film import FlightFilm, FlightReport
 from modalshell.crowd.flight import Flight
 from modalshell.crowd.scene import FlockScene
 from modalshell.crowd.stage import FlightStage
+from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
 from modalshell.render import ShadedSurface, draw_surfaces, look_at, write_film
 from modalshell.render.camera import Camera
@@ -37,6 +38,8 @@ _BIRD_BYTES, _DRAWN_BYTES = 60, 240
 _UNITS = {"time": "s", "positions": "m", "accelerations": "m/s^2"}
 """Units of the arrays but the modal coordinates."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
+_FLIGHT = Archive("a flight", "modalshell_flight")
+"""Marks the arrays as those of a flight."""
 
 
 @final
@@ -156,8 +159,8 @@ class FlockRun(SceneRun[FlightResult]):
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}
         system = self._scene.unit_system
         named = _UNITS | {"coordinates": f"{system.length} sqrt({system.mass})"}
-        units = system.array({name: named.get(name, "") for name in arrays})
-        write_npz(self.path("npz"), units=units, **arrays)
+        fields = {name: Field("fiu", None, named.get(name, "")) for name in arrays}
+        write_npz(self.path("npz"), **_FLIGHT.arrays(arrays, system, fields))
         del self._records  # mapped, and about to be deleted
 
     def record(self) -> dict[str, Any]:

@@ -22,6 +22,7 @@ _CHUNK = 25_000
 _COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {
     "von_mises_faces": ("top", "bottom"),
     "displacement": ("x", "y", "z"),
+    "contact_force": ("x", "y", "z"),
 }
 
 
@@ -117,7 +118,9 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
 
 
 def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None:
-    """A frame's positions and triangles, displacement of the vertices and fields of the triangles, with their units.
+    """A frame's positions and triangles, displacement and contact of the vertices, and fields of the triangles.
+
+    All have their units. Whether a vertex is in contact is one where it is, and zero where it is not.
 
     VTK's XML files keep units as information of an array; VTKHDF files keep no such information, so that both name them
     in field data too, as ``NAME_unit``.
@@ -130,6 +133,9 @@ def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None
     surface.SetPolys(cells)
     moved = run.positions[index] - run.rest_positions.astype(run.positions.dtype)
     arrays = [("displacement", run.units.of("m"), moved, surface.GetPointData())]
+    if run.contact_forces.size:
+        arrays.append(("contact_force", run.units.of("N"), run.contact_forces[index], surface.GetPointData()))
+        arrays.append(("in_contact", "", run.in_contact[index].astype(np.uint8), surface.GetPointData()))
     arrays += [
         (name, run.units.of(FIELDS[name]), run.fields[name][index], surface.GetCellData()) for name in run.fields
     ]

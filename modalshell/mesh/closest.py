@@ -19,14 +19,55 @@ _AT_ONCE = 3_000_000
 """Coordinates of points and segments compared at a time."""
 
 
-def closest_points(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m]."""
-    return all_closest(mesh, points)[:3]
+def common_parts(fine: TriangleMesh, coarse: TriangleMesh) -> tuple[IntArray, IntArray] | None:
+    """Labels of the vertices of two meshes of one surface, the same on the same part of it; None where it is in one.
+
+    A connected part of the coarse mesh, whose vertices lie on the surface, is that of the fine one next to most of
+    them. None, too, where some part has none, as of sheets that lie upon each other.
+    """
+    above, below = fine.components, coarse.components
+    count = int(above.max()) + 1
+    if count == 1:
+        return None
+    votes = np.zeros((int(below.max()) + 1, count))
+    np.add.at(votes, (below, above[fine.faces[closest_points(fine, coarse.vertices)[0], 0]]), 1.0)
+    most = votes.argmax(axis=1)
+    return (above, most[below]) if len(np.unique(most)) == count else None
 
 
-def all_closest(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
+def closest_points(
+    mesh: TriangleMesh, points: FloatArray, among: tuple[IntArray, IntArray] | None = None
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m].
+
+    ``among`` are labels of the mesh's vertices (n,) and of the points (k,): triangles are those of a point's own label.
+    """
+    return all_closest(mesh, points, among)[:3]
+
+
+def all_closest(
+    mesh: TriangleMesh, points: FloatArray, among: tuple[IntArray, IntArray] | None = None
+) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
     """What :func:`closest_points` gives, and all triangles on which the nearest point lies."""
-    corners = mesh.vertices[mesh.faces]
+    if among is None:
+        return _closest_of(mesh, np.arange(len(mesh.faces)), points)
+    of_faces, of_points = among[0][mesh.faces[:, 0]], among[1]
+    nearest, shares = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 3))
+    distance, on = np.zeros(len(points)), [np.empty(0, dtype=np.int64)] * len(points)
+    for label in np.unique(of_points):
+        rows = np.flatnonzero(of_points == label)
+        found = _closest_of(mesh, np.flatnonzero(of_faces == label), points[rows])
+        nearest[rows], shares[rows], distance[rows] = found[:3]
+        for row, triangles in zip(rows, found[3], strict=True):
+            on[row] = triangles
+    return nearest, shares, distance, on
+
+
+def _closest_of(
+    mesh: TriangleMesh, chosen: IntArray, points: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
+    """What :func:`all_closest` gives, of the ``chosen`` triangles (t,) of a mesh."""
+    corners = mesh.vertices[mesh.faces[chosen]]
     sheets = int(np.diff(mesh.joints.starts).max(initial=2))
     count = min(_NEAR * sheets // 2, len(corners))
     near = cKDTree(corners.mean(axis=1)).query(points, k=count)[1].reshape(len(points), -1)
@@ -37,8 +78,8 @@ def all_closest(mesh: TriangleMesh, points: FloatArray) -> tuple[IntArray, Float
     together = distance <= least[:, None] + TOGETHER * mesh.size
     best = lowest(near, together)  # of triangles as near, whichever way the mesh is turned
     rows = np.arange(len(points))
-    on = [found[part] for found, part in zip(near, together, strict=True)]
-    return near[rows, best], shares[rows, best], least, on
+    on = [chosen[found[part]] for found, part in zip(near, together, strict=True)]
+    return chosen[near[rows, best]], shares[rows, best], least, on
 
 
 def lowest(numbers: IntArray, chosen: NDArray[np.bool_]) -> IntArray:

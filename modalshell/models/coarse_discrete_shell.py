@@ -19,7 +19,7 @@ from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.loads import Loading
-from modalshell.mesh.closest import closest_points
+from modalshell.mesh.closest import closest_points, common_parts
 from modalshell.models.base.crease_motion import CreaseMotion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.implicit import LoadAt, implicit_rule
@@ -100,7 +100,10 @@ class CoarseDiscreteShell(OnCoarse):
                 f"the coarse mesh is another surface: vertex {worst} is {distance[worst]:.3g} m from it, the shell is "
                 f"{mesh.size:.3g} m long; make both from one shape"
             )
-        self._above, self._shares = own_triangles(mesh) if under is mesh else closest_points(mesh, under.vertices)[:2]
+        if under is mesh:
+            self._above, self._shares = own_triangles(mesh)
+        else:
+            self._above, self._shares, _ = closest_points(mesh, under.vertices, common_parts(mesh, under))
         self._step = profile_step(coarse)
         self._exact = coarse is shell  # the same shell: of several minima of a step that of DS
         self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)

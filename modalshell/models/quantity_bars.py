@@ -18,8 +18,7 @@ import numpy as np
 from modalshell.core.checks import checked_number, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.loads import Loading
-from modalshell.models.base.bars import check_bar
+from modalshell.models.base.bars import check_bar, estimator_of
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.error_bars import shell_of
@@ -99,48 +98,57 @@ def quantity_bars(
     ------
     OptionError
         For an unknown name, an answer that does not know its load or stands under constraints, stresses of a
-        :class:`Material`, or a shell that its supports do not hold.
+        :class:`Material`, a shell that its supports do not hold, or contacts with friction or a frequency.
+    SolverError
+        Where what touches does not settle in the further steps.
     """
     if not isinstance(answer, Equilibrium) or answer.loading is None:
         raise OptionError(f"answer must be an equilibrium of a known load, as a model finds (got {shown(answer)})")
     shell = shell_of(model_or_shell)
-    check_bar(shell, constrained=answer.constraint_residuals.size > 0, touching=bool(answer.contacts))
-    loading = answer.loading
-    chosen = _chosen(of, shell, answer, loading)
-    estimator = ErrorEstimator(shell)
+    check_bar(shell, constrained=answer.constraint_residuals.size > 0, contacts=answer.contacts)
+    loading, named = answer.loading, not isinstance(of, Mapping)
+    if answer.contacts and named and "frequency" in of:
+        raise OptionError("under contacts a frequency has no bar: leave it out, or the contacts")
+    estimator = estimator_of(shell, answer.contacts)
+
+    def force(x: Array) -> Array:
+        if isinstance(estimator, ErrorEstimator):
+            return loading.force(x)
+        return loading.force(x) + (answer.contact_forces if x is answer.positions else estimator.pushed())
+
+    chosen = _chosen(of, shell, answer, force)
     live = LiveLoads(loading) if loading.live else None
     bar = estimator.bar(answer.positions, loading.dead, live)
     if bar.message:
         raise OptionError(f"this answer has no bars: {bar.message}")
     finer, stresses = estimator.refined()
-    named = not isinstance(of, Mapping)
     if named and "reactions" in of:
         # Of thin shells the membrane's stretch that is left may be as large as they are: the same steps take it away.
         least = _BALANCED * chosen["reactions"](finer)
-        if bar.valid and _lost(shell, loading, finer) > least and not estimator.bar(finer, loading.dead, live).message:
+        again = bar.valid and _lost(shell, force(finer), finer) > least
+        if again and not estimator.bar(finer, loading.dead, live).message:
             finer, stresses = estimator.refined()
     found = {}
     for name, read in chosen.items():
         value, corrected = (checked_number(name, float(read(x)), error=OptionError) for x in (answer.positions, finer))
         found[name] = QuantityBar(value, corrected, UNITS.get(name, ""), bar.valid and not bar.beyond)
     if named and "reactions" in found:
-        bar_of, lost = found["reactions"], _lost(shell, loading, finer)
+        bar_of, lost = found["reactions"], _lost(shell, force(finer), finer)
         found["reactions"] = replace(bar_of, valid=bar_of.valid and lost <= LARGEST_BAR * bar_of.corrected)
     if named and "frequency" in of:
         found["frequency"] = _frequency(model_or_shell, answer, bar, estimator.lowest_eigenvalue(finer, stresses))
     return {name: found[name] for name in of}
 
 
-def _lost(shell: Shell, loading: Loading, x: Array) -> float:
-    """Force [N] by which loads and reactions are out of balance at x (n, 3) [m]."""
-    force = loading.force(x)
+def _lost(shell: Shell, force: Array, x: Array) -> float:
+    """Force [N] by which a load ``force`` (n, 3) [N] and reactions are out of balance at x (n, 3) [m]."""
     return float(np.linalg.norm((force + shell.reactions(x, force=force)).sum(axis=0)))
 
 
 def _chosen(
-    of: Sequence[str] | Mapping[str, Quantity], shell: Shell, answer: Equilibrium, loading: Loading
+    of: Sequence[str] | Mapping[str, Quantity], shell: Shell, answer: Equilibrium, force: Callable[[Array], Array]
 ) -> dict[str, Quantity]:
-    """What reads each quantity but the frequency."""
+    """What reads each quantity but the frequency, under a ``force`` (n, 3) [N] of positions."""
     if isinstance(of, Mapping):
         return dict(of)
     if isinstance(of, str) or not all(name in UNITS for name in of):
@@ -151,7 +159,7 @@ def _chosen(
     tip = int(np.argmax(np.linalg.norm(answer.positions - rest, axis=1)))
 
     def reactions(x: Array) -> float:
-        parts = shell.support_reactions(x, force=loading.force(x))
+        parts = shell.support_reactions(x, force=force(x))
         return max((float(np.linalg.norm(part.sum(axis=0))) for part in parts), default=0.0)
 
     known: dict[str, Quantity] = {

@@ -40,6 +40,8 @@ class ColliderAccount:
 
     Attributes
     ----------
+    contacts : list of (int, Contact)
+        Those with colliders, and their places among all.
     moving : bool
         Whether a collider moves.
     crowded : str
@@ -51,8 +53,8 @@ class ColliderAccount:
     """
 
     def __init__(self, contacts: Sequence[Any], mesh: TriangleMesh, *, add: bool) -> None:
-        self._contacts = [(index, one) for index, one in enumerate(contacts) if hasattr(one, "collider")]
-        self._mesh, self.moving = mesh, any(one.motion is not None for _, one in self._contacts)
+        self.contacts = [(index, one) for index, one in enumerate(contacts) if hasattr(one, "collider")]
+        self._mesh, self.moving = mesh, any(one.motion is not None for _, one in self.contacts)
         self.crowded, self.torn, self.worked = "", 0.0, 0.0
         self._counts = add and self.moving
         self._before: tuple[float, Array] | None = None
@@ -60,7 +62,7 @@ class ColliderAccount:
     @cached_property
     def _chosen(self) -> list[NDArray[np.bool_]]:
         """Vertices (n,) that may touch each collider."""
-        return [one.vertices(self._mesh) for _, one in self._contacts]
+        return [one.vertices(self._mesh) for _, one in self.contacts]
 
     def knows_work(self, store_every: int) -> bool:
         """Whether the work of all colliders is known: of those that rest it is none."""
@@ -90,8 +92,18 @@ class ColliderAccount:
         if beyond and extent > _TORN * self._mesh.size:
             self.torn = extent
 
+    def dips(self, x: Array, time: float, touched: TouchedFrame) -> str:
+        """What is said of edges of vertices at x (n, 3) [m] that touch at ``time`` [s]; "" where none dips in."""
+        deepest, ends = 0.0, self._mesh.edges
+        for (_, one), may_touch in zip(self.contacts, self._chosen, strict=True):
+            near = ends[(may_touch & touched.touches)[ends].any(axis=1) & may_touch[ends].all(axis=1)]
+            deepest = max(deepest, -float(one.distance(x[near].mean(axis=1), time).min(initial=0.0)))
+        if not deepest > _DEEP * self._mesh.size:
+            return ""
+        return f"at the end edges dip up to {deepest:.2g} m into a collider between their vertices: take a finer mesh"
+
     def _is_deep(self, touched: TouchedFrame) -> bool:
-        return not self.crowded and touched.deepest > _DEEP * self._mesh.size and len(self._contacts) > 1
+        return not self.crowded and touched.deepest > _DEEP * self._mesh.size and len(self.contacts) > 1
 
     def _without_room(self, x: Array, time: float) -> tuple[int, list[int]] | None:
         """A vertex at x (n, 3) [m] that colliders leave no room, and their contacts; None if there is none.
@@ -102,12 +114,12 @@ class ColliderAccount:
         """
         import scipy.optimize  # not where nothing is deep inside
 
-        gaps = [one.distance(x, time) for _, one in self._contacts]
+        gaps = [one.distance(x, time) for _, one in self.contacts]
         depth = np.min([np.where(chosen, gap, np.inf) for chosen, gap in zip(self._chosen, gaps, strict=True)], axis=0)
         for vertex in np.argsort(depth, kind="stable")[:_LOOKED_AT]:
             if not depth[vertex] < 0.0:
                 break
-            own = [one for one, chosen in zip(self._contacts, self._chosen, strict=True) if chosen[vertex]]
+            own = [one for one, chosen in zip(self.contacts, self._chosen, strict=True) if chosen[vertex]]
             near = [(index, one.gap(x[[vertex]], time)) for index, one in own]
             rows = np.array([[*normal[0], gap[0] / self._mesh.size] for _, (gap, normal, _) in near])
             if not np.isfinite(rows).all():
@@ -123,7 +135,7 @@ class ColliderAccount:
         if not touched.touches.any():
             return 0.0
         pushed, most = np.linalg.norm(touched.forces, axis=1), 0.0
-        for (_, one), may_touch in zip(self._contacts, self._chosen, strict=True):
+        for (_, one), may_touch in zip(self.contacts, self._chosen, strict=True):
             chosen = may_touch & (pushed > 0.0)
             if chosen.any():
                 moved = np.linalg.norm(one.way(x[chosen], begin, end - begin), axis=1)

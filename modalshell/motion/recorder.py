@@ -42,6 +42,8 @@ _AT_REST = 1e-9
 """Share of the largest energy below which kinetic energy counts as none."""
 _INSIDE = 1e-3
 """Depth of a vertex in a collider, as a share of the shell's size, from which it is reported."""
+_THROUGH = 0.5
+"""Depth of a vertex, as a share of a collider's smallest radius, from which it may come out on the other side."""
 _HUGE = 1e9
 """Coordinate from which positions may overflow single precision."""
 _FAULTS = {
@@ -288,19 +290,31 @@ class Recorder:
         said = said if any(said) or found else [self._lost()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
-        said += [motion.model.account(motion.state), self._inside()]
+        said += [motion.model.account(motion.state), self._inside() or self._dips()]
         notes += [note for note in said if note]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
 
     def _inside(self) -> str:
         """What is said of vertices inside colliders that do not push them out; "" of none."""
         deepest = [touched.deepest for touched in self.touched]
-        pushed = any(getattr(contact, "push_out", 0.0) for contact in self.motion.setup.contacts)
-        if pushed or self.colliders.crowded or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
+        if self._pushes_out or self.colliders.crowded or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
             return ""
-        time = self.times[int(np.argmax(deepest))]
+        time, colliders = self.times[int(np.argmax(deepest))], [one for _, one in self.colliders.contacts]
         where = f"up to {max(deepest):.2g} m inside a collider, at {time:.6g} s"
+        if max(deepest) > _THROUGH * min(one.collider.smallest_radius for one in colliders):
+            where += ", and may have passed through it"
         return f"vertices are {where}: take a finer mesh, the coarse one of models that have it, or shorter steps"
+
+    @property
+    def _pushes_out(self) -> bool:
+        return any(getattr(contact, "push_out", 0.0) for contact in self.motion.setup.contacts)
+
+    def _dips(self) -> str:
+        """What is said of edges that dip into colliders at the end; "" of none."""
+        touched = self.motion.touched()
+        if touched is None or self._pushes_out or self.colliders.crowded or not touched.touches.any():
+            return ""
+        return self.colliders.dips(self.motion.positions(), self.motion.time, touched)
 
     @property
     def _steady(self) -> bool:
@@ -320,8 +334,7 @@ class Recorder:
         What moving colliders have done is known of rules that may add energy, where each step is a frame.
         """
         contacts, worked = self.motion.setup.contacts, self.colliders.worked
-        unknown = any(getattr(one, "push_out", 0.0) for one in contacts)
-        unknown |= not self.colliders.knows_work(self.store_every)
+        unknown = self._pushes_out or not self.colliders.knows_work(self.store_every)
         if not contacts or unknown or not self._by_load_alone or len(self.times) < 2:
             return 0.0
         energies = np.array(self.energies)

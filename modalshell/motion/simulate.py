@@ -79,8 +79,8 @@ def simulate(
         Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
     contacts : sequence of Contact, optional
-        Colliders that vertices stay out of, for models that take contacts. While something touches, rules of order two
-        step by implicit Euler.
+        Colliders that vertices stay out of, for models that take contacts. Where what touches changes, implicit Euler
+        stands in for rules of order two.
     integrator : str, optional
         Another rule of the steps than the model's own: "exponential", "implicit_euler" or "implicit_midpoint" of modal
         models; of others "composite", "sdirk2", "bdf2", "implicit", and further ones of those with every vertex free.

@@ -13,6 +13,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
+from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.second_order import SecondOrderRule
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.modal import as_modal
@@ -36,6 +37,10 @@ _RESOLVED = 6.0
 _BEYOND = 3.0
 """Error over the tolerance from which a motion says so: errors of a motion are known to such a factor."""
 _LEAST = 1e-300
+_STRUCK = 0.125
+"""Part of what is left of a tolerance that a step may take in which something strikes."""
+_OFTEN = 0.1
+"""Share of steps that implicit Euler stood in for, from which what is said of the damping of steps names it."""
 _AIM = 0.05
 """Share of the damping asked for, or of its least that counts, that a better step may add."""
 
@@ -85,6 +90,7 @@ class StepErrors:
         self._first, self._start = start, start.coordinates
         self.error, self._largest, self.halvings = 0.0, 0.0, 0
         self._gained, self._moved, self._steps, self._known = 0.0, 0.0, 0, True
+        self._time, self._stood, self._stood_time = 0.0, 0, 0.0  # [s], and of steps that implicit Euler stood in for
         self._size, self._shape = 0.0, 0.0
         modal = as_modal(stepper.model)
         self.peaks = np.zeros(0 if modal is None else modal.basis.count)
@@ -92,17 +98,18 @@ class StepErrors:
     def arrays(self) -> dict[str, Array]:
         """Everything that :meth:`restore` needs."""
         numbers = [self.error, self._largest, self.halvings, self._gained, self._moved, self._steps, self._known]
-        errors = np.array([*numbers, self._size, self._shape], dtype=np.float64)
+        numbers += [self._size, self._shape, self._time, self._stood, self._stood_time]
+        errors = np.array(numbers, dtype=np.float64)
         # Nothing where it is the motion's start, which is known.
         seen_from = np.empty(0) if self._start is self._first.coordinates else self._start.copy()
         return {"errors": errors, "peaks": self.peaks.copy(), SEEN_FROM: seen_from}
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Go on from :meth:`arrays`."""
-        self.error, self._largest, halvings, self._gained, self._moved, steps, known, self._size, self._shape = (
-            float(number) for number in arrays["errors"]
-        )
-        self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
+        numbers = [float(number) for number in arrays["errors"]]
+        self.error, self._largest, halvings, self._gained, self._moved, steps, known = numbers[:7]
+        self._size, self._shape, self._time, stood, self._stood_time = numbers[7:]
+        self.halvings, self._steps, self._known, self._stood = int(halvings), int(steps), bool(known), int(stood)
         self.peaks = np.array(arrays["peaks"])
         seen_from = np.array(arrays[SEEN_FROM])
         self._start = seen_from if seen_from.size else self._first.coordinates
@@ -147,12 +154,17 @@ class StepErrors:
             self._size = max(self._size, length)
             self._shape = length / math.sqrt(squared) if squared > 0.0 else self._shape
 
-    def add(self, dt: float, cost: tuple[float, float, float]) -> None:
-        """Count a step of ``dt`` [s]."""
+    def add(self, dt: float, cost: tuple[float, float, float], after: MotionState) -> None:
+        """Count a step of ``dt`` [s] to a state."""
         error, gained, moved = cost
-        self._gained += gained
-        self._moved += moved
+        if not _strikes(after):  # whose jump of speeds is of no frequency
+            self._gained += gained
+            self._moved += moved
         self._steps += 1
+        self._time += dt
+        if "order" in after.memory and after.memory["order"][0] < 2.0:
+            self._stood += 1
+            self._stood_time += dt
         error = self.error * math.exp(-self.decay * dt) + _COHERENT * self.length(error)
         if error > 2.0 * self._size > 0.0:
             error = 2.0 * self._size
@@ -196,20 +208,35 @@ class StepErrors:
         omega = self.frequency
         return 0.5 * self._damping_rate(omega) / omega if omega else 0.0
 
-    def allowed(self, tolerance: Tolerance, dt: float) -> float:
-        """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance.
+    def allowed(self, tolerance: Tolerance, dt: float, after: MotionState) -> float:
+        """Error [m] that a step of ``dt`` [s] to a state may make, so that all of them add up to a tolerance.
 
-        Where errors die away within a step, each of them may make all of it, and not more.
+        Where errors die away within a step, each of them may make all of it, and not more. Where something strikes,
+        speeds jump, and the error falls as the step does, as what it may be: there it may be a part of what is left.
         """
+        whole = tolerance.share * self._stepper.shell.mesh.moment_length
         share = min(1.0, dt * max(self.decay, 1.0 / tolerance.span))
-        return tolerance.share * self._stepper.shell.mesh.moment_length * share / _COHERENT
+        if _strikes(after):
+            share = max(share, _STRUCK * (1.0 - self.error / whole))
+        return whole * share / _COHERENT
 
     def obtained(self, state: MotionState, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s], as to ``state``, give motion of its frequency; NaN if unknown."""
         omega, model = self.frequency, self._stepper.model
-        growth = model.mean_growth(state, omega**2, self._damping_rate(omega), dt) if omega else complex(np.nan)
-        size = np.log(max(abs(growth), np.finfo(float).tiny))
-        return float(-size / np.hypot(size, np.angle(growth))) if growth == growth and size else float("nan")
+        if not omega:
+            return float("nan")
+        damp, whole = self._damping_rate(omega), self._stepper.setup.dt
+        step, share = dt, self._stood_time / self._time
+        if self._stepper.setup.divided and self._stood < self._steps:
+            step *= (self._time - self._stood_time) / (self._steps - self._stood) / whole
+        growth = model.mean_growth(state, omega**2, damp, step)
+        size, angle = np.log(max(abs(growth), np.finfo(float).tiny)), np.angle(growth)
+        if share:  # in a second, each for its share of it; what strikes does so as often in shorter steps
+            parts, share = getattr(model.integrator, "stand_ins", 1), share * dt / whole
+            part = self._stood_time / self._stood * dt / whole / parts
+            euler = np.log(1.0 / (1.0 - oscillation(omega**2, damp, part))) * share / part
+            size, angle = (1.0 - share) * size / step + euler.real, (1.0 - share) * angle / step + euler.imag
+        return float(-size / np.hypot(size, angle)) if growth == growth and size else float("nan")
 
     def remark(self, state: MotionState) -> str:
         """What the damping that steps add does to the motion, and the step that would not; "" if it is little."""
@@ -222,9 +249,13 @@ class StepErrors:
             fitting *= 0.5
         rule = getattr(self._stepper.model, "integrator", None)  # which auto has none of to choose
         other = "" if rule is None or isinstance(rule, SecondOrderRule) else " or an integrator of second order"
+        if self._stood > _OFTEN * self._steps:
+            often = f"{self._stood} of {self._steps} steps"
+            other = f" (implicit Euler stood in for {often}, where contacts changed or motion was violent)"
+        wanted = "a smaller tolerance" if self._stepper.setup.divided else f"dt <= {fitting:.2g} s"
         return (
             f"steps add a damping ratio of {added:.2g} to motion at {self.frequency / (2.0 * np.pi):.3g} Hz "
-            f"(asked {asked:.2g}): take dt <= {fitting:.2g} s{other}"
+            f"(asked {asked:.2g}): take {wanted}{other}"
         )
 
     def undersampled(self) -> str:
@@ -264,3 +295,8 @@ class StepErrors:
         if damping.ratios:
             rate += 2.0 * float(np.mean(damping.ratios)) * omega
         return rate
+
+
+def _strikes(after: MotionState) -> bool:
+    """Whether something struck or parted in the step to a state, so that its rule has to begin again."""
+    return "order" in after.memory and after.memory["order"][0] == 0.0

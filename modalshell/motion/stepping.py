@@ -199,7 +199,7 @@ class Motion:
         cost = self.errors.of_step(before, after, dt)
         if self._go_on(after, cost):
             self.errors.see(after)
-            self.errors.add(dt, cost)
+            self.errors.add(dt, cost, after)
         return converged
 
     def _divided_step(self) -> bool:
@@ -212,7 +212,7 @@ class Motion:
             begin = self.time + self.setup.dt * place / _PARTS
             after, converged = self.stepper.advance(begin, dt, before, self._load)
             errors.see(after)
-            cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt)
+            cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt, after)
             error = errors.length(cost[0])
             if part > 1 and not (converged and error <= allowed):
                 errors.halvings += 1
@@ -221,7 +221,7 @@ class Motion:
             place, solved = place + part, solved and converged
             if not self._go_on(after, cost):
                 break
-            errors.add(dt, cost)
+            errors.add(dt, cost, after)
             # Twice the step has eight times the error, and may have twice as much.
             if part < _PARTS and error <= _EASY * allowed and place % (2 * part) == 0:
                 errors.halvings -= 1

@@ -213,3 +213,15 @@ def test_a_motion_says_how_deep_vertices_between_coarse_ones_are():
     assert run.deepest.max() > 1e-3
     assert f"vertices are up to {run.deepest.max():.2g} m inside a collider" in run.message
     assert "inside" not in ms.simulate(ms.DiscreteShell(shell), **options).message
+
+
+def test_a_body_that_passes_between_coarse_vertices_is_said_to_have():
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=1000.0)
+    fine, coarse = (
+        ms.Shell(ms.flat_beam(length=1.0, width=0.1, cells=cells), sheet, "x < 1e-6") for cells in ((48, 4), (12, 2))
+    )
+    way = ms.SupportPath([0.0, 0.5], [(0, 0, 0), (0, 0, -0.08)])
+    punch = ms.Contact(ms.Cylinder((0.8, -1.0, 0.03), (0.8, 1.0, 0.03), 0.03), motion=way)
+    run = ms.simulate(ms.CoarseDiscreteShell(fine, coarse), duration=0.5, dt=1 / 60, contacts=[punch])
+    assert "inside a collider" in run.message
+    assert "may have passed through it" in run.message

@@ -45,6 +45,27 @@ def test_bars_are_the_true_errors(shell, contacts):
     assert own.valid
 
 
+@pytest.mark.parametrize("contacts", [[FLOOR], [ROLLER]], ids=["floor", "roller"])
+def test_bars_of_numbers_are_those_of_discrete_shells(contacts):
+    """They were refused."""
+    shell = strip()
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=contacts)
+    forces = shell.support_reactions(truth.positions, gravity=GRAVITY)
+    held = np.linalg.norm(forces[0].sum(axis=0))
+    tip = np.linalg.norm(truth.positions - shell.rest_positions, axis=1).max()
+    wanted = {"tip": tip, "reactions": held, "von_mises": shell.fields(truth.positions).values("von_mises").max()}
+    basis = ms.solve_modes(shell, 8)
+    for model in (ms.ModalWarping(basis), ms.RotationStrain(basis)):
+        answer = model.equilibrium(gravity=GRAVITY, contacts=contacts)
+        bars = ms.quantity_bars(model, answer, tuple(wanted))
+        middle = ms.quantity_bars(model, answer, {"middle": lambda x: x[:, 2].mean()})["middle"]
+        assert middle.corrected == pytest.approx(truth.positions[:, 2].mean(), rel=1e-3)
+        for name, right in wanted.items():
+            assert bars[name].valid
+            assert bars[name].corrected == pytest.approx(right, rel=1e-2)
+            assert bars[name].error == pytest.approx(abs(bars[name].value / right - 1.0), abs=1e-2, rel=0.1)
+
+
 @pytest.mark.parametrize("collider", [ms.Plane((0, 0, 1), -0.15), ms.Sphere((0.7, 0.0, -0.51), 0.5)])
 def test_the_margin_is_that_on_motions_that_keep_the_gaps(collider):
     shell = strip((12, 2), own=False)
@@ -110,8 +131,8 @@ def test_bars_that_cannot_be_are_refused_or_void_by_name(shell):
         ms.simulate(ms.DiscreteShell(shell), duration=0.1, bars=(2, strip((10, 2))), contacts=[FLOOR])
     with pytest.raises(ms.OptionError, match="an error bar under self-contact is not known"):
         ms.simulate(ms.DiscreteShell(shell), duration=0.1, bars=2, contacts=[ms.SelfContact(gap=1e-3)])
-    with pytest.raises(ms.OptionError, match="positions alone have an error bar"):
-        ms.quantity_bars(shell, state)
+    with pytest.raises(ms.OptionError, match="under contacts a frequency has no bar"):
+        ms.quantity_bars(ms.DiscreteShell(shell), state, ("frequency",))
     wild = shell.rest_positions + np.random.default_rng(0).normal(size=shell.rest_positions.shape)
     found = ms.error_bar(shell, wild, gravity=GRAVITY, contacts=[FLOOR])
     assert not found.valid or found.beyond

@@ -156,3 +156,14 @@ def test_motions_of_supports_over_a_table_ask_for_no_guess(monkeypatch):
     run = ms.simulate(model, duration=0.2, dt=1 / 60, gravity=GRAVITY, contacts=contacts, supports=path)
     assert run.unconverged_steps == 0
     assert run.positions[-1, :, 2].min() <= -0.06 + 1e-9
+
+
+def test_starts_near_the_middle_of_a_body_say_on_which_side_they_come_out():
+    """A punch that was deeper in than its radius held the strip up on its other side, without a word."""
+    shell = strip(40)
+    for deep, told in ((0.004, False), (0.025, True), (0.05, True)):
+        punch = ms.Contact(ms.Cylinder((0.8, -1.0, 0.03 - deep), (0.8, 1.0, 0.03 - deep), 0.03), push_out=1.0)
+        state = ms.DiscreteShell(shell).equilibrium(contacts=[punch])
+        assert state.converged
+        assert (state.positions[:, 2].max() > 1e-3) == (deep > 0.03)
+        assert ("was pushed out on the nearer side" in state.message) == told

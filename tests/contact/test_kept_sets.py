@@ -96,6 +96,35 @@ def test_a_step_that_would_gain_energy_is_one_of_implicit_euler(strip, resting, 
     monkeypatch.undo()
     implicit = swing(strip, resting, 120, "implicit")  # two of its steps stand in for one
     np.testing.assert_allclose(refused.positions, implicit.positions[::2], atol=1e-7)
+    # Their damping is told: that of the rule alone was.
+    damped, alike = (
+        swing(strip, resting, rate, one, damping=(0.4, 0.0)) for rate, one in ((60, "composite"), (120, "implicit"))
+    )
+    monkeypatch.setattr(KeptSteps, "gains", lambda *_: True)
+    stood = swing(strip, resting, 60, damping=(0.4, 0.0))
+    # Its first step is none of a frequency: speeds jump there.
+    assert stood.damping_error == pytest.approx(alike.damping_error, rel=0.3)
+    assert 0.0 < damped.damping_error < 0.15 * stood.damping_error  # one of its steps is the first
+    assert "implicit Euler stood in for 18 of 18 steps" in stood.message
+
+
+def test_a_pinned_strip_over_a_cylinder_takes_steps_of_order_two():
+    """Each sixth step of the rule gained some 1e-9 of the energy, and two of implicit Euler took ten times as much."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(16, 2))
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-2, density=1000.0)
+    shell = ms.Shell(mesh, sheet, supports=[ms.Pin("x < 1e-6")])
+    contacts = [ms.Contact(ms.Cylinder((0.5, -1.0, -0.1), (0.5, 1.0, -0.1), 0.1))]
+    model = ms.DiscreteShell(shell)
+    start = model.equilibrium(gravity=tuple(WEIGHT), contacts=contacts).positions
+    motion, low, energies = Motion(model, shell.loading(LESS), dt=1 / 240, contacts=contacts, start=start), 0, []
+    for _ in range(60):
+        motion.advance()
+        low += motion.state.memory["order"][0] < 2.0
+        energies.append(motion.energies())
+    assert low <= 3
+    whole = np.sum(energies, axis=1)
+    assert np.diff(whole).max() <= 1e-10 * np.ptp(energies, axis=0)[2]
+    assert whole[0] - whole[-1] < 1e-3 * np.ptp(energies, axis=0)[2]
 
 
 @pytest.mark.parametrize("integrator", ["composite", "bdf2"])

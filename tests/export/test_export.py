@@ -168,17 +168,22 @@ def test_archives_keep_fields(fielded, tmp_path):
         ms.load_trajectory(ms.save_trajectory(broken, tmp_path / "broken.npz"))
 
 
+def frame_of(path, run, index):
+    """A frame as VTK reads it."""
+    reader = pyvista.get_reader(path)
+    if path.suffix == ".vtkhdf":
+        reader.reader.SetStep(index)
+        return reader.read()
+    reader.set_active_time_value(run.times[index])
+    return reader.read()[0]
+
+
 @pytest.mark.parametrize("suffix", ["vtkhdf", "pvd"])
 def test_vtk_reads_every_array_with_its_name_and_unit(fielded, tmp_path, suffix):
     path = ms.save_trajectory(fielded, tmp_path / f"run.{suffix}")
-    reader = pyvista.get_reader(path)
     for index in (0, 3):
-        if suffix == "vtkhdf":
-            reader.reader.SetStep(index)
-            surface = reader.read()
-        else:
-            reader.set_active_time_value(fielded.times[index])
-            surface = reader.read()[0]
+        surface = frame_of(path, fielded, index)
+        assert "contact_force" not in surface.point_data
         moved = fielded.positions[index] - fielded.rest_positions
         np.testing.assert_array_equal(surface.point_data["displacement"], moved)
         assert surface.field_data["displacement_unit"] == ["m"]
@@ -188,6 +193,22 @@ def test_vtk_reads_every_array_with_its_name_and_unit(fielded, tmp_path, suffix)
             if suffix == "pvd":
                 array = surface.GetCellData().GetArray(name)
                 assert array.GetInformation().Get(array.UNITS_LABEL()) == unit
+
+
+@pytest.mark.parametrize("suffix", ["vtkhdf", "pvd"])
+def test_vtk_reads_what_touches(fielded, tmp_path, suffix):
+    frames, vertices = fielded.positions.shape[:2]
+    forces = np.random.default_rng(1).normal(size=(frames, vertices, 3))
+    touching = replace(
+        fielded, contact_forces=forces, in_contact=forces[:, :, 2] > 0.0, deepest=np.zeros(frames), fields={}
+    )
+    touching = touching.in_units(ms.UnitSystem(length="mm", mass="t", time="s"))
+    path = ms.save_trajectory(touching, tmp_path / f"run.{suffix}")
+    for index in (0, 3):
+        surface = frame_of(path, touching, index)
+        np.testing.assert_array_equal(surface.point_data["contact_force"], forces[index])
+        np.testing.assert_array_equal(surface.point_data["in_contact"], touching.in_contact[index])
+        assert surface.field_data["contact_force_unit"] == ["N"]
 
 
 def test_a_shorter_collection_replaces_a_longer_one(run, tmp_path):

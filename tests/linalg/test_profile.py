@@ -109,7 +109,7 @@ right_sides = np.sin(np.arange(4.0 * matrix.shape[0])).reshape(-1, 4)
 near = matrix * 1.001
 factors = [kind(matrix).factorise(matrix) for kind in (ProfileAnalysis, CholeskyAnalysis)]
 answers = [factor.solve(right_sides[:, chosen]) for factor in factors for chosen in (0, slice(0, 4))]
-answers.append(factors[1].solve_near(near, right_sides[:, 0], Stop(1e-12, 30, 1e-12, 30))[0])
+answers.append(factors[1].solve_near(near, right_sides[:, 0].copy(), Stop(1e-12, 30, 1e-12, 30))[0])
 for answer in answers:
     print(answer.tobytes().hex())
 """

@@ -148,7 +148,7 @@ def test_coordinates_that_checks_were_sure_of_are_checked_seldom(monkeypatch):
     count = np.bincount((np.array(checked) / period).astype(int), minlength=10)
     assert 1 <= count[:2].sum() <= 3  # the statics that was looked at first vouches for the swing about it
     assert count[2:8].sum() <= 4  # of 36 intervals, and ever more seldom
-    assert count[8:].sum() >= 2  # of 15: the shape is new
+    assert count[8:].sum() >= 1  # of 15: the shape is new; a small bar vouches for twice its size
     checked.clear()
     ms.simulate(ms.Auto(strip, check_every=5), **setting)
     assert len(checked) >= 60  # a number that is given is that number

@@ -41,6 +41,65 @@ def in_motion(shell, model, **options):
     return off.max() / moved.max()
 
 
+def together(first, second):
+    """One mesh of two sheets."""
+    faces = np.concatenate([first.faces, second.faces + len(first.vertices)])
+    return ms.TriangleMesh(np.concatenate([first.vertices, second.vertices]), faces)
+
+
+def nested(cells):
+    """Two panels one over the other, 3 mm apart: less than what chords of a coarse mesh leave of the arcs."""
+    panels = (ms.cylinder_panel(length=0.4, radius=radius, angle=60, cells=cells) for radius in (0.5, 0.503))
+    return together(*panels)
+
+
+def test_sheets_close_together_keep_each_to_its_own_coarse_one():
+    mesh, below = nested((8, 8)), nested((4, 4))
+    inner, over = mesh.components == 0, below.components[below.faces[:, 0]]
+    thickness = np.where(inner[mesh.faces[:, 0]], 5e-4, 1e-3)
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, thickness, 300.0), "x < 1e-6")
+    coarse = ms.coarse_shell(shell, below)
+    model = ms.CoarseDiscreteShell(shell, coarse)
+    weights = model.weights.tocoo()
+    assert (mesh.components[weights.coords[0]] == below.components[weights.coords[1]]).all()
+    np.testing.assert_allclose(coarse.material.thickness[over == 1] / coarse.material.thickness[over == 0].mean(), 2.0)
+    force = np.where(inner[:, None], 0.0, shell.mass[:, None] * [0.0, 0.0, 3.0])
+    found = model.equilibrium(force=force)
+    assert found.converged
+    moved = np.linalg.norm(found.positions - mesh.vertices, axis=1)
+    assert moved[inner].max() < 1e-9 < 1e-3 < moved[~inner].max()
+
+
+def test_the_turns_of_a_roll_do_not_hold_one_another():
+    def roll(cells):
+        sheet = ms.sheet(length=1.0, width=0.2, cells=cells)
+        turn = 4.4 * np.pi * sheet.vertices[:, 0]
+        radius = 0.05 + 0.02 * turn / (2.0 * np.pi)
+        places = np.stack([radius * np.cos(turn), sheet.vertices[:, 1], radius * np.sin(turn)], axis=1)
+        return ms.TriangleMesh(places, sheet.faces), sheet.vertices[:, 0] < 1e-9
+
+    mesh, held = roll((48, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-4, 300.0), held)
+    model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, roll((24, 2))[0]))
+    gravity = (0.0, 0.0, -0.5)
+    truth = ms.DiscreteShell(shell).equilibrium(gravity=gravity)
+    assert far(model.equilibrium(gravity=gravity).positions, truth.positions, shell) < 0.05
+
+
+def test_creases_stay_on_their_own_of_two_sheets():
+    def strips(cells):
+        strip = ms.flat_beam(length=0.4, width=0.1, cells=cells)
+        return together(strip, ms.TriangleMesh(strip.vertices + np.array([0.0, 0.0, 2e-3]), strip.faces))
+
+    mesh, below = strips((16, 4)), strips((8, 2))
+    upper = ms.Crease("abs(x - 0.2) < 1e-9 and z > 1e-3", 1e-3, 1e-3)
+    shell = ms.Shell(mesh, ms.Isotropic(3e9, 0.3, 2e-4, 800.0), "x < 1e-9", creases=[upper])
+    coarse = ms.coarse_shell(shell, below)
+    edges = below.hinge_edges[coarse.creases.hinges]
+    assert len(edges) == 2
+    assert (below.vertices[below.edges[edges], 2] > 1e-3).all()
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_frame_of_three_wings_on_fewer_triangles():

@@ -39,9 +39,12 @@ def test_what_is_known_grows_by_what_was_checked(seed, modes, factors, count, ex
 def test_a_state_may_grow_by_the_room_that_its_check_leaves():
     assert room(0.0, 1.0, 0.025) == room(1e-9, 1.2, 0.025) == 2.0
     assert room(0.0125, 1.0, 0.025) == pytest.approx(2.0**0.25)
+    assert room(0.0125, 1.0, 0.025, 1.0) == pytest.approx(2.0**0.5)  # shares of a growing displacement
+    assert room(0.0125, 1.0, 0.025, 0.5) == pytest.approx(2.0 ** (1.0 / 3.0))  # of one that was larger
+    assert room(0.01, 1.0, 0.025, 0.8) == pytest.approx((0.8 * 2.5) ** 0.5)  # of one that comes to be the largest
     assert room(0.0, 0.5, 0.025) == pytest.approx(1.4**0.5)
-    assert room(0.05, 0.9, 0.025) < 1.0
-    assert room(np.inf, -np.inf, 0.025) == 0.0
+    assert max(room(0.05, 0.9, 0.025), room(0.05, 0.9, 0.025, 1.0)) < 1.0
+    assert room(np.inf, -np.inf, 0.025) == room(np.inf, -np.inf, 0.025, 1.0) == 0.0
 
 
 def test_what_is_right_bent_one_way_is_not_known_the_other():

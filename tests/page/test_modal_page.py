@@ -215,11 +215,21 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
 def test_every_scene_has_a_page(tmp_path, monkeypatch):
     def load(file, load=ms.load_scene):
         scene = load(file)
-        if file.stem != "creature":  # the longest, and of no committed page
+        if file.stem not in ("creature", "folded_strip"):  # the longest
             return scene
         return replace(scene, motion=msgspec.structs.replace(scene.motion, duration=0.5))
 
+    def solve(shell, count, solve=ms.solve_modes):
+        """Once for both scenes of the creature at rest, whose shells are the same."""
+        if len(shell.mass) < 10_000:
+            return solve(shell, count)
+        if count not in solved:
+            solved[count] = solve(shell, count)
+        return solved[count]
+
+    solved = {}
     monkeypatch.setattr(pages.ms, "load_scene", load)
+    monkeypatch.setattr(pages.ms, "solve_modes", solve)
     written = pages.write_pages(tmp_path)
     folder = repository_file("studies/scenes/v_beam.toml").parent
     assert [file.stem for file in written] == [file.stem for file in sorted(folder.glob("*.toml"))]

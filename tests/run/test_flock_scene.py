@@ -45,6 +45,8 @@ def test_levels_show_no_more_than_is_allowed(tmp_path):
         assert stored["positions"].shape == (13, 30, 3)
         assert stored["coordinates"].shape == (13, 30, 8)
         np.testing.assert_allclose(stored["time"], np.arange(13) / 30, atol=1e-12)
+    with pytest.raises(ms.FileFormatError, match="it is a flight that modalshell saved, not a saved trajectory"):
+        ms.load_trajectory(tmp_path / "flock.npz")
     record = json.loads((tmp_path / "flock.json").read_text())
     assert record["report"]["largest_pixels"] == found.largest_pixels
     again = ms.run_scene(small(), out=tmp_path)
@@ -106,7 +108,8 @@ def test_film_and_picture(tmp_path, monkeypatch):
 def test_the_camera_keeps_the_flock_in_view(tmp_path):
     scene = ms.load_scene(FILE)
     output = msgspec.structs.replace(scene.output, formats=[])
-    result = ms.run_scene(replace(scene, output=output), out=tmp_path)
+    motion = msgspec.structs.replace(scene.motion, duration=5.0)
+    result = ms.run_scene(replace(scene, motion=motion, output=output), out=tmp_path)
     table = scene.flock.camera
     camera = look_at(table.position, table.target, np.deg2rad(table.view_angle), table.size[0] / table.size[1])
     with np.load(result.files[0]) as found:
@@ -205,6 +208,7 @@ formats = ["mp4"]
         ms.run_scene(scene, out=tmp_path)
         with np.load(tmp_path / f"{name}.npz") as stored:
             flown[name] = stored["coordinates"] / (length * np.sqrt(mass)), json.loads(str(stored["units"]))
+            assert stored["unit_system"][0] == name
         flight = scene.build_flight(scene.build_shell())
         assert np.linalg.norm(flight.gravity) == pytest.approx(9.81 * length / second**2)
         films[name] = next(imageio_ffmpeg.read_frames(str(tmp_path / f"{name}.mp4")))["fps"]

@@ -24,7 +24,8 @@ from modalshell.motion import Motion
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
-SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/run/test_flock_scene.py
+ELSEWHERE = {"flock", "creature_pushed", "creature_wind"}  # in test_flock_scene.py, and whole for their pages
+SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem not in ELSEWHERE)
 LARGE = ("creature", "v_beam_stiff")
 
 BEAM = (

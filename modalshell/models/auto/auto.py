@@ -54,7 +54,7 @@ class Auto(Model):
     (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
     at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
     bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. Levels of DS take over from others after three short steps from rest without a load, as they
+    under another load. Levels of DS take over from others after some short steps from rest without a load, as they
     would throw off the stretch that modes have, and a coarse shell between its vertices. A bar and a margin that leave
     room vouch for coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid
     about rest (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load
@@ -65,10 +65,10 @@ class Auto(Model):
     rung of modes does better: it stays. RSW hands back to the first level where two of its checks in a row find that
     near, too. Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of
     ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
-    in a row the nearest modal shape must be within 0.4 ``error``, modal statics under d'Alembert's load must come back
-    to within that, and the margin must exceed 0.39. So the motion stays on the branch of DS, which bars alone cannot
-    tell after a snap. Bars are of one instant; how errors of phase add up in a vibration is followed by the modes
-    (:mod:`modalshell.models.auto.drift`), and where that comes to half of ``error`` DS goes on, as long as it stays so.
+    in a row the nearest modal shape must be within 0.4 ``error``, at the ends of the swing, too, modal statics under
+    d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch
+    of DS, which bars alone cannot tell after a snap. Bars are of one instant; how errors of phase add up in a vibration
+    is followed by the modes (:mod:`modalshell.models.auto.drift`): DS goes on while that comes to half of ``error``.
 
     Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
     Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
@@ -91,8 +91,8 @@ class Auto(Model):
     loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
     flies elsewhere, which no bar says. Statics of such shells is that of DS.
 
-    ``error`` is what is added to the error that steps of ``dt`` cost DS itself: a stiff panel in a wind whose modes
-    have few steps a period is off whatever the level.
+    ``error`` is what is added to the error that steps of ``dt`` cost: a stiff panel in a wind whose modes have few
+    steps a period is off whatever the level, and so are the first frames under a load, in which high vibrations begin.
 
     Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
     DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is;
@@ -105,7 +105,7 @@ class Auto(Model):
     count : int
         Number of modes, rigid ones not counted.
     error : float
-        Share of the displacement by which positions may be off DS.
+        Share of the largest displacement so far by which positions may be off DS.
     check_every : int, optional
         Steps from one check of a modal rung to the next, in known states, too; by default five in new states alone.
         What happens between two checks is not undone: where loads come suddenly and steps are long, take 1 or 2.

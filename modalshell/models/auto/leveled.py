@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -24,8 +25,9 @@ TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
 MOST_TOLD = 24
 """Switches that are remembered with their reasons; all are counted."""
-_SHORT, _SLACKENED = 0.125, 3
-"""Length, in steps, and number of the steps from rest by which DS sheds the stretch of modes: too short to bend."""
+_SHORT, _SLACKENED, _MOST_SLACKENED, _SLACK = 0.125, 3, 8, 0.05
+"""Length, in steps, and least and largest number of the steps from rest by which DS sheds the stretch of modes, too
+short to bend; and the share of the elastic energy that one must still shed for another to follow."""
 
 _STRAIGHT = 0.2
 """Share of the bar from which a rung is left that displacements by MWTS may differ from those of linear modes where all
@@ -199,6 +201,16 @@ class LeveledStepper(Stepper):
         alike = self._length(bent) <= _STRAIGHT * self._allowed(memory)
         return alike and not self._errs_alike(0, seen, memory)
 
+    def _swells(self, state: MotionState, x: Array) -> float:
+        """How much more the modes will lack than at x (n, 3) [m], to which a state of the lowest level is fitted.
+
+        That grows with the square of the displacement: a swing that is wrong at its ends looks right in its middle.
+        """
+        if self._check.least:
+            return 1.0
+        amplitude, moved = math.hypot(*state.coordinates, *(state.rates * self.model.periods)), self._check.moved(x)
+        return max(1.0, amplitude / moved) ** 2 if moved > 0.0 else 1.0
+
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
 
@@ -210,8 +222,13 @@ class LeveledStepper(Stepper):
         stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading()))
         dt = _SHORT * self.setup.dt
         x, still, load = inner.coordinates, np.zeros_like(inner.rates), np.zeros_like(self.shell.rest_positions)
-        for _ in range(_SLACKENED):
-            x = stepper.advance(time - dt, dt, MotionState(x, still, inner.memory), load)[0].coordinates
+        last = math.inf
+        for taken in range(1, _MOST_SLACKENED + 1):
+            after = stepper.advance(time - dt, dt, MotionState(x, still, inner.memory), load)[0]
+            x, energy = after.coordinates, stepper.model.elastic_energy(after)
+            if taken >= _SLACKENED and not energy < (1.0 - _SLACK) * last:
+                break
+            last = energy
         return MotionState(x, inner.rates, inner.memory)
 
 

@@ -374,7 +374,7 @@ class AutoStepper(LeveledStepper):
         state = lowest.entered(self._stepper(0), x, v, step.time)
         fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
-        if not max(self._length(fitted - x), lost) <= allowed:
+        if not max(self._length(fitted - x) * self._swells(state, x), lost) <= allowed:
             return None
         # Of energy an amplitude takes twice its share: a fold that looks near may have another one.
         gained = self._gained((step.level, 0), (step.after, state), (x, v), (step.time, step.load))

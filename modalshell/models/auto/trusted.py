@@ -3,7 +3,9 @@
 The bar of a modal rung under d'Alembert's load is a function of what its equations take: its coordinates, their rates
 and the load. A check that leaves room below what the error may be so vouches for states some way further than its own;
 one that leaves little, for states like its own; and one that leaves less takes away what is as large, so that smaller
-states stay known. Errors of a warp are taken to grow with the fourth power of the state, and stresses with its square.
+states stay known. Errors of a warp are taken to grow with the third power of the state, so that their shares of its
+displacement grow with the square, as stresses do: of 103 answers of drawn plates, arches, hypars and twisted strips
+shares grew with a power of 0.8 to 1.8, of 1.0 in the median.
 What is vouched for is an ellipsoid about rest, which grows by states checked, each times a factor that its bar and its
 margin leave; and in every component no more than the least and the largest of those: an ellipsoid about two points of a
 plane goes beyond both, and a fold that is right bent one way may be wrong bent the other. What modes lack of a load is
@@ -45,11 +47,23 @@ _SUDDEN = 1.5
 """Factor of a load on what checks have seen of it, from which it is checked at once."""
 
 
-def room(bar: float, margin: float, allowed: float) -> float:
-    """Factor by which a state may grow until a bar and what stresses take are as large as they may be."""
+def room(bar: float, margin: float, allowed: float, moved: float | None = None) -> float:
+    """Factor by which a state may grow until a bar and what stresses take are as large as they may be.
+
+    The bar is a share of the largest displacement, ``moved`` that of the state of a motion. Without that the state is
+    one of rest, which is to vouch for vibrations that no check has seen: its errors are taken to grow faster.
+    """
     taken = max(1.0 - margin, 0.0)
-    wide = _WIDEST**4 * bar <= allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
-    by_bar = _WIDEST if wide[0] else (allowed / bar) ** 0.25
+    wide = bar <= _WIDEST**-4 * allowed, _WIDEST**2 * taken <= 1.0 - LEAST_MARGIN
+    if wide[0]:
+        by_bar = _WIDEST
+    elif moved is None:
+        by_bar = (allowed / bar) ** 0.25
+    else:
+        by_bar = (allowed / bar) ** (1.0 / 3.0)
+        if by_bar * moved > 1.0:  # the largest displacement grows with the state
+            by_bar = (allowed * moved / bar) ** 0.5
+        by_bar = min(by_bar, _WIDEST)
     by_margin = _WIDEST if wide[1] else ((1.0 - LEAST_MARGIN) / taken) ** 0.5
     return min(by_bar, by_margin)
 

@@ -154,6 +154,8 @@ class Watch:
     def due(self, step: Step, memory: dict[str, Array]) -> bool:
         """Whether a modal rung is to be checked: when its turn comes, or it has moved on; in known states seldom."""
         since = memory["since"].item()
+        if since < FRAMES and memory["switches"].item() > 0.0:
+            return False  # frames of two levels differ by what a fit lacks, which would count as an acceleration
         if self._touches and since - memory["looked"].item() >= self.every:
             return True
         if not (since % self.every == 0.0 or step.moved > _GROWN * max(memory["checked"].item(), self._calm)):
@@ -245,8 +247,9 @@ class Watch:
         """Know the state of a modal level's check from then on if it has room; else know none as large."""
         if self._fixed:
             return
-        wider = room(seen.bar, seen.margin, self._allowed)
         z, largest = self._state(step.inner, step.time - step.dt), float(memory["largest"][0])
+        moved = min(1.0, math.hypot(*step.inner.coordinates.tolist()) / largest) if largest > 0.0 else 1.0
+        wider = room(seen.bar, seen.margin, self._allowed, moved)
         if not wider >= TIGHT:
             memory["known"], memory["seldom"] = (
                 self._states.shrunk(memory["known"], z, wider),

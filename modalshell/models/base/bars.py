@@ -16,17 +16,14 @@ from modalshell.statics.live_loads import LiveLoads
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
+    from modalshell.contact.error_bar import ContactEstimator
 
 
-def check_bar(
-    shell: Shell, *, constrained: bool = False, touching: bool = False, contacts: Sequence[Contact] | None = None
-) -> None:
-    """OptionError where answers on a shell have no error bar; ``touching`` of quantities, which contacts allow none."""
+def check_bar(shell: Shell, *, constrained: bool = False, contacts: Sequence[Contact] | None = None) -> None:
+    """OptionError where answers on a shell have no error bar."""
     shell.refuse_creases("an error bar")
     if constrained:
         raise OptionError("error bars under position or orientation constraints are not known: drop one")
-    if touching:
-        raise OptionError("under contacts positions alone have an error bar: take ms.error_bar, or leave contacts out")
     if any(not getattr(contact, "has_surface", True) for contact in contacts or ()):
         raise OptionError("an error bar under self-contact is not known: leave out the bar, or the self-contact")
     if loose := left_free(shell):
@@ -50,14 +47,20 @@ def bar_on_shell(
 
     With ``walk`` its critical load is found by a walk along its branch, which contacts do not take.
     """
-    live = LiveLoads(loading) if loading.live else None
-    if contacts:
-        from modalshell.contact.error_bar import ContactEstimator  # not without contacts
-        from modalshell.contact.touching import checked_contacts
-
-        if walk:
-            raise OptionError("under contacts the end of a branch is not walked to: leave out walk=True")
-        return ContactEstimator(shell, checked_contacts(contacts)).bar(positions, loading.dead, live)
-    estimator = ErrorEstimator(shell)
+    live, estimator = LiveLoads(loading) if loading.live else None, estimator_of(shell, contacts)
+    if walk and contacts:
+        raise OptionError("under contacts the end of a branch is not walked to: leave out walk=True")
     bar = estimator.bar(positions, loading.dead, live)
-    return with_branch_end(estimator, bar, loading.dead, live) if walk else bar
+    if walk and isinstance(estimator, ErrorEstimator):
+        return with_branch_end(estimator, bar, loading.dead, live)
+    return bar
+
+
+def estimator_of(shell: Shell, contacts: Sequence[Contact] | None) -> ErrorEstimator | ContactEstimator:
+    """What finds the bars of answers on a shell, under contacts if there are any."""
+    if not contacts:
+        return ErrorEstimator(shell)
+    from modalshell.contact.error_bar import ContactEstimator  # not without contacts
+    from modalshell.contact.touching import checked_contacts
+
+    return ContactEstimator(shell, checked_contacts(contacts))

@@ -14,7 +14,7 @@ from modalshell.contact.steps import TouchingSteps
 from modalshell.contact.touching import parted, put_out
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full import SDIRK2, FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
 from modalshell.integrators.full.linear_implicit_euler import LinearisedEuler
@@ -35,11 +35,11 @@ class ContactMotion:
     """Takes the steps of a full model with contacts.
 
     While nothing touches, the model's rule steps, and a rule of order two does so on contacts that stay as they are
-    (:class:`modalshell.models.base.kept_sets.KeptSteps`). Where something strikes or parts, or would have entered, or
-    such a step would gain energy, or layers would meet on the straight way of a step or at the rates before it,
-    implicit Euler stands in for it, whose steps are minima of a potential, outside the colliders: they find the contact
-    forces exactly, and never gain energy from a collider at rest. After explicit steps, and the one of linear implicit
-    Euler, what entered is put onto its collider and loses its speed inward.
+    (:class:`modalshell.models.base.kept_sets.KeptSteps`), or SDIRK2 where it would gain energy. Where something strikes
+    or parts, or would have entered, or that would gain energy, too, or layers would meet on the straight way of a step
+    or at the rates before it, implicit Euler stands in for it, whose steps are minima of a potential, outside the
+    colliders: they find the contact forces exactly, and never gain energy from a collider at rest. After explicit
+    steps, and the one of linear implicit Euler, what entered is put onto its collider and loses its speed inward.
 
     Parameters
     ----------
@@ -84,6 +84,9 @@ class ContactMotion:
             weight = np.linalg.norm(setup.loading.dead, axis=1).sum()
             layers = layers.stiff(float(weight + shell.mass.sum() * layers.gap / setup.dt**2) / shell.mesh.area)
         self._rule: Any = rule
+        self._on_kept: list[Any] = [rule]
+        if isinstance(rule, SecondOrderRule) and not isinstance(rule, SDIRK2):
+            self._on_kept.append(SDIRK2())  # which gains less often
         self._setup = setup
         stand_ins = rule.stand_ins if isinstance(rule, ImplicitRule) else 1
         self.steps = TouchingSteps(given, shell, origin, setup.dt, stand_ins, layers)
@@ -142,22 +145,27 @@ class ContactMotion:
     def _kept_step(
         self, model: Any, felt: StageOf, loads: Array, begin: float, dt: float, state: MotionState
     ) -> MotionState | None:
-        """The state after a step by the rule itself on contacts that stay as they are; None where they do not.
+        """The state after a step of order two on contacts that stay as they are; None where they do not.
 
-        ``loads`` (n, 3) become those that are ``felt`` [N].
+        It is one of SDIRK2 where the rule itself would gain energy, and none where that would, too. ``loads`` (n, 3)
+        become those that are ``felt`` [N].
         """
         steps, rule = self.steps, self._rule
         if not (GIVEN in state.memory and steps.pushes.any() and steps.may_stay):
             return None
         make, pushes = partial(ShellSteps, model, felt, self._setup.damping), steps.pushes
-        own = KeptSteps(make, steps, state, begin, dt)
-        after, solved = rule.continued(own, state, dt)
-        if not solved or own.gains(after, loads):
+        for one in self._on_kept:
+            own = KeptSteps(make, steps, state, begin, dt)
+            after, solved = one.continued(own, state, dt)
+            if solved and not own.gains(after, loads):
+                given = own.given()
+                steps.gave(begin, given[GIVEN])
+                after.memory |= {} if one is rule else rule.further(after, after)
+                return self._kept(after, given)
             own.undo(pushes)
-            return None
-        given = own.given()
-        steps.gave(begin, given[GIVEN])
-        return self._kept(after, given)
+            if not solved:
+                break
+        return None
 
     def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
         """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back."""

@@ -2,7 +2,7 @@
 
 Where what touches does not change, contacts are constraints, and a rule keeps its order under them: each of its solves
 is the least of a potential on the colliders. Where the set changes something strikes or parts, and speeds jump; there
-implicit Euler stands in, as it does where such a step would gain energy.
+implicit Euler stands in, as it does where such a step would gain energy, by the rule and by SDIRK2.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from modalshell.contact.led import Led
 from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
-from modalshell.contact.statics import rest_on_contacts, rest_on_layers
+from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_told
 from modalshell.contact.touching import Touching, parted
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -110,6 +110,14 @@ def _smooth(
     return _Found(drifted[0], told=drifted[1] or _UNSETTLED)
 
 
+def _shape_told(touching: Touching, first: Array, rest: Rest) -> list[str]:
+    """What is said of a start at ``first`` (n, 3) deep in a collider, and of edges that dip in at the end."""
+    told = [side] if (side := sides_told(touching, first)) else []
+    if (dip := touching.dip(rest.point, rest.active)) > _DIP * touching.shell.size:
+        told.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
+    return told
+
+
 def equilibrium_on_contacts(
     problem: Potential,
     origin: Array,
@@ -162,8 +170,7 @@ def equilibrium_on_contacts(
     notes = [] if rest.converged else [told]
     if rubs and rest.converged:
         notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
-    if (dip := touching.dip(rest.point, rest.active)) > _DIP * shell.size:
-        notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
+    notes += _shape_told(touching, first, rest)
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh, remesh
-from modalshell.mesh.closest import closest_points, nearest_on_segments
+from modalshell.mesh.closest import closest_points, common_parts, nearest_on_segments
 from modalshell.mesh.welding import drop_unused
 from modalshell.models.coarse.prolongation import sharp_edges
 from modalshell.models.coarse.taken_over import edges_to_keep
@@ -89,7 +89,7 @@ def places_on(shell: Shell, mesh: TriangleMesh) -> tuple[Index, Array, NDArray[n
 
     A vertex is clamped where the nearest corner of its triangle is.
     """
-    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
+    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices, common_parts(shell.mesh, mesh))
     return nearest, shares, shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
 
 

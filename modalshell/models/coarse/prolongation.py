@@ -13,6 +13,7 @@ from typing import final
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from modalshell.core.cost import count_read
@@ -20,12 +21,16 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_v
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.closest import TOGETHER, all_closest, lowest
+from modalshell.mesh.closest import TOGETHER, all_closest, common_parts, lowest
 from modalshell.mesh.topology import connected_parts
 from modalshell.shell.smoothed_membrane import SHARP
 
 _NEIGHBOURS = 14
 """Number of nearest coarse vertices with a weight; that of the farthest is zero."""
+_RINGS, _ROUND = 6, 20
+"""Largest number of edges to the nearest vertices, and how many of these are looked at, if no other layer is near."""
+_DETOUR = 3.0
+"""Way along edges over the straight one from which a vertex is of another layer, as of the next turn of a roll."""
 _INDEPENDENT = 1e-6
 """Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
 _AT = 1e-4
@@ -64,7 +69,8 @@ class Prolongation(ReadOnlyArrays):
             self._keep(sps.csr_array(sps.eye_array(len(fine.vertices))), own_triangles(fine)[0], fine)
             return
         points = np.asarray(fine.vertices)
-        under, _, self.distance, on = all_closest(coarse, points)
+        parts = common_parts(fine, coarse)  # sheets close together keep each to its own
+        under, _, self.distance, on = all_closest(coarse, points, parts and parts[::-1])
         patches = _smooth_patches(coarse, fine, folds)
         pairs = [np.unique(patches[near]) for near in on]
         owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
@@ -72,8 +78,9 @@ class Prolongation(ReadOnlyArrays):
         of = np.concatenate(pairs)
         rows, columns, weights = [], [], []
         for patch in np.unique(of):
-            chosen = owners[of == patch]
-            neighbours, weight = _patch_weights(coarse, coarse.faces[patches == patch], points[chosen])
+            chosen, faces = owners[of == patch], np.flatnonzero(patches == patch)
+            above = np.searchsorted(faces, [on[point][patches[on[point]] == patch][0] for point in chosen])
+            neighbours, weight = _patch_weights(coarse, coarse.faces[faces], points[chosen], above)
             rows.append(np.repeat(chosen, neighbours.shape[1]))
             columns.append(neighbours.ravel())
             weights.append((weight * part[chosen, None]).ravel())
@@ -170,8 +177,8 @@ def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh, folds: Index | Non
     return connected_parts(coarse.edge_faces[inner[~sharp]], len(coarse.faces))
 
 
-def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[Index, Array]:
-    """Coarse vertices (p, k) of one patch around ``points``, and the weights that they have (p, k)."""
+def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array, own: Index) -> tuple[Index, Array]:
+    """Coarse vertices (p, k) of a patch around points next to its triangles ``own`` (p,), and their weights (p, k)."""
     members, corners = np.unique(faces, return_inverse=True)
     normals = np.zeros((len(members), 3))
     sides = coarse.vertices[faces[:, 1:]] - coarse.vertices[faces[:, :1]]
@@ -180,6 +187,8 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[I
     count = min(_NEIGHBOURS, len(members))
     distances, near = cKDTree(vertices).query(points, k=count)
     near, distances = (np.reshape(found, (len(points), -1)) for found in (near, distances))
+    if count == _NEIGHBOURS:
+        near, distances = _along_surface(vertices, corners.reshape(-1, 3), points, own, (near, distances))
     nearest = lowest(near, distances <= distances[:, :1] + TOGETHER * coarse.size)
     normal = normals[near[np.arange(len(points)), nearest]]
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
@@ -196,6 +205,43 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[I
     affine = np.stack([np.ones_like(s), s, t], axis=2)
     quadratic = np.stack([s * s, s * t, t * t], axis=2)
     return members[near], _least_squares(importance, affine, quadratic)
+
+
+def _along_surface(
+    vertices: Array, corners: Index, points: Array, own: Index, found: tuple[Index, Array]
+) -> tuple[Index, Array]:
+    """Nearest vertices (p, k) and their distances (p, k), without those ``found`` that other layers of the patch have.
+
+    ``own`` (p,) are the points' triangles, of those with the ``corners`` (t, 3).
+    """
+    pairs = np.unique(np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    lengths = np.linalg.norm(vertices[pairs[:, 0]] - vertices[pairs[:, 1]], axis=1)
+    graph = sps.csr_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2)
+    rings = sps.csr_array(sps.eye_array(len(vertices)) + (graph + graph.T).astype(bool), dtype=bool)
+    reached = rings
+    for _ in range(_RINGS - 1):
+        reached = reached @ rings
+    around = np.asarray(cKDTree(vertices).query(vertices, k=min(_ROUND, len(vertices)))[1])
+    starts = np.arange(0, around.size + 1, around.shape[1])
+    asked = sps.csr_array((np.ones(around.size, bool), around.ravel(), starts), shape=rings.shape)
+    if reached.multiply(asked).nnz == around.size:
+        return found
+    near, distances = found[0].copy(), found[1].copy()
+    for triangle in np.unique(own):
+        rows = np.flatnonzero(own == triangle)
+        ways = dijkstra(graph, directed=False, indices=corners[triangle], min_only=True)
+        edge = np.linalg.norm(np.ptp(vertices[corners[triangle]], axis=0))
+        other = ways[near[rows]] > _DETOUR * distances[rows] + edge
+        rows = rows[other.any(axis=1)]
+        if not rows.size:
+            continue
+        straight = np.linalg.norm(vertices - points[rows, None], axis=2)
+        straight[ways > _DETOUR * straight + edge] = np.inf
+        order = np.argsort(straight, axis=1, kind="stable")[:, :_NEIGHBOURS]
+        kept = np.take_along_axis(straight, order, axis=1)
+        farthest = np.where(np.isfinite(kept), kept, 0.0).max(axis=1, keepdims=True)
+        near[rows], distances[rows] = order, np.minimum(kept, farthest)  # the weight of the farthest is zero
+    return near, distances
 
 
 def _least_squares(importance: Array, affine: Array, quadratic: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.closest import closest_points, edges_along, nearest_on_segments
+from modalshell.mesh.closest import closest_points, common_parts, edges_along, nearest_on_segments
 from modalshell.shell import Crease, CreaseState, Ply, Sheet, Shell, Temperature
 
 _REGIONS = 0.25
@@ -66,8 +66,10 @@ class FacesBelow:
 
     def __init__(self, fine: TriangleMesh, coarse: TriangleMesh) -> None:
         self._fine, self._count = fine, len(coarse.faces)
-        self._owners = closest_points(coarse, fine.vertices[fine.faces].mean(axis=1))[0]
-        self._nearest = closest_points(fine, coarse.vertices[coarse.faces].mean(axis=1))[0]
+        parts = common_parts(fine, coarse)
+        above, under = (mesh.vertices[mesh.faces].mean(axis=1) for mesh in (fine, coarse))
+        self._owners = closest_points(coarse, above, parts and (parts[1], parts[0][fine.faces[:, 0]]))[0]
+        self._nearest = closest_points(fine, under, parts and (parts[0], parts[1][coarse.faces[:, 0]]))[0]
         self._areas = np.bincount(self._owners, fine.face_areas, self._count)
         self.turned = np.sum(fine.face_normals[self._nearest] * coarse.face_normals, axis=1) < 0.0
 
@@ -118,7 +120,7 @@ def restricted_options(shell: Shell, mesh: TriangleMesh, below: FacesBelow) -> d
     if (warm := given["temperature"]) is not None:
         found["temperature"] = Temperature(below.of(warm.change), warm.expansion, below.of(warm.through))
     if shell.rest_mesh is not shell.mesh:
-        nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
+        nearest, shares, _ = closest_points(shell.mesh, mesh.vertices, common_parts(shell.mesh, mesh))
         moves = (shell.rest_mesh.vertices - shell.mesh.vertices)[shell.mesh.faces[nearest]]
         found["rest"] = mesh.vertices + np.einsum("kc,kcx->kx", shares, moves)
     if shell.creases is not None:
@@ -128,7 +130,9 @@ def restricted_options(shell: Shell, mesh: TriangleMesh, below: FacesBelow) -> d
 
 def _crease_on(mesh: TriangleMesh, fine: TriangleMesh, crease: Crease, index: int) -> Crease:
     edges = fine.hinge_edges[crease.hinges(fine)]
-    along = edges_along(mesh, fine.vertices[fine.edges[edges]])[0]
+    along, segments = edges_along(mesh, fine.vertices[fine.edges[edges]])
+    if (parts := common_parts(fine, mesh)) is not None:  # a sheet close by has none of them
+        along = along[parts[1][mesh.edges[along, 0]] == parts[0][fine.edges[edges[segments], 0]]]
     along = np.setdiff1d(along[mesh.edge_faces[along, 1] >= 0], mesh.joints.edges)
     whole, left = float(fine.edge_lengths[edges].sum()), float(mesh.edge_lengths[along].sum())
     if abs(left / whole - 1.0) > _LOST:
@@ -168,7 +172,13 @@ class CreasesBelow(NamedTuple):
         above, under = fine.mesh, coarse.mesh
         edges, folds = above.hinge_edges[fine.creases.hinges], under.hinge_edges[coarse.creases.hinges]
         middles = above.vertices[above.edges[edges]].mean(axis=1)
-        nearest = nearest_on_segments(under.vertices[under.edges[folds]], middles)[0]
+        nearest = np.zeros(len(edges), dtype=np.int64)
+        parts = common_parts(above, under) or (np.zeros(len(above.vertices)), np.zeros(len(under.vertices)))
+        labels, below = parts[0][above.edges[edges, 0]], parts[1][under.edges[folds, 0]]
+        for label in np.unique(labels):
+            own, chosen = np.flatnonzero(labels == label), np.flatnonzero(below == label)
+            chosen = chosen if chosen.size else np.arange(len(folds))  # a short one may be lost
+            nearest[own] = chosen[nearest_on_segments(under.vertices[under.edges[folds[chosen]]], middles[own])[0]]
         one = above.face_normals[above.edge_faces[edges]].sum(axis=1)
         other = under.face_normals[under.edge_faces[folds]].sum(axis=1)[nearest]
         signs = np.where(np.sum(one * other, axis=1) < 0.0, -1.0, 1.0)
