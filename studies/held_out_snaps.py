@@ -51,7 +51,7 @@ Frames = tuple[np.ndarray, float, int]
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Train, and measure all motions; ``quick`` takes coarser meshes and fewer loads."""
-    fine, cells, count, motions = ((32, 8), (16, 4), 4, 12) if quick else ((80, 16), (40, 8), LOADS, 40)
+    fine, cells, count, motions = ((32, 8), (16, 4), 4, 16) if quick else ((80, 16), (40, 8), LOADS, 40)
     shell = v_beam(150.0, fine)
     coarse = ms.coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, cells).mesh))
     began = time.process_time()
