@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.integrators.state import MotionState
+from modalshell.models.auto.account import told
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.auto.watching import Watch
 from modalshell.motion.stepping import Motion
@@ -134,3 +136,12 @@ def test_discrete_shells_take_over_from_a_coarse_one_without_its_shape_between_v
     switch = re.search(r"to DS at 0\.1 s \(.* from DS; its energy changed by ([+-][\d.]+) %\)", run.message)
     assert switch is not None
     assert abs(float(switch[1])) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("gained", "said"), [(1.0, "+100 %"), (-0.2345, "-23 %"), (0.00123, "+0.12 %"), (12.3, "+1230 %")]
+)
+def test_changes_of_energy_are_said_without_powers_of_ten(gained, said):
+    memory = {"steps": np.array([0.0, 4.0]), "log": np.zeros((1, 6)), "switches": np.ones(1)}
+    memory["log"][0, 5] = gained
+    assert f"; its energy changed by {said})" in told(MotionState(np.zeros(1), np.zeros(1), memory), ("DS", "MWTS"))
