@@ -69,7 +69,7 @@ def test_the_energy_is_that_of_the_shell():
 
 def test_what_is_not_settled_is_refused():
     shell, settled = curled()
-    with pytest.raises(ms.OptionError, match=r"0.0\d+ m from it\): take DS or coarse DS; or let it come to rest"):
+    with pytest.raises(ms.OptionError, match=r"first step is 0.0\d+ m\): take DS or coarse DS; or let it come to rest"):
         ms.solve_modes(shell, 3)
     with pytest.raises(ms.OptionError, match="in equilibrium"):
         ms.solve_modes(shell.settled(0.9 * settled.rest_positions + 0.1 * shell.rest_positions), 3)
