@@ -88,9 +88,9 @@ def _held_up(shell: Shell, state: MotionState, move: Array, dt: float, work: flo
     The velocity that is missing leads the motion astray by as much as it goes in a radian, ``1 / omega``, of its
     frequency so far. After the share, the sums of squares of changes of rates and coordinates of which that is, (3,).
     """
-    mass = shell.mass[:, None]
-    moved = float(np.sum(mass * move**2))
-    sums = state.memory[_HELD_UP][1:] + np.array([float(np.sum(mass * (move / dt - state.rates) ** 2)), moved])
+    mass, earlier = shell.mass[:, None], state.memory.get(_HELD_UP)  # none of a state that no step has led to
+    gained, moved = (float(np.sum(mass * change**2)) for change in (move / dt - state.rates, move))
+    sums = (np.zeros(2) if earlier is None else earlier[1:]) + np.array([gained, moved])
     if not moved > 0.0 or not sums[0] > 0.0:
         return np.array([0.0, *sums])
     speed, omega = math.sqrt(moved) / dt, math.sqrt(sums[0] / sums[1])
