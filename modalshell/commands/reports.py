@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 import modalshell as ms
 from modalshell.commands.results import result_of
 from modalshell.commands.terminal import end_with, progress, say
-from modalshell.files.atomic_io import make_folder, write_record, write_text
+from modalshell.files.atomic_io import make_folder, read_record, write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.run.path_files import scene_path, write_path
 from modalshell.run.path_report import path_numbers, path_page
@@ -30,7 +30,9 @@ def report(
         Path, Parameter(help="Scene or sweep file (.toml), or the trajectory (.npz) or folder of a run of a scene.")
     ],
     *,
-    scene: Annotated[Path | None, Parameter(help="Scene file of a run that is named by its trajectory.")] = None,
+    scene: Annotated[
+        Path | None, Parameter(help="Scene file of a run; if omitted, the one that its record names.")
+    ] = None,
     path: Annotated[bool, Parameter(negative="", help="Follow the scene's equilibria, as 'path' does.")] = False,
     out: Annotated[Path | None, Parameter(help="HTML file to write; if omitted, next to the results.")] = None,
     convergence: Annotated[bool, Parameter(help="Solve on two coarser meshes, too (of a shape with cells).")] = False,
@@ -50,14 +52,17 @@ def report(
         raise ms.OptionError(f"--path goes with a scene file (got {result})")
     if convergence and (path or of_sweep):
         raise ms.OptionError("--convergence is for the run of a scene: leave it out")
-    if is_file == (scene is not None):
+    if is_file and scene is not None:
         raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {result}, --scene {scene})")
     if of_sweep:
         _report_sweep(result, out)
     elif path:
         _report_path(result, out)
+    elif is_file:
+        _report_run(result, None, out, convergence)
     else:
-        _report_run(result, scene, out, convergence)
+        result = result_of(result)
+        _report_run(result, scene or _scene_of(result), out, convergence)
 
 
 def _report_run(result: Path, scene: Path | None, out: Path | None, convergence: bool) -> None:
@@ -72,7 +77,7 @@ def _report_run(result: Path, scene: Path | None, out: Path | None, convergence:
         with progress(f"{declared.name} steps") as on_step:
             archive = next(path for path in ms.run_scene(declared, on_step=on_step).files if path.suffix == ".npz")
     else:
-        archive = result_of(result)
+        archive = result
     target = _target(out, archive.with_name(f"{archive.stem}_report.html"), archive, file)
     with warnings.catch_warnings(record=True, action="always", category=ms.ModalShellWarning) as given:
         shell = declared.build_shell()
@@ -85,6 +90,15 @@ def _report_run(result: Path, scene: Path | None, out: Path | None, convergence:
         numbers["command"] += " --convergence"
         numbers["convergence"] = mesh_convergence(declared, numbers, _solved)
     _write(target, report_page(declared, shell, run, record, numbers), numbers)
+
+
+def _scene_of(archive: Path) -> Path:
+    """The scene's file of a run, from the record next to its trajectory; OptionError where that names none."""
+    named = (read_record(archive.with_suffix(".json")) or {}).get("file")
+    if isinstance(named, str) and (file := archive.parent / named).is_file():
+        return file
+    found = f"{named}, which is not there" if isinstance(named, str) else "none"
+    raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {archive}, whose record names {found})")
 
 
 def _report_path(file: Path, out: Path | None) -> None:

@@ -151,6 +151,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             stored = [name.removesuffix(".npy") for name in archive.namelist()]
             _TRAJECTORY.check_mark(stored)
+            _refuse_parts(stored)
             further = {name: field for name, field in (_TRIANGLES | _FURTHER).items() if name in stored}
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
@@ -179,6 +180,15 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             values["levels"] = tuple(str(name) for name in data["levels"])
         values |= {name: data[name] for name in _CREASES if name in further}
         return Trajectory(positions=positions, fields=fields, units=units, **values)
+
+
+def _refuse_parts(stored: list[str]) -> None:
+    """ValueError where of arrays that are written together some are missing."""
+    for group in (_BARS, _CREASES, _CONTACTS):
+        missing = [name for name in group if name not in stored]
+        if 0 < len(missing) < len(group):
+            there = next(name for name in group if name in stored)
+            raise ValueError(f"{there} is there without {', '.join(missing)}, which go with it: save the run again")
 
 
 def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:

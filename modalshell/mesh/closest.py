@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from modalshell.mesh.topology import FloatArray, IntArray
@@ -15,6 +17,8 @@ TOGETHER = 1e-9
 """Difference of distances, in sizes of the mesh, below which a point lies on several triangles."""
 _ALONG = 0.1
 """Distance from a curve, as a share of its length, within which an edge lies along it."""
+_TORN = 1.5
+"""Detour of ways along edges of the coarse mesh, beyond the edge of the fine one."""
 _AT_ONCE = 3_000_000
 """Coordinates of points and segments compared at a time."""
 
@@ -80,6 +84,31 @@ def _closest_of(
     rows = np.arange(len(points))
     on = [chosen[found[part]] for found, part in zip(near, together, strict=True)]
     return chosen[near[rows, best]], shares[rows, best], least, on
+
+
+def torn_edges(fine: TriangleMesh, coarse: TriangleMesh, under: IntArray) -> IntArray:
+    """Edges (k,) of a mesh whose ends are next to triangles ``under`` (n,) of far parts of a coarse mesh.
+
+    They are those of layers so close that the chords of the coarse mesh reach from one to the next: the triangles have
+    no corner in common, and the way along edges between them is longer than that edge and a side of theirs.
+    """
+    ends = under[fine.edges]
+    corners = coarse.faces[ends]
+    apart = np.flatnonzero(~(corners[:, 0, :, None] == corners[:, 1, None, :]).any(axis=(1, 2)))
+    if not apart.size:
+        return apart
+    edges = coarse.edges
+    shape = (len(coarse.vertices),) * 2
+    graph = sps.csr_array((coarse.edge_lengths, (edges[:, 0], edges[:, 1])), shape=shape)
+    places = coarse.vertices[corners[apart]]
+    sides = np.linalg.norm(places - np.roll(places, 1, axis=2), axis=3).max(axis=(1, 2))
+    most = _TORN * fine.edge_lengths[apart] + sides
+    torn = np.zeros(len(apart), dtype=bool)
+    for triangle in np.unique(ends[apart, 0]):
+        rows = np.flatnonzero(ends[apart, 0] == triangle)
+        ways = dijkstra(graph, directed=False, indices=coarse.faces[triangle], min_only=True, limit=most[rows].max())
+        torn[rows] = ways[corners[apart[rows], 1]].min(axis=1) > most[rows]
+    return apart[torn]
 
 
 def lowest(numbers: IntArray, chosen: NDArray[np.bool_]) -> IntArray:

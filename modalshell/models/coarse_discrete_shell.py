@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Self, final
@@ -12,7 +13,7 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
-from modalshell.core.errors import MeshError, OptionError
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
@@ -99,6 +100,15 @@ class CoarseDiscreteShell(OnCoarse):
             raise MeshError(
                 f"the coarse mesh is another surface: vertex {worst} is {distance[worst]:.3g} m from it, the shell is "
                 f"{mesh.size:.3g} m long; make both from one shape"
+            )
+        if torn := self._prolongation.torn.size:
+            vertex = int(mesh.edges[self._prolongation.torn[0], 0])
+            warnings.warn(
+                f"layers of the shell are closer together than the coarse mesh follows them: {torn} edges, the first at"
+                f" vertex {vertex}, have ends next to two of its layers, so that answers may be off by much; take more "
+                "triangles, whose chords are less deep than half the gap between layers",
+                ModalShellWarning,
+                stacklevel=2,
             )
         if under is mesh:
             self._above, self._shares = own_triangles(mesh)

@@ -33,7 +33,10 @@ class SettledModes(NamedTuple):
 
 
 def distance_from_balance(shell: Shell, factoriser: Factoriser) -> float | None:
-    """How far [m] the mesh is from an equilibrium of its own stresses; None where it is in one."""
+    """Newton's first step [m] from the mesh to an equilibrium of its own stresses; None where it is in one.
+
+    That equilibrium may be many times as far: the first step of a strip that curls is along its normal, or hardly any.
+    """
     x, unknowns = shell.rest_positions, shell.unknowns
     energy, whole = shell.energy_gradient(x)
     gradient = np.asarray(unknowns.restrict(whole.ravel()))
@@ -51,9 +54,9 @@ def settled_modes(shell: Shell, count: int, backend: str | None) -> SettledModes
     if (off := distance_from_balance(shell, factoriser)) is not None:
         raise OptionError(
             "vibration modes about the mesh need a shell without stress there, or in equilibrium (got one of a "
-            f"prestrain, rest_curvature, temperature or rest, {off:.3g} m from it): take DS or coarse DS; or let it "
-            "come to rest first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), for modes and modal "
-            "models; modes under a load are those of solve_modes(shell, about=state)"
+            f"prestrain, rest_curvature, temperature or rest, of which Newton's first step is {off:.3g} m): take DS or "
+            "coarse DS; or let it come to rest first, shell.settled(ms.DiscreteShell(shell).equilibrium().positions), "
+            "for modes and modal models; modes under a load are those of solve_modes(shell, about=state)"
         )
     try:
         found, whole = loaded_modes(shell, x, count, backend)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -167,7 +168,7 @@ class ShellRun(SceneRun[SceneResult]):
             write_result(self._trajectory, self.path(suffix), self._look, self._on_frame, self._contacts)
 
     def record(self) -> dict[str, Any]:
-        """How the motion ended, and its wall time."""
+        """How the motion ended, its wall time, and the scene's file, from the folder of the results."""
         run = self._trajectory
         units = {"seconds": "s of wall time"} | asdict(run.units)
         ended: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
@@ -175,7 +176,15 @@ class ShellRun(SceneRun[SceneResult]):
             bars = {name: getattr(run.bars, name).tolist() for name in ("times", "displacement", "margin", "valid")}
             bars |= {"unjudged": list(run.bars.unjudged)} if run.bars.unjudged else {}
             ended["bars"] = bars | {"summary": run.units.restated(str(run.bars))}
-        return ended | {"units": units, "look": self._look.plain()}
+        return ended | {"units": units, "look": self._look.plain(), "file": self._scene_file()}
+
+    def _scene_file(self) -> str:
+        """The scene's file, from the folder of the results where there is a way."""
+        file = self._scene.file.resolve()
+        try:
+            return Path(os.path.relpath(file, self.folder.resolve())).as_posix()
+        except ValueError:  # on another drive
+            return file.as_posix()
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""

@@ -144,7 +144,7 @@ def _at_rest(shell: Shell) -> tuple[Array, Factor]:
     if shell.stressed and (off := distance_from_balance(shell, Factoriser())) is not None:
         raise OptionError(
             "buckling needs a shell without stress at rest, or in equilibrium (got one of a prestrain, rest_curvature, "
-            f"temperature or rest, {off:.3g} m from it): let it come to rest first, "
+            f"temperature or rest, of which Newton's first step is {off:.3g} m): let it come to rest first, "
             "shell.settled(ms.DiscreteShell(shell).equilibrium().positions)"
         )
     stiffness = _unloaded(shell)

@@ -1,5 +1,7 @@
 """Damaged archives and clips are refused by what reads them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import cantilever
@@ -129,3 +131,16 @@ def test_what_is_no_trajectory_is_told_by_what_it_is(run, tmp_path, name, told):
             np.savez(file, **arrays | {"times": arrays["times"][::-1]})
     with pytest.raises(ms.FileFormatError, match=told):
         ms.load_trajectory(file)
+
+
+@pytest.mark.parametrize("missing", [("deepest",), ("contact_forces", "in_contact")])
+def test_a_trajectory_with_a_part_of_what_touches_is_refused(run, tmp_path, missing):
+    """Without ``deepest`` it loaded as one of no contacts, whose next copy had lost the forces, too."""
+    frames, count = run.positions.shape[:2]
+    touching = {"contact_forces": np.zeros((frames, count, 3)), "in_contact": np.zeros((frames, count), bool)}
+    whole = ms.save_trajectory(replace(run, **touching, deepest=np.zeros(frames)), tmp_path / "run.npz")
+    ms.load_trajectory(whole)
+    with np.load(whole) as data:
+        np.savez(tmp_path / "part.npz", **{name: data[name] for name in data if name not in missing})
+    with pytest.raises(ms.FileFormatError, match=f"without {', '.join(missing)}, which go with it"):
+        ms.load_trajectory(tmp_path / "part.npz")

@@ -8,6 +8,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
+from modalshell.models.auto.account import told
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.auto.watching import Watch
 from modalshell.models.base.setup import MotionSetup
@@ -156,3 +157,12 @@ def test_discrete_shells_take_over_from_modes_with_about_the_energy_of_these():
     slack = steps._slack(full, begun, 0.0)
     assert arch.energy(x) > 50.0 * modal.elastic_energy(MotionState(q, q))
     assert arch.energy(slack.coordinates) < 1.1 * modal.elastic_energy(MotionState(q, q))
+
+
+@pytest.mark.parametrize(
+    ("gained", "said"), [(1.0, "+100 %"), (-0.2345, "-23 %"), (0.00123, "+0.12 %"), (12.3, "+1230 %")]
+)
+def test_changes_of_energy_are_said_without_powers_of_ten(gained, said):
+    memory = {"steps": np.array([0.0, 4.0]), "log": np.zeros((1, 6)), "switches": np.ones(1)}
+    memory["log"][0, 5] = gained
+    assert f"; its energy changed by {said})" in told(MotionState(np.zeros(1), np.zeros(1), memory), ("DS", "MWTS"))

@@ -120,6 +120,21 @@ def test_the_stated_error_is_right_within_two_on_drawn_motions():
             assert 0.5 <= run.step_error / true <= 2.0, rule
 
 
+TURNED = ms.SupportPath([0.0, 0.5, 1.0], np.zeros((3, 3)), [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.5, 0.0]])
+
+
+@pytest.mark.parametrize("moves", [{"gravity": (0.0, 0.0, -3.0)}, {"supports": TURNED}], ids=["falls", "is turned"])
+@pytest.mark.parametrize("steps", [40, 160])
+def test_one_linearisation_a_step_states_what_it_costs_where_a_sheet_turns(strip, moves, steps):
+    """Its steps stretch what turns, which holds the motion up: up to 14 times as far off as was said."""
+    options = {"duration": 1.0} | moves
+    fine = {"dt": 0.5 / steps, "store_every": 2}
+    true = ms.simulate(ms.DiscreteShell(strip, integrator="sdirk2"), **fine, **options).positions
+    run = ms.simulate(ms.DiscreteShell(strip, integrator="linear_implicit"), dt=1.0 / steps, **options)
+    ratio = run.step_error * strip.mesh.moment_length / np.linalg.norm(run.positions - true, axis=2).max()
+    assert 0.5 <= ratio <= 3.5
+
+
 def test_linear_motion_has_no_error(basis):
     run = ms.simulate(ms.LinearModal(basis), duration=2.0, gravity=(0, 0, -0.5), damping=(0.3, 0.0))
     assert run.step_error <= 1e-12

@@ -101,8 +101,15 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_run(plate, capsys):
 def test_a_run_needs_its_own_scene(plate, capsys):
     assert command("plate.toml") == 0
     archive = plate / "results" / "plate.npz"
-    assert command(archive) == 2
-    assert "with --scene FILE" in capsys.readouterr().err
+    assert command(archive, "--out", "own.html") == 0
+    assert command("results", "--out", "by_folder.html") == 0  # as 'open' and 'export' take folders
+    of_folder, own = (json.loads((plate / f"{name}.json").read_text()) for name in ("by_folder", "own"))
+    assert of_folder.pop("command") == "modalshell report results/plate.npz --scene results/../plate.toml"
+    assert {name for name in own if own[name] != of_folder.get(name)} == {"command", "sha256"}
+    (plate / "plate.toml").rename("moved.toml")
+    assert command("results") == 2
+    assert "with --scene FILE (got results/plate.npz, whose record names ../plate.toml" in capsys.readouterr().err
+    (plate / "moved.toml").rename("plate.toml")
     (plate / "other.toml").write_text(PLATE.replace("p = 200.0", "p = 100.0"))
     assert command(archive, "--scene", "other.toml") == 2
     assert "is a run of another scene" in capsys.readouterr().err

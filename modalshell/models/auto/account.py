@@ -24,7 +24,8 @@ _LITTLE = 1e-4
 def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, MotionState], force: Array) -> float:
     """Change of a motion's energy where a level's state takes the place of another, over the larger of the two.
 
-    That is of kinetic and elastic energy, less what a ``force`` (n, 3) [N] does on the way between their positions.
+    That is of kinetic and elastic energy, less what a ``force`` (n, 3) [N] does on the way between their positions; the
+    larger is counted from what stresses at rest have stored.
     """
     both = [
         stepper.model.kinetic_energy(state) + stepper.model.elastic_energy(state) + stepper.further_energy(state)
@@ -32,7 +33,9 @@ def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, 
     ]
     before, after = (stepper.own_positions(state) for stepper, state in zip(steppers, states, strict=True))
     change = both[1] - both[0] - float(np.vdot(force, after - before))
-    return change / max(both) if max(both) > 0.0 else 0.0
+    shell = steppers[1].model.shell
+    larger = max(both) - (shell.raw_energy(shell.rest_positions) if shell.stressed else 0.0)
+    return change / larger if larger > 0.0 else 0.0
 
 
 def cost_of(stepper: Stepper, before: MotionState, after: MotionState, dt: float) -> Array:
@@ -43,6 +46,12 @@ def cost_of(stepper: Stepper, before: MotionState, after: MotionState, dt: float
     assert error is not None  # the rules that levels take by default know theirs
     changes = (error, after.rates - before.rates, after.coordinates - before.coordinates)
     return np.array([stepper.model.squared(change) for change in changes])
+
+
+def _signed(share: float) -> str:
+    """A share in percent with its sign, to two digits or whole: never with a power of ten."""
+    percent = 100.0 * share
+    return f"{percent:+.2g}" if abs(percent) < 99.5 else f"{percent:+.0f}"
 
 
 def told(state: MotionState, names: Sequence[str]) -> str:
@@ -68,6 +77,6 @@ def told(state: MotionState, names: Sequence[str]) -> str:
             reason = "no error bar was found" if margin <= NO_MARGIN else f"stability margin {margin:.2f}"
         else:
             reason = f"{share_as_text(bar)} from DS"
-        changed = f"; its energy changed by {100.0 * gained:+.2g} %" if abs(gained) > _LITTLE else ""
+        changed = f"; its energy changed by {_signed(gained)} %" if abs(gained) > _LITTLE else ""
         lines.append(f"to {names[int(level)]} at {time:.4g} s ({reason}{changed})")
     return f"steps by {shares}" + (f"; {', '.join(lines)}" if lines else "")

@@ -351,8 +351,13 @@ class ModalMotion(ModalShape, FrameModel):
         return PatchTargets(constraints, time, pose, values, self.shell.size, present)
 
     def elastic_energy(self, state: MotionState) -> float:
-        """Elastic energy ``q^T Lambda q / 2`` [J]."""
-        return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
+        """Elastic energy ``q^T Lambda q / 2`` [J], with what the stresses at rest have stored."""
+        return self._at_rest + float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
+
+    @cached_property
+    def _at_rest(self) -> float:
+        """Elastic energy [J] of a settled shell at rest, as discrete shells have it too; 0 of one without stress."""
+        return self.shell.raw_energy(self.shell.rest_positions) if self.shell.stressed else 0.0
 
     def remark(self, state: MotionState) -> str:
         """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""

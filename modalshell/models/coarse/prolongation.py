@@ -21,7 +21,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_v
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.closest import TOGETHER, all_closest, common_parts, lowest
+from modalshell.mesh.closest import TOGETHER, all_closest, common_parts, lowest, torn_edges
 from modalshell.mesh.topology import connected_parts
 from modalshell.shell.smoothed_membrane import SHARP
 
@@ -60,17 +60,21 @@ class Prolongation(ReadOnlyArrays):
     ----------
     distance : ndarray, shape (n,)
         Of every fine vertex from the coarse mesh [m].
+    torn : ndarray of int64, shape (k,)
+        Fine edges whose ends are prolonged from far parts of the coarse mesh, as from two turns of a roll.
     """
 
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None = None) -> None:
         self._shape = len(fine.vertices), len(coarse.vertices)
         if fine is coarse:  # vertices at one place are still several
             self.distance, self._heights = np.zeros(len(fine.vertices)), np.empty(0)
+            self.torn = np.empty(0, dtype=np.int64)
             self._keep(sps.csr_array(sps.eye_array(len(fine.vertices))), own_triangles(fine)[0], fine)
             return
         points = np.asarray(fine.vertices)
         parts = common_parts(fine, coarse)  # sheets close together keep each to its own
         under, _, self.distance, on = all_closest(coarse, points, parts and parts[::-1])
+        self.torn = torn_edges(fine, coarse, under)
         patches = _smooth_patches(coarse, fine, folds)
         pairs = [np.unique(patches[near]) for near in on]
         owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
