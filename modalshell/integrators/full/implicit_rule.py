@@ -1,6 +1,7 @@
 """Implicit rules of order one and two, each made of steps of implicit Euler of another length from another state.
 
-``IE(h', x', v')`` minimises ``E(x) + |x - x'|^2 (M/h'^2 + C/h') / 2 - (f + M v'/h').(x - x')``; ``v = (x - x')/h'``.
+``IE(h', x', v')`` minimises ``E(x) + |x - x'|^2 (1/h'^2 + xi/h') M / 2 - (f + M v'/h').(x - x')``, and what damping by
+the stiffness takes of changes of measures (theory 12, eq. 10); ``v = (x - x')/h'``.
 Every rule here asks for such steps alone, so that one solver serves them all, sparse, dense and compiled.
 """
 
