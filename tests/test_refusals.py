@@ -55,6 +55,8 @@ BETWEEN_PARTS = {
     "euler_step",
     "slowed",
     "carried",
+    "shell_at",
+    "damped",
     "under",
     "rates_by_constant",
     "damping_force",

@@ -150,6 +150,11 @@ class ElasticEnergy(ABC):
     def changes(self, x: Array) -> list[Array]:
         """Changes of the measures of every kind at ``x`` (n, 3) from those at rest."""
 
+    @property
+    @abstractmethod
+    def periods(self) -> list[Array | float | None]:
+        """Period of every kind of measures, of all or of each; None where they have none."""
+
     @abstractmethod
     def damped(self, begun: list[Array], factor: float, dt: float) -> ElasticEnergy:
         """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``.

@@ -330,6 +330,11 @@ class ElementSum(ElasticEnergy):
             e.kernel.linear_stress(x, none, e.stencils, e.rest, np.full(e.rest.size, 0.5), change)
         return found
 
+    @property
+    def periods(self) -> list[Array | float | None]:
+        """Period of the measures of every set: a turn of folds."""
+        return [2.0 * np.pi if e.kernel.PERIODIC else None for e in self.elements]
+
     def damped(self, begun: list[Array], factor: float, dt: float) -> ElementSum:
         """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``."""
         elements = []

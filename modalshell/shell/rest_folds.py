@@ -64,6 +64,13 @@ class RestFolds(ElasticEnergy):
         state = self._measured(x)
         return [state.folds, state.stretches, *self._further.changes(x)]
 
+    @property
+    def periods(self) -> list[Array | float | None]:
+        """Period of every fold, a turn, which is half of one for the half of a mirrored fold; lengths have none."""
+        turns = np.full(self._rest_angles.size, 2.0 * np.pi)
+        turns[self._mirrors.places] *= 0.5
+        return [turns, None, *self._further.periods]
+
     def damped(self, begun: list[Array], factor: float, dt: float) -> Self:
         """Sum of it and of what damping takes in a step of ``dt`` [s] in which measures change from ``begun``."""
         other, share = copy.copy(self), factor / (dt + factor)

@@ -97,10 +97,9 @@ class SplitFoldEnergy(RestFolds):
 
     def constant_forms(self) -> ConstantForms:
         """What the energy is made of."""
-        of_folds = self._folds.hinges, self._rest_angles, self._shares, self._folds
-        stretching = self._edges, self._rest_squares, self._membrane, self._tension
+        own = self._folds.hinges, self._rest_angles, self._shares, self._folds, self._edges, self._rest_squares
         points = self._points(np.array(self._parts[0].vertices) - self._origin)
-        return ConstantForms(points, *of_folds, *stretching, self._factor)
+        return ConstantForms(points, *own, self._membrane, self._tension, self._factor)
 
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
@@ -386,7 +385,7 @@ class SplitFoldEnergy(RestFolds):
         """Energy [J] of the measures' rates along ``step``."""
         folds, stretches = self._rates(self._measured(x), step)
         own = 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
-        return own + self._further.linear_energy(x, step)
+        return self._factor * own + self._further.linear_energy(x, step)
 
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""

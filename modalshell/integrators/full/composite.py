@@ -118,7 +118,7 @@ def _both_parts(euler: EulerSteps, state: MotionState, dt: float, ratio: float) 
     if known:
         states.insert(1, MotionState(x - memory["middle_move"], v - memory["middle_gain"]))
         times.insert(1, -0.5 / ratio)
-    # Viscous matrices are those of where parts end, else turning of a stiff sheet is resisted.
+    # A reduced shell's viscous matrix of bending is that of where a part ends, else its turning is resisted.
     ahead = x + 0.5 * dt * (v + 0.25 * gain)
     made_of = tuple(zip(first, states, times, strict=True))
     begin, expected = _combined(made_of), v + 0.5 * gain

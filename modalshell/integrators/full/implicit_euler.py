@@ -14,7 +14,8 @@ class ImplicitEuler(ImplicitRule, key="implicit", alias="implicit_euler"):
     """Implicit Euler, solved to the model's tolerance as the minimum of the step's potential [hairer2006, section I.1].
 
     Order one. Stable at any step; it loses energy: small oscillations shrink by ``(1 + h c + h^2 lambda)^(-1/2)`` a
-    step, as by an additional damping ratio of ``h omega / 2``. Viscosity is that of the step's beginning.
+    step, as by an additional damping ratio of ``h omega / 2``. Damping by the stiffness
+    takes the change of the measures over the step (theory 12, eq. 10).
     """
 
     name = "implicit Euler"

@@ -1,6 +1,7 @@
 """Implicit rules of order one and two, each made of steps of implicit Euler of another length from another state.
 
-``IE(h', x', v')`` minimises ``E(x) + |x - x'|^2 (M/h'^2 + C/h') / 2 - (f + M v'/h').(x - x')``; ``v = (x - x')/h'``.
+``IE(h', x', v')`` minimises ``E(x) + |x - x'|^2 (1/h'^2 + xi/h') M / 2 - (f + M v'/h').(x - x')``, and what damping by
+the stiffness takes of changes of measures (theory 12, eq. 10); ``v = (x - x')/h'``.
 Every rule here asks for such steps alone, so that one solver serves them all, sparse, dense and compiled.
 """
 
@@ -77,12 +78,19 @@ class EulerStart:
         first = self.viscous_at if self.viscous_ahead else self.origin + self.dt * self.rates
         return self.origin, self.rates, self.near, self.viscous_at, first
 
-    def begun(self, changes: Callable[[float, MotionState], list[Array]]) -> list[Array]:
-        """Changes of measures from which damping counts: the weighted sum of those of the states it is made of."""
-        total: list[Array] = []
+    def begun(
+        self, changes: Callable[[float, MotionState], list[Array]], periods: list[Array | float | None]
+    ) -> list[Array]:
+        """Changes of measures from which damping counts: the weighted sum of those of the states it is made of.
+
+        Measures that have ``periods`` are taken as near as may be to those of the latest state: a fold that has come
+        to half a turn jumps by a whole one, which is no change.
+        """
+        _, latest, when = max(self.made_of, key=lambda one: one[2])
+        near, total = changes(when, latest), [np.zeros(())] * len(periods)
         for weight, state, when in self.made_of:
-            found = [weight * own for own in changes(when, state)]
-            total = [known + own for known, own in zip(total, found, strict=True)] if total else found
+            found = zip(total, changes(when, state), near, periods, strict=True)
+            total = [known + weight * _nearest(own, of, period) for known, own, of, period in found]
         return total
 
     @property
@@ -98,6 +106,10 @@ class EulerStart:
     def after(self, coordinates: Array) -> MotionState:
         """State at its end, at ``coordinates``."""
         return MotionState(coordinates, (coordinates - self.origin) / self.dt)
+
+
+def _nearest(measures: Array, to: Array, period: Array | float | None) -> Array:
+    return measures if period is None else measures - period * np.round((measures - to) / period)
 
 
 class EulerSteps(ABC):
@@ -232,7 +244,7 @@ class ShellSteps(LoadedSteps):
         self._felt = load, body.live
         shell, begun = body.shell, body.start_shell
         if self._damping.stiffness_factor or shell.has_dashpots:
-            begun_with = start.begun(partial(self._changes, body))
+            begun_with = start.begun(partial(self._changes, body), shell.elastic_energy.periods)
             damp = begun_with, self._damping.stiffness_factor, start.dt
             shell, begun = shell.damped(*damp), begun.damped(*damp)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping)

@@ -119,7 +119,7 @@ def two_parts(euler: EulerSteps, state: MotionState, dt: float, gain: Array) -> 
     if euler.turn(x, dt * gain) > VIOLENT:
         return state, False
     part, rest = GAMMA * dt, (1.0 - GAMMA) * dt
-    # The viscous matrix of each part is that of where it ends, else turning of a stiff sheet is resisted.
+    # A reduced shell's viscous matrix of bending is that of where a part ends, else its turning is resisted.
     middle = x + part * (v + 0.5 * GAMMA * gain)
     made_of = ((1.0, state, 0.0),)
     half, solved = euler.solve(EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, 0.0, middle, made_of))

@@ -116,8 +116,9 @@ class ProfileStep:
         """The body whose energy is what damping makes of its own in a step, and the load; both over one factor."""
         if not (factor or self._shell.has_dashpots):
             return self._body, load
-        begun = start.begun(lambda _, state: self._shell.changes(state.coordinates))
-        elastic, whole = self._body.elastic.damped(self._shell.damped(begun, factor, start.dt))
+        shell = self._shell
+        begun = start.begun(lambda _, state: shell.changes(state.coordinates), shell.elastic_energy.periods)
+        elastic, whole = self._body.elastic.damped(shell.damped(begun, factor, start.dt))
         return self._body._replace(mass=self._body.mass / whole, elastic=elastic), load / whole
 
 

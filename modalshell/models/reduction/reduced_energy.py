@@ -50,8 +50,9 @@ class ReducedEnergy:
     def damped(self, start: EulerStart, factor: float) -> ReducedEnergy:
         """Sum of it and of what damping takes in a step; see :meth:`modalshell.shell.ElasticEnergy.damped`."""
         other = copy.copy(self)
-        begun = start.begun(lambda _, state: self.energy.changes(self.positions(state.coordinates)))
-        other.energy = self.energy.damped(begun, factor, start.dt)
+        energy = self.energy
+        begun = start.begun(lambda _, state: energy.changes(self.positions(state.coordinates)), energy.periods)
+        other.energy = energy.damped(begun, factor, start.dt)
         return other
 
     @property
