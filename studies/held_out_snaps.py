@@ -4,8 +4,9 @@ The stiff V-beam of ``v_beam_accuracy``: a coarse shell of it trains :class:`Hyb
 it. Then loads and damping are drawn as in training, by another seed: half of the loads within 30 degrees of that
 gravity, half in any direction, 0.5 to 1.2 of its size, a third with a point force added. Each holds for one second
 and is released for half a second. Errors of the hybrid are measured against the coarse shell that trained it and, with
-that shell's own, against DS on the fine mesh. So are three named motions with either kind of damping, and statics on
-both sides of the snap; the last table has the gravity at which each model snaps.
+that shell's own, against DS on the fine mesh. What steps of a frame cost is measured, too: the coarse shell against
+itself in steps a quarter as long. So are three named motions with either kind of damping, and statics on both sides of
+the snap; the last table has the gravity at which each model snaps.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ SNAPPED = 0.3
 
 ERRORS = ("coarse", "fine", "coarse_to_fine")
 """Errors of the hybrid against the coarse shell and DS, and of the coarse shell against DS."""
+SHORT = 4
+"""Steps in a frame, against which the coarse shell's own is measured."""
 SHARES = {"median": 0.5, "75 %": 0.75, "90 %": 0.9, "largest": 1.0}
 """Quantiles of the errors."""
 
@@ -102,12 +105,16 @@ def named_loads(shell: ms.Shell) -> dict[str, np.ndarray]:
     return {"down": down, "15° aside": aside, "twisted": down * (1.0 + y / (3.0 * np.abs(y).max()))[:, None]}
 
 
-def frames_of(model: ms.Model, load: np.ndarray, damping: ms.Damping) -> Frames:
-    """Positions (f, n, 3) of a motion, median processor time of a frame [ms], frames that the coarse shell took."""
+def frames_of(model: ms.Model, load: np.ndarray, damping: ms.Damping, parts: int = 1) -> Frames:
+    """Positions (f, n, 3) of a motion, median processor time of a frame [ms], frames that the coarse shell took.
+
+    A frame is one step, or as many ``parts``.
+    """
     state, frames, times, handed = model.start_motion(), [], [], 0
     for frame in range(LOADED + RELEASED):
         began = time.process_time()
-        state, _ = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
+        for _ in range(parts):
+            state, _ = model.step(state, DT / parts, load if frame < LOADED else np.zeros_like(load), damping)
         frames.append(np.array(model.positions(state)))
         times.append(time.process_time() - began)
         handed += state.coordinates.ndim == 2
@@ -117,6 +124,7 @@ def frames_of(model: ms.Model, load: np.ndarray, damping: ms.Damping) -> Frames:
 def measured(shell: ms.Shell, models: dict[str, ms.Model], load: np.ndarray, damping: ms.Damping) -> dict[str, Any]:
     """Errors of one motion, over its size, and what its frames took."""
     found = {name: frames_of(model, load, damping) for name, model in models.items()}
+    found["short"] = frames_of(models["coarse DS"], load, damping, SHORT)
 
     def apart(name: str, other: str) -> float:
         exact = found[other][0]
@@ -129,9 +137,10 @@ def measured(shell: ms.Shell, models: dict[str, ms.Model], load: np.ndarray, dam
         "coarse": apart("hybrid", "coarse DS"),
         "fine": apart("hybrid", "DS"),
         "coarse_to_fine": apart("coarse DS", "DS"),
+        "steps": apart("coarse DS", "short"),
         "snaps": {name: snapped(name) for name in models},
         "handed": found["hybrid"][2],
-        "ms": {name: frames[1] for name, frames in found.items()},
+        "ms": {name: found[name][1] for name in models},
         "damping": [damping.mass_factor, damping.stiffness_factor],
     }
 
@@ -168,7 +177,8 @@ def snap_loads(models: dict[str, ms.Model], hybrid: ms.HybridStress) -> dict[str
 
 def quantiles(found: dict[str, Any], share: float) -> dict[str, float]:
     """A quantile of each error over the drawn loads."""
-    return {key: float(np.quantile([row[key] for row in found["rows"] if row["drawn"]], share)) for key in ERRORS}
+    drawn = [row for row in found["rows"] if row["drawn"]]
+    return {key: float(np.quantile([row[key] for row in drawn], share)) for key in (*ERRORS, "steps")}
 
 
 def table(result: StudyResult) -> str:
@@ -186,13 +196,14 @@ def table(result: StudyResult) -> str:
     return paragraphs(
         f"DS has {found['cells']['fine']} cells, the coarse shell {found['cells']['coarse']}; the hybrid was "
         f"trained in {found['training_seconds']:.3g} s of processor time and states an error of "
-        f"{100 * found['held_out_error']:.2g} %.",
+        f"{100 * found['held_out_error']:.2g} %. Errors of its steps are those of coarse DS in one step a frame, "
+        f"against {SHORT}: what follows a snap is faster than frames.",
         markdown(
-            f"motion | {headings} | snaps | coarse frames | processor ms a frame: hybrid, coarse DS, DS",
-            f"{{motion}} | {errors} | {{which}} | {{handed}} | {{times}}",
+            f"motion | {headings} | its steps | snaps | coarse frames | processor ms a frame: hybrid, coarse DS, DS",
+            f"{{motion}} | {errors} | {{steps:100*.2f}} % | {{which}} | {{handed}} | {{times}}",
             rows,
         ),
-        markdown(f"drawn loads | {headings}", f"{{which}} | {errors}", drawn),
+        markdown(f"drawn loads | {headings} | its steps", f"{{which}} | {errors} | {{steps:100*.2f}} %", drawn),
         markdown(f"gravity, m/s² | {headings}", f"{{gravity:g}} | {errors}", found["equilibria"]),
         markdown("model | snaps at a gravity of", "{model} | {load:.2f|–}", snaps),
         FILM,
@@ -211,5 +222,6 @@ def finding(result: StudyResult) -> str:
         f"{len(named)} named motions with either damping, {percent(after, '.2g')} at rest after it. Of "
         f"{len(found['rows']) - len(named)} loads drawn by a seed half are within {percent(half['coarse'], '.2g')} of "
         f"the coarse shell that trained it ({percent(half['fine'], '.2g')} of fine DS), 90 % within "
-        f"{percent(most['coarse'], '.2g')} ({percent(most['fine'], '.2g')})."
+        f"{percent(most['coarse'], '.2g')} ({percent(most['fine'], '.2g')}); steps of a frame themselves are off by "
+        f"{percent(half['steps'], '.2g')} and {percent(most['steps'], '.2g')}."
     )
