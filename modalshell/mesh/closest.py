@@ -90,11 +90,13 @@ def torn_edges(fine: TriangleMesh, coarse: TriangleMesh, under: IntArray) -> Int
     """Edges (k,) of a mesh whose ends are next to triangles ``under`` (n,) of far parts of a coarse mesh.
 
     They are those of layers so close that the chords of the coarse mesh reach from one to the next: the triangles have
-    no corner in common, and the way along edges between them is longer than that edge and a side of theirs.
+    no corner in common, and the way along edges between them is longer than that edge and a side of theirs. Parts of a
+    coarse mesh that no edge joins are none: meshes to supports may be cut along them.
     """
     ends = under[fine.edges]
     corners = coarse.faces[ends]
-    apart = np.flatnonzero(~(corners[:, 0, :, None] == corners[:, 1, None, :]).any(axis=(1, 2)))
+    one = np.ptp(coarse.components[corners[:, :, 0]], axis=1) == 0
+    apart = np.flatnonzero(one & ~(corners[:, 0, :, None] == corners[:, 1, None, :]).any(axis=(1, 2)))
     if not apart.size:
         return apart
     edges = coarse.edges

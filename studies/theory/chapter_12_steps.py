@@ -8,7 +8,7 @@ from modalshell.integrators.full import Composite
 from modalshell.integrators.modal.exponential import VIOLENT
 from studies.pages import committed
 from studies.theory.oscillator import EARLIER, GAMMA, RULES, euler, flow, weights
-from studies.theory.turning_strip import held_back
+from studies.theory.turning_strip import STEP, VISCOSITY, held_back
 
 ASKED, LIGHT = 0.03, 0.02
 COUNTS = (10, 20, 50, 100, 200)
@@ -68,6 +68,7 @@ def statements() -> list[str]:
         f"over the true one: {', '.join(sums)}",
         f"it is {off[0]} of its length off at most by the composite rule, {off[1]} by BDF2, {off[2]}",
         f"by SDIRK2 and {off[3]} by implicit Euler",
+        f"about its clamp in steps of {STEP} s, with $\\zeta = {VISCOSITY}$ s",
         f"multiplies its amplitude by {left:.2f} in a step, where the truth is {true:.2f}",
     ]
 

@@ -6,6 +6,9 @@ import numpy as np
 
 import modalshell as ms
 
+STEP, VISCOSITY = 0.2, 0.05
+"""Long step and damping by the stiffness [s]."""
+
 
 def held_back(rule: str) -> float:
     """Most that a strip damped by its stiffness is off in long steps, against short ones of the composite rule [m]."""
@@ -13,8 +16,8 @@ def held_back(rule: str) -> float:
     shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 2e-3, 500.0), clamped="x < 1e-6")
     frames = [
         ms.simulate(
-            ms.DiscreteShell(shell, integrator=key), duration=1.0, dt=0.2 / parts, gravity=(0.0, 0.0, -0.5),
-            damping=(0.0, 0.05), store_every=parts,
+            ms.DiscreteShell(shell, integrator=key), duration=1.0, dt=STEP / parts, gravity=(0.0, 0.0, -0.5),
+            damping=(0.0, VISCOSITY), store_every=parts,
         ).positions
         for key, parts in ((rule, 1), ("composite", 32))
     ]  # fmt: skip

@@ -276,7 +276,7 @@ def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
     """
     fine, rule = snapping_beam(150.0, (64, 16)), "implicit_euler"
     coarse = coarse_beam(fine, 150.0, (32, 8))
-    training = {"gravity": (0, 0, -70), "modes": 44, "motions": 20}
+    training = {"gravity": (0, 0, -70), "modes": 44, "motions": 28}
     hybrid = ms.HybridStress.trained(fine, coarse=coarse, integrator=rule, **training)
     truth = ms.DiscreteShell(fine, step_tolerance=1e-4, integrator=rule)
     for load in snapping_loads(fine, 70.0):

@@ -71,7 +71,6 @@ class Room(NamedTuple):
     own: Array
     pivots: Array
     residual: Array
-    displacement: Array
     way: Array
     elastic: Any
     numbers: Array
@@ -82,11 +81,11 @@ def make_room(body: Body) -> Room:
     count, unknowns = len(body.rest), 3 * body.first.size
     x, push, gradient, step, turns, moved = np.empty((6, count, 3))
     values, second = np.empty((2, int(body.starts[-1])))
-    residual, displacement, way = np.empty((3, unknowns))
+    residual, way = np.empty((2, unknowns))
     own, pivots = np.empty((body.first.size, 3)), np.empty(unknowns + LANES)
     return Room(
-        x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, second, own, pivots, residual,
-        displacement, way, body.elastic.room(), np.zeros(5),
+        x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, second, own, pivots, residual, way,
+        body.elastic.room(), np.zeros(5),
     )  # fmt: skip
 
 
