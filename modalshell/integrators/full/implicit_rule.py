@@ -86,11 +86,12 @@ class EulerStart:
         Measures that have ``periods`` are taken as near as may be to those of the latest state: a fold that has come
         to half a turn jumps by a whole one, which is no change.
         """
-        _, latest, when = max(self.made_of, key=lambda one: one[2])
-        near, total = changes(when, latest), [np.zeros(())] * len(periods)
-        for weight, state, when in self.made_of:
-            found = zip(total, changes(when, state), near, periods, strict=True)
-            total = [known + weight * _nearest(own, of, period) for known, own, of, period in found]
+        found = [changes(when, state) for _, state, when in self.made_of]
+        latest = max(range(len(found)), key=lambda place: self.made_of[place][2])
+        total = [np.zeros(())] * len(periods)
+        for (weight, *_), measures in zip(self.made_of, found, strict=True):
+            kinds = zip(total, measures, found[latest], periods, strict=True)
+            total = [known + weight * _nearest(own, of, period) for known, own, of, period in kinds]
         return total
 
     @property

@@ -37,8 +37,8 @@ class LinearImplicitEuler(LinearisedEuler, key="linear_implicit"):
 
     Order one. As stable as implicit Euler while one linearisation serves a step. Where sheets turn by more than a small
     angle in a step, it stretches them, and the tension holds the motion up. The error counts the velocity that the work
-    of the force left at the step's end costs, and is known to a factor of three or so: where
-    that force gives back what it took, as where a clamp turns slowly, it is said too high.
+    of the force left at the step's end costs, and is known to a factor of three or so: where that force gives back what
+    it took, as where a clamp turns slowly, it is said too high.
     """
 
     name = "linearised implicit Euler"
