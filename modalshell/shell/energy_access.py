@@ -53,6 +53,11 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         """Whether the mesh is under stress: the shape without it is another one."""
         return self.rest_shape is not None or self.rest_mesh is not self.mesh
 
+    @property
+    def energy_at_rest(self) -> float:
+        """Elastic energy [J] that stresses have stored in the mesh; 0 of one without stress."""
+        return self.raw_energy(self.rest_positions) if self.stressed else 0.0
+
     def stored_energy(self, x: Array) -> float:
         """Elastic energy [J] at x (n, 3) [m], unchecked, with what the hardening of creases has stored."""
         energy = self.raw_energy(x)

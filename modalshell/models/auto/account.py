@@ -33,8 +33,7 @@ def energy_change(steppers: tuple[Stepper, Stepper], states: tuple[MotionState, 
     ]
     before, after = (stepper.own_positions(state) for stepper, state in zip(steppers, states, strict=True))
     change = both[1] - both[0] - float(np.vdot(force, after - before))
-    shell = steppers[1].model.shell
-    larger = max(both) - (shell.raw_energy(shell.rest_positions) if shell.stressed else 0.0)
+    larger = max(both) - steppers[1].model.shell.energy_at_rest
     return change / larger if larger > 0.0 else 0.0
 
 

@@ -356,8 +356,8 @@ class ModalMotion(ModalShape, FrameModel):
 
     @cached_property
     def _at_rest(self) -> float:
-        """Elastic energy [J] of a settled shell at rest, as discrete shells have it too; 0 of one without stress."""
-        return self.shell.raw_energy(self.shell.rest_positions) if self.shell.stressed else 0.0
+        """Elastic energy [J] of a settled shell at rest, as discrete shells have it too: once for all frames."""
+        return self.shell.energy_at_rest
 
     def remark(self, state: MotionState) -> str:
         """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""
