@@ -77,7 +77,8 @@ def every_stress(shell):
     """Stresses of all small strains of the edges, orthonormal: the membrane energy of quadratic strains itself."""
     stretch, shear, _ = shell.elements
     weight = np.concatenate([stretch.weight, shear.weight])
-    strains = HingeMeasures(shell).tensions(np.eye(len(weight))).T  # of triangles and edges, by those of edges
+    along = HingeMeasures(shell)._along(np.eye(len(weight)))
+    strains = (along / shell.elements[1].rest[:, None]).T  # of triangles and edges, by those of edges
     stresses = 2.0 * weight[:, None] * strains
     return np.linalg.solve(np.linalg.cholesky(strains.T @ stresses), stresses.T).T
 

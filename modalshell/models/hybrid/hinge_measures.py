@@ -56,10 +56,6 @@ class HingeMeasures(Measures):
         """Of triangles and edges."""
         return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self.shell.elements[:2]))
 
-    def tensions(self, modes: Array) -> Array:
-        """Of edges, which do the work of those of triangles too."""
-        return np.asarray(self._along(modes) / self.shell.elements[1].rest[:, None])
-
     def _along(self, stresses: Array) -> Array:
         """Stresses (E, K) by the edges' lengths that do the work of those of triangles and edges (T + E, K)."""
         stretch, shear, _ = self.shell.elements

@@ -115,13 +115,10 @@ class Measures(ABC):
         return None
 
     @abstractmethod
-    def tensions(self, modes: Array) -> Array:
-        """Stresses (E, k) of modes (e, k), by the half squared lengths of the edges."""
-
-    @abstractmethod
     def elastic_tensions(self, modes: Array, factors: tuple[float, ...] = (1.0, 1.0, 1.0)) -> Array:
-        """The same less what flat hinges resist, turned so that half the sum of squares of the work is the energy.
+        """Stresses (E, k) of modes (e, k), by the half squared lengths of the edges, less what flat hinges resist.
 
+        They are turned so that half the sum of squares of their work is the energy.
         The bending of flat hinges by ``j`` is meant for isometric motions. Strains of the two triangles enter ``j`` by
         the jumps of E_nn and 2 E_tn across the edge: that energy is left to the hinges, and taken from the stresses.
         Modes of whose energy the hinges take more than :data:`RESISTED` are left to the hinges altogether.

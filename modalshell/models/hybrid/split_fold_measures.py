@@ -108,10 +108,6 @@ class SplitFoldMeasures(Measures):
         """See :class:`Measures`."""
         return self._forms.half_squares, sps.csr_array(self._forms.tension)
 
-    def tensions(self, modes: Array) -> Array:
-        """By the membrane's matrix."""
-        return np.asarray(self._forms.tension @ modes)
-
     def far_turned(self, frames: Array) -> Index:
         """Folds that frames (f, k, 3) [m] turn by more than :data:`_TURNED`."""
         forms, points = self._forms, self._forms.points.copy()
@@ -124,7 +120,7 @@ class SplitFoldMeasures(Measures):
 
     def elastic_tensions(self, modes: Array, factors: tuple[float, ...] = (1.0, 1.0, 1.0)) -> Array:
         """See :class:`Measures`; factors of the membrane, twice, and of the bending."""
-        tensions = factors[0] * self.tensions(modes)
+        tensions = factors[0] * np.asarray(self._forms.tension @ modes)
         jumps = np.zeros((3 * len(self._forms.hinges), modes.shape[1]))
         flat = np.repeat(self._flat, 3)
         jumps[flat] = (self._jumps @ modes)[flat]
