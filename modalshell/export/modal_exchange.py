@@ -38,14 +38,7 @@ _ARRAYS = {
 
 
 def save_modal_body(basis: Basis, path: str | os.PathLike[str]) -> list[Path]:
-    """Write a basis as ``NAME.npz`` with ``NAME.json``, which names the layout, units and every array.
-
-    Parameters
-    ----------
-    basis : Basis
-        The basis.
-    path : path
-        The NPZ file.
+    """Write a basis to an NPZ file ``path``, with a JSON file of its name that has the layout, units and every array.
 
     Raises
     ------

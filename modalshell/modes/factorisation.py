@@ -84,14 +84,7 @@ class Factor(ABC):
 class CondensedFactor(Factor):
     """Factor of a matrix whose last unknowns have no load of their own: solves with the Schur complement of the others.
 
-    It is positive definite with the whole matrix where the block of those unknowns is.
-
-    Parameters
-    ----------
-    factor : Factor
-        Of the whole matrix.
-    internal : int
-        Number of the last unknowns.
+    It is positive definite with the ``whole`` matrix where the block of those unknowns, ``internal`` many, is.
 
     Attributes
     ----------

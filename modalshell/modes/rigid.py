@@ -128,16 +128,9 @@ class RigidFreeSolver:
     """Solves ``K x = b`` on the complement of the rigid motions.
 
     As many unknowns as there are rigid motions are held, statically determinate, so that the rest of K is positive
-    definite and no shift has to be chosen; the rigid part is projected out of ``b`` and ``x``.
-
-    Parameters
-    ----------
-    stiffness : csc_array, shape (N, N)
-        Stiffness of the free unknowns; internal unknowns, without mass, may follow them.
-    rigid : ndarray, shape (N, r)
-        Mass-orthonormal rigid motions.
-    mass : ndarray, shape (N,)
-        Lumped mass of each unknown.
+    definite and no shift has to be chosen; the rigid part is projected out of ``b`` and ``x``. ``stiffness`` (N, N) is
+    that of the free unknowns, which internal ones without mass may follow; ``rigid`` (N, r) are the mass-orthonormal
+    rigid motions, ``mass`` (N,) is that of each unknown.
     """
 
     def __init__(self, stiffness: sps.csc_array, rigid: Array, mass: Array, backend: str | None = None) -> None:

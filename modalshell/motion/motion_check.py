@@ -71,29 +71,11 @@ def with_bars(
     supports: SupportPath | None = None,
     touching: TouchingFrames | None = None,
 ) -> Trajectory:
-    """The motion with the error bars of some frames.
+    """The motion of a model with the error bars of some frames, ``every`` one from the last.
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
-    the same bars. The message says where frames are too far apart for accelerations.
-
-    Parameters
-    ----------
-    run : Trajectory
-        A motion of the model.
-    model : Model
-        The model.
-    loading : Loading
-        Its loads.
-    every : int
-        Frames from one check to the next.
-    coarse : CoarseDiscreteShell, optional
-        The coarse shell on which bars are found, in place of the model's own.
-    damping : Damping, optional
-        Its damping.
-    supports : SupportPath, optional
-        How its supports moved.
-    touching : TouchingFrames, optional
-        Its contacts.
+    the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
+    :class:`MotionCheck`.
 
     Raises
     ------

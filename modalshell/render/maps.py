@@ -82,22 +82,8 @@ def draw_maps(
 ) -> Path:
     """Draw maps into a PNG in rows of ``columns``, with one legend of all classes.
 
-    Parameters
-    ----------
-    panels : sequence of MapPanel
-        The maps.
-    colors : mapping
-        Colour of each class, in the order of the legend.
-    path : path
-        Of the PNG.
-    columns : int
-        Maps in a row.
-    size : (float, float)
-        Width and height of a map with its texts [inch].
-    font : float
-        Size of the texts [points].
-    dpi : float
-        Pixels per inch.
+    ``colors`` are those of the classes, in the order of the legend, ``size`` is the width and height of a map with its
+    texts [inch], ``font`` the size of these [points], ``dpi`` the pixels per inch.
 
     Raises
     ------

@@ -54,16 +54,7 @@ Result = TypeVar("Result", bound=RunResult)
 
 
 class SceneRun(ABC, Generic[Result]):
-    """The run of a scene in a folder; what kinds of scenes do differently is abstract.
-
-    Parameters
-    ----------
-    scene : Scene
-        What to run.
-    shell : Shell
-        Its shell.
-    folder : Path
-        Where the results go.
+    """The run of a scene and its shell in a folder; what kinds of scenes do differently is abstract.
 
     Attributes
     ----------

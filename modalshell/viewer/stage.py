@@ -52,14 +52,7 @@ class Shown(Protocol):
 
 
 class Stage:
-    """A shell in one PyVista plotter.
-
-    Parameters
-    ----------
-    shown : Shown
-        What to show, such as a session.
-    off_screen : bool
-        Draw into memory instead of a window.
+    """A shell in one PyVista plotter; with ``off_screen`` it is drawn into memory instead of a window.
 
     Attributes
     ----------

@@ -156,13 +156,6 @@ class ModalPressedMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
     Where a vertex touches, or would, a step of implicit Euler is taken in the step's place.
-
-    Parameters
-    ----------
-    model : ModalMotion
-        The model.
-    setup : MotionSetup
-        What decides the motion.
     """
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:

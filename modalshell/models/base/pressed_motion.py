@@ -25,13 +25,6 @@ LOCAL, BEYOND = "local", "beyond"
 class PressedMotion(ABC):
     """Contacts of one motion, and what they press in beyond the modes, which states carry in their memory.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-
     Raises
     ------
     OptionError

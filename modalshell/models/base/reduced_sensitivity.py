@@ -213,22 +213,9 @@ class ModalTangent(ReducedTangent):
 class LinearTangent(ReducedTangent):
     """The tangent of a model whose positions are linear in its coordinates.
 
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    state : Equilibrium
-        The state.
-    hessian : ndarray, shape (r, r)
-        Of the potential, exact.
-    columns : ndarray, shape (3n, r)
-        Derivative of the positions by the coordinates.
-    reduced : ndarray, shape (3n, r)
-        What takes a force to a generalised one.
-    by_constant : callable
-        Derivative (r,) of the elastic force by a constant.
-    by_rest_angles : callable, optional
-        Its derivatives (r, H) by the rest angles.
+    ``hessian`` (r, r) is the potential's, exact; ``columns`` (3n, r) are the derivatives of the positions by the
+    coordinates, and ``reduced`` (3n, r) takes a force to a generalised one. ``by_constant`` gives the derivative (r,)
+    of the elastic force by a constant, ``by_rest_angles`` its derivatives (r, H).
     """
 
     def __init__(

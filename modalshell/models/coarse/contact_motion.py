@@ -21,16 +21,8 @@ class CoarseContactMotion:
     """Takes steps with contacts: the model's own where nothing touches, else those of its coarse shell.
 
     These are as :class:`ContactMotion` takes them of DS, the coarse vertices staying out of the colliders. Fine ones
-    between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices.
-
-    Parameters
-    ----------
-    model : CoarseDiscreteShell or HybridStress
-        The model, about ``origin``.
-    setup : MotionSetup
-        What decides the motion.
-    origin : ndarray, shape (3,)
-        Where that is in the world [m].
+    between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices. The
+    ``model``, coarse DS or the hybrid, is about ``origin`` (3,) [m] in the world.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:

@@ -22,19 +22,9 @@ def coarse_equilibrium_on_contacts(
 ) -> Equilibrium:
     """Equilibrium of the coarse shell with contacts at its own vertices, prolonged.
 
-    Fine vertices that prolongation leaves inside are put onto the colliders: such an answer is a start of DS. Contact
-    forces are those of the coarse vertices, at the fine vertices nearest to them.
-
-    Parameters
-    ----------
-    model : CoarseDiscreteShell
-        The model.
-    loading : Loading
-        Loads on the fine shell.
-    start : ndarray, shape (n, 3), optional
-        Where to begin.
-    contacts, constraints : sequence
-        What was declared.
+    Loads are those on the fine shell, and it begins at ``start`` (n, 3) [m] or at rest. Fine vertices that prolongation
+    leaves inside are put onto the colliders: such an answer is a start of DS. Contact forces are those of the coarse
+    vertices, at the fine vertices nearest to them.
 
     Raises
     ------

@@ -39,16 +39,8 @@ _STRAIGHT = 12
 class ProfileStep:
     """Steps of implicit Euler and error bars of one shell without further energies; see :func:`profile_step`.
 
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    analysis : ProfileAnalysis
-        Profile of the stiffness of its free unknowns, and of the energy's internal ones.
-    place : ndarray of int64, shape (n,)
-        Block of every vertex in the profile, -1 of held ones.
-    elastic : Hinges or Folds
-        Its energy.
+    ``analysis`` is the profile of the stiffness of its free unknowns, and of the energy's internal ones; ``place`` (n,)
+    is the block of every vertex in it, -1 of held ones.
     """
 
     def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
