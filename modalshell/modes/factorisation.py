@@ -85,11 +85,6 @@ class CondensedFactor(Factor):
     """Factor of a matrix whose last unknowns have no load of their own: solves with the Schur complement of the others.
 
     It is positive definite with the ``whole`` matrix where the block of those unknowns, ``internal`` many, is.
-
-    Attributes
-    ----------
-    whole : Factor
-        Of the whole matrix.
     """
 
     def __init__(self, factor: Factor, internal: int) -> None:

@@ -95,27 +95,10 @@ def balance(
     Load steps follow Newton's success. A step is also refused if it moves farther than twice what the tangent at its
     beginning says, or turns a part far: Newton would jump to another branch.
 
-    Parameters
-    ----------
-    force, slope : callable
-        p, and its derivatives.
-    eigenvalues : ndarray, shape (m,)
-        Lambda; the first ``rigid`` modes stay at zero.
-    rigid : int
-        Number of rigid modes.
-    turn : callable
-        Largest rotation [rad] at given coordinates.
-    start : ndarray, shape (m,), optional
-        Where to begin.
-    first_step : float
-        Fraction of the load that is tried first.
-    retry : bool
-        Whether to follow the load from rest where Newton fails from the start.
-
-    Returns
-    -------
-    Statics
-        Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
+    ``slope`` gives the derivatives of the ``force`` p, ``turn`` the largest rotation [rad] at given coordinates. Of the
+    eigenvalues Lambda (m,) the first ``rigid`` modes stay at zero. ``first_step`` is the fraction of the load that is
+    tried first; with ``retry`` the load is followed from rest where Newton fails from the ``start`` (m,). The residual
+    is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
     """
     root = np.sqrt(eigenvalues[rigid:])
     if not root.size:

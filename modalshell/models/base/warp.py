@@ -16,17 +16,7 @@ from modalshell.statics.modal_balance import differences
 
 
 class Warp(ABC):
-    """Displacements as a function of modal coordinates q (m,).
-
-    Attributes
-    ----------
-    name : str
-        For messages.
-    shell : Shell
-        The shell.
-    basis : Basis
-        Its modes, eigenvalues and modal rotations.
-    """
+    """Displacements of a shell as functions of modal coordinates q (m,) of a basis; the name is for messages."""
 
     name: str
     shell: Shell
