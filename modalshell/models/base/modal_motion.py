@@ -363,8 +363,8 @@ class ModalMotion(ModalShape, FrameModel):
         """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""
         if self.frames is None or self._slowest is None:
             return ""
-        fast = self.frames.fastest_spin(state) > FAST_SPIN * self._slowest
-        return FAST if fast else ""
+        spins = np.linalg.norm(self.frames.spins(state.coordinates, state.rates), axis=1)
+        return FAST if spins.max() > FAST_SPIN * self._slowest else ""
 
     @cached_property
     def _slowest(self) -> float | None:

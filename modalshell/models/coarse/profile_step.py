@@ -19,7 +19,6 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
-from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
@@ -57,7 +56,7 @@ class ProfileStep:
             place[free],
             analysis.first,
             analysis.starts,
-            vertex_strides(analysis, place),
+            np.where(place >= 0, analysis.strides[place], 0),
             elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))
