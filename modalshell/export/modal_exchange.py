@@ -40,10 +40,7 @@ _ARRAYS = {
 def save_modal_body(basis: Basis, path: str | os.PathLike[str]) -> list[Path]:
     """Write a basis to an NPZ file ``path``, with a JSON file of its name that has the layout, units and every array.
 
-    Raises
-    ------
-    OptionError
-        If the file's name does not end in ``.npz``.
+    OptionError if the file's name does not end in ``.npz``.
     """
     checked_kind("basis", basis, Basis)
     target = Path(path)

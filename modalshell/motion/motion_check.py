@@ -75,12 +75,7 @@ def with_bars(
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
     the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
-    :class:`MotionCheck`.
-
-    Raises
-    ------
-    OptionError
-        For a shell that its supports do not hold.
+    :class:`MotionCheck`. OptionError for a shell that its supports do not hold.
     """
     check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse, touching=touching)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side

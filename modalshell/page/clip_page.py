@@ -25,12 +25,8 @@ def clip_page(
     """A page that plays ``rest + sum_k amplitudes[f, k] shapes[k]`` in a loop.
 
     Rest positions (n, 3) and ``shapes`` (K, n, 3) are in [m], ``amplitudes`` (F, K) those of the shapes in each frame,
-    ``times`` (F,) [s] increase. All numbers are in the ``units``.
-
-    Raises
-    ------
-    OptionError
-        If there are more shapes than a browser's shader takes.
+    ``times`` (F,) [s] increase. All numbers are in the ``units``. OptionError if there are more shapes than a browser's
+    shader takes.
     """
     return shell_page(
         np.asarray(rest_positions, float),

@@ -83,12 +83,8 @@ def draw_maps(
     """Draw maps into a PNG in rows of ``columns``, with one legend of all classes.
 
     ``colors`` are those of the classes, in the order of the legend, ``size`` is the width and height of a map with its
-    texts [inch], ``font`` the size of these [points], ``dpi`` the pixels per inch.
-
-    Raises
-    ------
-    OptionError
-        For a class without a colour, or classes that do not fit the values.
+    texts [inch], ``font`` the size of these [points], ``dpi`` the pixels per inch. OptionError for a class without a
+    colour, or classes that do not fit the values.
     """
     for panel in panels:
         shape = (len(np.ravel(panel.y)), len(np.ravel(panel.x)))

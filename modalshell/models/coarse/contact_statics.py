@@ -24,12 +24,8 @@ def coarse_equilibrium_on_contacts(
 
     Loads are those on the fine shell, and it begins at ``start`` (n, 3) [m] or at rest. Fine vertices that prolongation
     leaves inside are put onto the colliders: such an answer is a start of DS. Contact forces are those of the coarse
-    vertices, at the fine vertices nearest to them.
-
-    Raises
-    ------
-    OptionError
-        For what is no contact, friction, constraints, which it takes none of, or a start inside a collider.
+    vertices, at the fine vertices nearest to them. OptionError for what is no contact, friction, constraints, which it
+    takes none of, or a start inside a collider.
     """
     given = checked_contacts(contacts)
     if constraints:
