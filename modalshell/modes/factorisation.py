@@ -252,7 +252,7 @@ _SMALL = 2000
 """Unknowns below which SuperLU makes a single factor for many solves: its own are as fast, and need no compilation."""
 
 
-def told_factorisations() -> str:
+def known_factorisations() -> str:
     """Which factorisation takes which matrices, and why."""
     return (
         f"profile (our own) up to {_SLENDER / 1e6:.0f} million multiplications, 7 to 10 times as fast as superlu; "

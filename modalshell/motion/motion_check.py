@@ -97,10 +97,10 @@ def with_bars(
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
     bars = replace(bars, unjudged=tuple(unjudged)) if touching else bars
-    told, far = run.message, _too_far_apart(swings, largest)
-    if far and far not in told:
-        told = "; ".join(filter(None, [told, far]))
-    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=told)
+    message, far = run.message, _too_far_apart(swings, largest)
+    if far and far not in message:
+        message = "; ".join(filter(None, [message, far]))
+    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=message)
 
 
 def _too_far_apart(swings: Array, largest: float) -> str:

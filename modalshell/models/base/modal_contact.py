@@ -178,7 +178,7 @@ class ModalPressedMotion(PressedMotion):
         return found
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """What is said of friction; "" without it."""
         pressing = self._pressing
         return creep_told(pressing.touching.size, self._setup.dt) if pressing.rubs else ""

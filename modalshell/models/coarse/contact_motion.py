@@ -37,7 +37,7 @@ class CoarseContactMotion:
     @property
     def note(self) -> str:
         """What a message says of friction."""
-        return self._motion.told
+        return self._motion.note
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
@@ -46,7 +46,7 @@ class CoarseContactMotion:
         placed = put_out(self._motion.steps.now, coarse.coordinates, self._led)
         if not np.array_equal(placed, coarse.coordinates):
             state = MotionState(placed, coarse.rates, coarse.memory)
-        return self._told(self._motion.begin(state, placed), pressed=False)
+        return self._marked(self._motion.begin(state, placed), pressed=False)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
@@ -60,10 +60,10 @@ class CoarseContactMotion:
             return after, solved, model.as_coarse(after).coordinates
 
         after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
-        return self._told(after, pressed=bool(self._motion.steps.pushes.any())), solved
+        return self._marked(after, pressed=bool(self._motion.steps.pushes.any())), solved
 
     @staticmethod
-    def _told(state: MotionState, *, pressed: bool) -> MotionState:
+    def _marked(state: MotionState, *, pressed: bool) -> MotionState:
         return MotionState(state.coordinates, state.rates, state.memory | {PRESSED: np.full((1, 1), float(pressed))})
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:

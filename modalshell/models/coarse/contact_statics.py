@@ -76,5 +76,5 @@ def equilibrium_or_coarse_contacts(
         if found.converged and not (touching.distances(x) < 0.0).any() and not touching.crossed(begin, x):
             return replace(found, contact_forces=np.zeros_like(x), in_contact=np.zeros(len(x), dtype=bool))
     found = coarse_equilibrium_on_contacts(model, loading, start, contacts, constraints)
-    told = f"answered by {model.name}: contacts press on the shell"
-    return replace(found, coordinates=None, message="; ".join(part for part in (told, found.message) if part))
+    how = f"answered by {model.name}: contacts press on the shell"
+    return replace(found, coordinates=None, message="; ".join(part for part in (how, found.message) if part))
