@@ -47,12 +47,8 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
         if contact.push_out:
             raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
-    def positions(q: Array) -> Array:
-        return model.warped_positions(q)
-
-    turns, shape = not model.straight, model.contact_shape
-    near = model.contact_frame
-    return ModalContacts(given, model.basis, positions, model.contact_rows, near=near, turns=turns, shape=shape)
+    hooks, shape = (model.warped_positions, model.contact_rows), model.contact_shape
+    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, shape=shape)
 
 
 def _not_together(model: ModalMotion) -> OptionError:
