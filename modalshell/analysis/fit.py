@@ -255,6 +255,10 @@ class _Misfit:
         """The differences over the size."""
         return self.at(parameters) / self.size
 
+    def relative_jacobian(self, parameters: Array) -> Array:
+        """Their derivatives."""
+        return self.jacobian(parameters) / self.size
+
     def explained(self, parameters: Array) -> bool:
         """Whether next to nothing is left of the misfit."""
         return float(np.sqrt(np.mean(self.at(parameters) ** 2))) <= _EXPLAINED * self._measured.size
@@ -274,7 +278,7 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
         return scipy.optimize.least_squares(
             misfit.relative,
             start,
-            lambda parameters: misfit.jacobian(parameters) / misfit.size,
+            misfit.relative_jacobian,
             misfit.bounds(guess),
             x_scale="jac",
             ftol=1e-10,
