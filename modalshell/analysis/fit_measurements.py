@@ -58,14 +58,7 @@ class Measurements(ABC):
     def deeper(self, shell: Shell, names: list[str], scale: Array) -> list[Array]:
         """Steps of parameters (p,) from the least squares of a shell to others that may be deeper, the deepest first.
 
-        Parameters
-        ----------
-        shell : Shell
-            The shell at the least squares.
-        names : list of str
-            The constants.
-        scale : ndarray, shape (p,)
-            Derivative of each by its parameter.
+        ``names`` are the constants, ``scale`` (p,) the derivative of each by its parameter.
         """
         return []
 

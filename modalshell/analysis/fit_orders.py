@@ -24,18 +24,9 @@ _APART = 0.02
 def deeper_minima(logs: Array, slopes: Array, rows: NDArray[np.intp], measured: Array, most: int) -> list[Array]:
     """Steps of the parameters (p,) to other minima with a smaller misfit, the deepest first, at most ``most`` of them.
 
-    Parameters
-    ----------
-    logs : ndarray, shape (M,)
-        Logarithms of all frequencies found at the minimum.
-    slopes : ndarray, shape (M, p)
-        Their derivatives by the parameters.
-    rows : ndarray, shape (k,)
-        Places of the measured ones among them, sorted.
-    measured : ndarray, shape (k,)
-        Logarithms of those measured.
-    most : int
-        Steps at most.
+    ``logs`` (M,) are the logarithms of all frequencies found at the minimum, ``slopes`` (M, p) their derivatives by the
+    parameters. ``rows`` (k,) are the places of the measured ones among them, sorted, ``measured`` (k,) the logarithms
+    of those measured.
     """
 
     def misfit(step: Array) -> tuple[Array, NDArray[np.intp]]:

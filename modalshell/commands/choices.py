@@ -97,12 +97,7 @@ def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def softening(basis: ms.Basis, gravity: Array) -> float:
     """Factor on all stiffnesses such that the weight bends the shell by SAG times its size, in linear theory.
 
-    1 if there is no weight.
-
-    Raises
-    ------
-    SupportError
-        If the supports leave motions without resistance.
+    1 if there is no weight. SupportError if the supports leave motions without resistance.
     """
     load = basis.shell.gravity_force(gravity).ravel()
     values = np.maximum(basis.eigenvalues, 1e-300)

@@ -15,10 +15,9 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands import meshes, reports, results, scenes
-from modalshell.commands.cards import cards
 from modalshell.commands.doctor import examine
-from modalshell.commands.keys import keys
 from modalshell.commands.licences import show_licences
+from modalshell.commands.listings import cards, keys
 from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, converted, progress, say
 from modalshell.compare import MODES

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from threadpoolctl import threadpool_info
 
 from modalshell.core.errors import ModalShellWarning
-from modalshell.modes.factorisation import told_factorisations
+from modalshell.modes.factorisation import known_factorisations
 from modalshell.render.backend import choose_backend, drawing_hint
 
 _CORE = ("numpy", "scipy", "numba", "trimesh", "matplotlib")
@@ -46,7 +46,7 @@ def examine() -> list[Reading]:
         Reading("machine", f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"),
         Reading("python", platform.python_version()),
         Reading("packages", packages),
-        Reading("factorisation", told_factorisations()),
+        Reading("factorisation", known_factorisations()),
         *_blas(),
         _drawing(),
     ]

@@ -24,12 +24,8 @@ def read_measurements(path: Path) -> dict[str, Array]:
 
     A CSV file has the column ``frequency`` [Hz], or columns among ``x``, ``y`` and ``z`` [m], a row a load, and
     ``factor``, its share of the scene's load, where there are several; empty cells were not measured. JSON and NPZ
-    files have the arrays under their names, null or NaN where nothing was measured.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is missing, damaged, or holds none of these.
+    files have the arrays under their names, null or NaN where nothing was measured. FileFormatError if the file is
+    missing, damaged, or holds none of these.
     """
     readers = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}
     try:

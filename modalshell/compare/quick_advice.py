@@ -67,7 +67,7 @@ class QuickAdvice:
     rows : list of BarRow
         The rungs that were tried, simplest first, up to the chosen one.
     snap : float or None
-        Share of the load at which the shell is expected to leave its branch; None where nothing foretells one up to
+        Share of the load at which the shell is expected to leave its branch; None where nothing predicts one up to
         twice the load.
     explanation : str
         Explanation of the choice, as text.
@@ -148,7 +148,7 @@ def quick_advice(
         if row.largest == np.inf:  # as the shell's own margin has failed: what the most exact rung says will do
             tried = tried[-1:]
     snap = _snap(case, rows[-1].bars, factors)
-    return QuickAdvice(chosen, wanted, rows, snap, _told(chosen, rows, snap, wanted, chosen is truth))
+    return QuickAdvice(chosen, wanted, rows, snap, _explanation(chosen, rows, snap, wanted, chosen is truth))
 
 
 def _bars(candidate: Candidate, case: Case, factory: Any, factors: Sequence[float]) -> BarRow:
@@ -168,9 +168,9 @@ def _bars(candidate: Candidate, case: Case, factory: Any, factors: Sequence[floa
 
 
 def _snap(case: Case, bars: Sequence[ErrorBar], factors: Sequence[float]) -> float | None:
-    """Share of the load at which the branch ends, where the last rung's bars foretell one or are void.
+    """Share of the load at which the branch ends, where the last rung's bars predict one or are void.
 
-    A bar past the end foretells it by a stress that is of another branch, up to ten times too low: it is walked to.
+    A bar past the end predicts it by a stress that is of another branch, up to ten times too low: it is walked to.
     """
     found = [factor * bar.critical_load for factor, bar in zip(factors, bars, strict=False) if not bar.message]
     near = found[-1] if found else np.inf
@@ -182,7 +182,7 @@ def _snap(case: Case, bars: Sequence[ErrorBar], factors: Sequence[float]) -> flo
     return near if near < _FAR else None
 
 
-def _told(chosen: Candidate, rows: Sequence[BarRow], snap: float | None, error: float, none: bool) -> str:
+def _explanation(chosen: Candidate, rows: Sequence[BarRow], snap: float | None, error: float, none: bool) -> str:
     lines = []
     if none:
         asked = share_as_text(error)

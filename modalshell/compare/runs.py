@@ -171,7 +171,8 @@ def measure_row(
     turns: list[float | None] = []
     for answer, exact in zip(answers, path.answers, strict=True):
         errors.append(answer_error(answer, exact, shell))
-        areas.append(None if errors[-1] is None else area_difference(answer, exact, mesh))
+        grown = [] if errors[-1] is None else [measure.area_change(one.positions, mesh) for one in (answer, exact)]
+        areas.append(grown[0] - grown[1] if grown else None)
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
     frame_ms, work, motion, message = timed_frames(model, case)
     known = path.known
@@ -228,11 +229,6 @@ def static_answers(model: Model, case: Case, path: LoadPath, *, near: bool = Fal
             answers.append(model.equilibrium(force=factor * case.load))
         cost += work.cost
     return answers
-
-
-def area_difference(answer: Equilibrium, exact: Equilibrium, mesh: TriangleMesh) -> float:
-    """Relative area of an answer less that of the exact one."""
-    return measure.area_change(answer.positions, mesh) - measure.area_change(exact.positions, mesh)
 
 
 def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.compare.bar_reference import path_by_bars
 from modalshell.compare.bifurcation import first_bifurcation
-from modalshell.compare.candidates import MODES, Candidate, candidates, case_factory, quick_candidates
+from modalshell.compare.candidates import MODES, candidates, case_factory, quick_candidates
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes, on_front
 from modalshell.compare.engine_runs import engine_lines, engine_rows
@@ -253,7 +253,8 @@ def _measured(
 
     factory = case_factory(case)
     if quick:
-        path, note = path_by_bars(_most_exact(chosen).build(factory)[0], case.load, factors, advance)
+        exact = [one for one in chosen if one.spec.on_modes][-1]  # the last on modes, the dearest and most exact
+        path, note = path_by_bars(exact.build(factory)[0], case.load, factors, advance)
         case = replace(case, note=" ".join(filter(None, (note, case.note))))
     else:
         path = follow_loads(case.shell, case.load, factors, advance)
@@ -277,11 +278,6 @@ def _measured(
     # Where every bar holds no branch ends, and none crosses: the margin is that of the stiffness.
     barred = all(answer.bar is not None for answer in path.answers)
     return Tradeoff(case, path, rows, left_out, tip, outside, None if barred else first_bifurcation(case))
-
-
-def _most_exact(chosen: Sequence[Candidate]) -> Candidate:
-    """The candidate from whose answers bars lead to DS: the last on modes, which is the dearest and most exact."""
-    return [one for one in chosen if one.spec.on_modes][-1]
 
 
 def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:

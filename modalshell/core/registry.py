@@ -14,13 +14,7 @@ T = TypeVar("T")
 
 @final
 class Registry(dict[str, T]):
-    """Classes, or records of them, by their keys.
-
-    Parameters
-    ----------
-    kind : str
-        What is registered, for messages: "load".
-    """
+    """Classes, or records of them, by their keys; ``kind`` says in messages what is registered, such as a "load"."""
 
     def __init__(self, kind: str) -> None:
         super().__init__()

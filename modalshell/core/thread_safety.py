@@ -45,13 +45,7 @@ class ReadOnlyArrays:
 
 @final
 class PerThread(Generic[T]):
-    """One value per thread, made on first use; copies and pickles start empty.
-
-    Parameters
-    ----------
-    make : callable
-        Makes a value; can be pickled.
-    """
+    """One value per thread, which ``make`` makes on first use; copies and pickles start empty."""
 
     def __init__(self, make: Callable[[], T]) -> None:
         self._make = make

@@ -60,16 +60,8 @@ class Flap:
     def forcing(self, time: float, phases: ArrayLike, felt: ArrayLike, gravity: float = 9.81) -> Array:
         """Modal forces (B, m) at ``time`` [s].
 
-        Parameters
-        ----------
-        time : float
-            Time [s].
-        phases : array_like, shape (B,)
-            Of each bird's beat [rad].
-        felt : array_like, shape (B, 3)
-            Gravity less acceleration of each bird [m/s^2], in any frame.
-        gravity : float
-            Strength of gravity [m/s^2].
+        ``phases`` (B,) [rad] are those of each bird's beat, ``felt`` (B, 3) [m/s^2] is gravity less its acceleration,
+        in any frame, and ``gravity`` [m/s^2] the strength of gravity.
         """
         shift = checked_vectors("phases", phases, (np.size(phases),), OptionError)
         loads = checked_vectors("felt", felt, (shift.size, 3), OptionError)

@@ -46,15 +46,7 @@ def _inertia(part: FreePart, arms: Array) -> Array:
 
 @final
 class FreeInstances:
-    """The frames of B instances at coordinates (B, m).
-
-    Parameters
-    ----------
-    frames : FreeFrames
-        Those of one instance.
-    drag : float
-        The mass's damping [1/s].
-    """
+    """The frames of B instances at coordinates (B, m), by those of one; ``drag`` is the mass's damping [1/s]."""
 
     def __init__(self, frames: FreeFrames, drag: float) -> None:
         self.frames, self.parts, self._drag = frames, frames.parts, drag

@@ -145,8 +145,8 @@ class FlockRun(SceneRun[FlightResult]):
     def _demand_memory(self) -> None:
         """OptionError where the birds do not fit into memory."""
         birds, vertices = self._scene.flock.count, len(self.shell.rest_positions)
-        told, each = f"a flock of {birds} birds of {vertices} vertices", _DRAWN_BYTES if self._drawn else _BIRD_BYTES
-        demand_memory(told, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
+        what, each = f"a flock of {birds} birds of {vertices} vertices", _DRAWN_BYTES if self._drawn else _BIRD_BYTES
+        demand_memory(what, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:
         """Draw film and picture, collect the report, and write the arrays."""

@@ -40,13 +40,7 @@ _BATCH = 256
 
 
 class ShellCrowd(ABC):
-    """B instances of one shell in motion.
-
-    Parameters
-    ----------
-    basis, count, damping, dtype
-        As for :class:`modalshell.Crowd`.
-    """
+    """B instances of one shell in motion; the parameters are those of :class:`modalshell.Crowd`."""
 
     def __init__(self, basis: Basis, count: int, damping: tuple[float, float], dtype: DTypeLike) -> None:
         self.basis = checked_kind("basis", basis, Basis)

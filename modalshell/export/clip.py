@@ -51,13 +51,7 @@ def save_clip(run: Trajectory, path: Path) -> Path:
 
 
 def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
-    """The shapes and amplitudes of a clip.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is missing, damaged, or not a clip.
-    """
+    """The shapes and amplitudes of a clip; FileFormatError if the file is missing, damaged, or not a clip."""
     with _CLIP.read(path) as data:
         _check_values(data)
         values: dict[str, Any] = {_NAMES.get(name, name): data[name] for name in _CLIP.fields}

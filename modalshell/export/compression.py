@@ -73,12 +73,7 @@ def compress(run: Trajectory, tolerance: float = TOLERANCE) -> CompressedMotion:
     """The fewest shapes that keep every vertex of every frame within ``tolerance`` times the shell's size.
 
     The shapes are the leading left singular vectors of the displacements [sirovich1987, method of snapshots], rounded
-    to 16 bits.
-
-    Raises
-    ------
-    OptionError
-        If the trajectory has no faces, or the tolerance is below what 16 bits keep.
+    to 16 bits. OptionError if the trajectory has no faces, or the tolerance is below what 16 bits keep.
     """
     tolerance = checked_number("tolerance", tolerance, at_least=1e-5, at_most=0.1)
     if len(run.faces) == 0:

@@ -38,19 +38,9 @@ _ARRAYS = {
 
 
 def save_modal_body(basis: Basis, path: str | os.PathLike[str]) -> list[Path]:
-    """Write a basis as ``NAME.npz`` with ``NAME.json``, which names the layout, units and every array.
+    """Write a basis to an NPZ file ``path``, with a JSON file of its name that has the layout, units and every array.
 
-    Parameters
-    ----------
-    basis : Basis
-        The basis.
-    path : path
-        The NPZ file.
-
-    Raises
-    ------
-    OptionError
-        If the file's name does not end in ``.npz``.
+    OptionError if the file's name does not end in ``.npz``.
     """
     checked_kind("basis", basis, Basis)
     target = Path(path)

@@ -24,10 +24,7 @@ _OWN_LOCKS = sys.platform == "linux"
 def acquire_lock(path: Path) -> int:
     """Open a file, create it if missing, and lock it until it is closed or the process ends (no lock under Windows).
 
-    Raises
-    ------
-    OptionError
-        If another process has locked the file, or it cannot be written.
+    OptionError if another process has locked the file, or it cannot be written.
     """
     while True:
         try:

@@ -26,10 +26,7 @@ def checked_target(
 ) -> Path:
     """Return the ``path`` of the option ``name`` if it has one of the ``suffixes`` and is none of the ``inputs``.
 
-    Raises
-    ------
-    OptionError
-        If it has another suffix, is no path of a file, or is the same file as an input, by whatever name.
+    OptionError if it has another suffix, is no path of a file, or is the same file as an input, by whatever name.
     """
     target = Path(path)
     if "\0" in str(target):

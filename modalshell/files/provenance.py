@@ -39,10 +39,7 @@ def repository_file(name: str) -> Path:
 def repository_module(name: str) -> ModuleType:
     """Import a module of ``studies`` or ``paper_figures``, the packages that are installed with this one.
 
-    Raises
-    ------
-    FileFormatError
-        If another package of that name comes first on Python's path, or the module is missing.
+    FileFormatError if another package of that name comes first on Python's path, or the module is missing.
     """
     package, folder = name.partition(".")[0], _PACKAGE.parent
     try:

@@ -25,17 +25,7 @@ _LETTERS, _KEPT = 20, 6
 def source_digest(module: str, last: str) -> str:
     """Digest of the sources of an imported module and of what it imports, all the way, of its package and of this one.
 
-    Parameters
-    ----------
-    module : str
-        Name of the module.
-    last : str
-        Name of a module whose imports do not matter.
-
-    Returns
-    -------
-    str
-        Hexadecimal SHA-256.
+    Imports of the module ``last`` do not matter. Returns the hexadecimal SHA-256.
     """
     digest, seen, waiting = hashlib.sha256(), {last}, [module]
     packages = {name.partition(".")[0] for name in (module, last)}

@@ -27,8 +27,8 @@ def _usable_thread_count() -> None:
     except ValueError:  # numba itself warns of it, and goes on
         return
     if refused:
-        told = os.environ.pop(_THREADS)
-        message = f"{_THREADS} must be a positive integer (got {told!r}): it is ignored, and all cores may be used"
+        given = os.environ.pop(_THREADS)
+        message = f"{_THREADS} must be a positive integer (got {given!r}): it is ignored, and all cores may be used"
         warnings.warn(message, ModalShellWarning, stacklevel=2)
 
 

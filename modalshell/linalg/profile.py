@@ -261,10 +261,7 @@ class ProfileAnalysis:
     def factorise(self, matrix: sps.csc_array) -> ProfileFactor:
         """Factor of a matrix with this pattern, definite or not.
 
-        Raises
-        ------
-        SolverError
-            Where a pivot is zero, or an entry not finite.
+        SolverError where a pivot is zero, or an entry not finite.
         """
         values, (places, padded) = np.zeros(self.entries), self._filled
         values[places] = matrix.data  # what lies above the diagonal blocks goes to the last place of all

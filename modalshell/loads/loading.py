@@ -24,16 +24,8 @@ _SAMPLED = 200
 class Loading:
     """The sum of all loads on one shell.
 
-    Parameters
-    ----------
-    rest : ndarray, shape (n, 3)
-        Positions at rest [m].
-    dead : ndarray, shape (n, 3)
-        Sum of the dead loads [N].
-    live : sequence of AppliedLoad
-        The loads that change.
-    held : ndarray of bool, shape (n,)
-        Held vertices.
+    ``rest`` are its positions (n, 3) [m], ``dead`` (n, 3) [N] is the sum of the dead loads, ``live`` are those that
+    change, and ``held`` (n,) its held vertices.
 
     Attributes
     ----------

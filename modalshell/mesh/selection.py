@@ -118,10 +118,8 @@ def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShe
 def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMesh | None = None) -> NDArray[np.bool_]:
     """Mask (count,) of held vertices from a mask, from indices, from an expression on ``mesh``, or from None.
 
-    Raises
-    ------
-    SupportError
-        For a mask of another length, indices that are no integers or out of range, or a mask that holds every vertex.
+    SupportError for a mask of another length, indices that are no integers or out of range, or a mask that holds every
+    vertex.
     """
     if clamped is None:
         return np.zeros(count, dtype=bool)

@@ -155,8 +155,8 @@ def _damaged(error: Exception) -> MeshError:
         text = str(error)
     except UnicodeDecodeError:  # the reader quotes the file's own bytes
         text = "bytes that are no text"
-    told = re.findall(r" : '(.*?)'?\s*$", text, re.MULTILINE)  # without the lines of the reader's own source
-    reason = shortened(told[0] if told else text.strip(), 160)
+    reasons = re.findall(r" : '(.*?)'?\s*$", text, re.MULTILINE)  # without the lines of the reader's own source
+    reason = shortened(reasons[0] if reasons else text.strip(), 160)
     return MeshError(
         f"the file is damaged, cut short or not USD (the reader stopped with {reason}); write or download it again, or "
         "convert it to OBJ"

@@ -21,16 +21,9 @@ _ROUNDS = 50
 def weld_arrays(
     vertices: FloatArray, faces: IntArray, tolerance: float | None = None
 ) -> tuple[FloatArray, IntArray, int]:
-    """Merge vertices closer than `tolerance` into the first of each cluster.
+    """Merge vertices (n, 3) closer than ``tolerance`` [m] into the first of each cluster; clusters merge transitively.
 
-    Parameters
-    ----------
-    vertices : (n, 3) float
-        Positions [m].
-    faces : (T, 3) int
-        Vertex indices.
-    tolerance : float, optional
-        Merging distance [m]; 1e-8 of the bounding box's diagonal by default. Clusters merge transitively.
+    The tolerance is 1e-8 of the bounding box's diagonal by default.
 
     Returns
     -------

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.models.base.modal import ModalModel
 
-_STEP = 1e-3
-"""Turn [rad] over which a function is differenced, to fourth order."""
-_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 _CLOSE = 1e-6
 """Difference, as a share of the larger of both, up to which a derivative counts as right."""
 _TANGENT = 1e-4
@@ -71,8 +67,8 @@ def _at_rest(model: ModalModel) -> Iterator[str]:
         return
     if np.any(shape):
         yield f"warped(0) is not zero (got up to {np.abs(shape).max():.2g} m): coordinates count from the rest shape"
-    slope = _slope(model, model.warped, np.zeros(count)).reshape(-1, count)
-    yield from _told("warped to first order about rest", slope, "Phi q", model.basis.modes, _TANGENT)
+    slope = model.by_differences(model.warped, np.zeros(count)).reshape(-1, count)
+    yield from _fault("warped to first order about rest", slope, "Phi q", model.basis.modes, _TANGENT)
 
 
 def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
@@ -80,34 +76,34 @@ def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
     rest = model.shell.rest_positions
     shape = model.warped(q)
     if np.shape(shape) != rest.shape or not np.isfinite(shape).all():
-        return  # of the wrong shape, which is told at rest, or outside the range of the model
-    yield from _told("warped_positions", model.warped_positions(q) - rest, "rest + warped(q)", shape)
+        return  # of the wrong shape, which is reported at rest, or outside the range of the model
+    yield from _fault("warped_positions", model.warped_positions(q) - rest, "rest + warped(q)", shape)
     load = model.shell.mass[:, None] * rng.standard_normal(rest.shape)
     vertices = np.sort(rng.choice(np.flatnonzero(model.shell.free), _PATCH, replace=False))
-    by_work = _slope(model, lambda q: np.vdot(load, model.warped(q)), q)
-    yield from _told("warped_gradient", model.warped_gradient(q, load), "d(g . warped)/dq", by_work)
+    by_work = model.by_differences(lambda q: np.vdot(load, model.warped(q)), q)
+    yield from _fault("warped_gradient", model.warped_gradient(q, load), "d(g . warped)/dq", by_work)
     force = model.warped_force(q, load)
     # What a turn of the force makes: next to it a derivative of zero is one.
     turned = float(np.abs(force).max() * np.abs(model.basis.rotations).max())
     if model.conservative:
         work, push = model.warped_work(q, load)
-        yield from _told("warped_work", np.array([work]), "f . warped(q)", np.array([np.vdot(load, shape)]))
-        yield from _told("the gradient of warped_work", push, "d(f . warped)/dq", by_work)
-        yield from _told("warped_force", force, "d(f . warped)/dq", by_work)
-        bent = _slope(model, lambda q: model.warped_work(q, load)[1], q)
-        yield from _told("warped_curvature", model.warped_curvature(q, load), "d2(f . warped)/dq2", bent, floor=turned)
-    slope = _slope(model, lambda q: model.warped_force(q, load), q)
-    yield from _told("warped_jacobian", model.warped_jacobian(q, load), "d(warped_force)/dq", slope, floor=turned)
-    rows = _slope(model, lambda q: model.warped(q)[vertices], q)
+        yield from _fault("warped_work", np.array([work]), "f . warped(q)", np.array([np.vdot(load, shape)]))
+        yield from _fault("the gradient of warped_work", push, "d(f . warped)/dq", by_work)
+        yield from _fault("warped_force", force, "d(f . warped)/dq", by_work)
+        bent = model.by_differences(lambda q: model.warped_work(q, load)[1], q)
+        yield from _fault("warped_curvature", model.warped_curvature(q, load), "d2(f . warped)/dq2", bent, floor=turned)
+    slope = model.by_differences(lambda q: model.warped_force(q, load), q)
+    yield from _fault("warped_jacobian", model.warped_jacobian(q, load), "d(warped_force)/dq", slope, floor=turned)
+    rows = model.by_differences(lambda q: model.warped(q)[vertices], q)
     if model.frames is None:
-        yield from _told("contact_rows", model.contact_rows(q, vertices), "d(warped)/dq", rows)
+        yield from _fault("contact_rows", model.contact_rows(q, vertices), "d(warped)/dq", rows)
         points, along = model.contact_frame(q, vertices, _SLANTED)
-        yield from _told("contact_frame", points - rest[vertices], "warped(q)", shape[vertices])
-        yield from _told("the derivatives of contact_frame", np.asarray(along), "d(warped)/dq", _SLANTED @ rows)
+        yield from _fault("contact_frame", points - rest[vertices], "warped(q)", shape[vertices])
+        yield from _fault("the derivatives of contact_frame", np.asarray(along), "d(warped)/dq", _SLANTED @ rows)
     mean, by_q = model.warped_patch(q, vertices)
     moved = shape[vertices].mean(axis=0)
-    yield from _told("warped_patch", mean - rest[vertices].mean(axis=0), "mean of warped(q)", moved)
-    yield from _told("the Jacobian of warped_patch", by_q, "d(mean of warped)/dq", rows.mean(axis=0))
+    yield from _fault("warped_patch", mean - rest[vertices].mean(axis=0), "mean of warped(q)", moved)
+    yield from _fault("the Jacobian of warped_patch", by_q, "d(mean of warped)/dq", rows.mean(axis=0))
     yield from _of_options(model, q, shape)
 
 
@@ -121,28 +117,18 @@ def _of_options(model: ModalModel, q: Array, shape: Array) -> Iterator[str]:
         rotations=np.hstack([basis.rotations, basis.rotations]),
     )
     lost = "that of the model: is an option lost?"
-    yield from _told("warped of stepped_by", model.stepped_by(model.integrator).warped(q), lost, shape)
+    yield from _fault("warped of stepped_by", model.stepped_by(model.integrator).warped(q), lost, shape)
     try:
         same, other = model.on_basis(basis), model.on_basis(twice)
     except OptionError:  # its training is that of one basis
         return
-    yield from _told("warped of on_basis", same.warped(q), lost, shape)
+    yield from _fault("warped of on_basis", same.warped(q), lost, shape)
     shared = np.concatenate([0.3 * q, 0.7 * q])  # the same Phi q
     same_span = "that of the model: is it a function of Phi q and Psi q alone?"
-    yield from _told("warped of on_basis with twice the modes", other.warped(shared), same_span, shape)
+    yield from _fault("warped of on_basis with twice the modes", other.warped(shared), same_span, shape)
 
 
-def _slope(model: ModalModel, function: Callable[[Array], Any], q: Array) -> Array:
-    """Derivatives (..., m) of a function at q (m,) by differences of fourth order over small moves of the vertices."""
-    size = model.shell.size
-    moves = np.maximum(np.abs(model.basis.rotations).max(axis=0), np.abs(model.basis.modes).max(axis=0) / size)
-    columns = []
-    for unit, step in zip(np.eye(q.size), _STEP / np.maximum(moves, 1e-300), strict=True):
-        columns.append(sum(w / step * np.asarray(function(q + k * step * unit)) for k, w in _FOURTH_ORDER))
-    return np.stack(columns, axis=-1)
-
-
-def _told(
+def _fault(
     name: str, got: Array, expected_as: str, expected: Array, close: float = _CLOSE, *, floor: float = 1e-300
 ) -> Iterator[str]:
     """That an array is not what it should be, by how much of its size, or of ``floor`` if that is more."""

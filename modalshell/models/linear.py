@@ -13,7 +13,7 @@ from modalshell.integrators.modal.base import DeadForce
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import FrameModel
-from modalshell.models.base.warp import contact_shape
+from modalshell.models.base.shape import contact_shape
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
 from modalshell.statics.path import Followable
@@ -77,7 +77,7 @@ class LinearModal(ModalModel):
 
     @cached_property
     def contact_shape(self) -> tuple[Array, Array, Array]:
-        """See :attr:`Warp.contact_shape`."""
+        """See :attr:`ModalShape.contact_shape`."""
         return contact_shape(self.basis, turns=False)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:

@@ -27,15 +27,7 @@ if TYPE_CHECKING:
 
 
 class Instant(NamedTuple):
-    """A frame of a motion with its derivatives, in the frame of the supports.
-
-    Attributes
-    ----------
-    positions, velocities, accelerations : ndarray, shape (n, 3)
-        [m], [m/s], [m/s^2].
-    time : float
-        [s].
-    """
+    """A frame of a motion at ``time`` [s]: positions (n, 3) [m] and their derivatives, in the frame of the supports."""
 
     positions: Array
     velocities: Array

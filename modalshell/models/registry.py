@@ -110,10 +110,7 @@ TRUTH = "ds"
 def register(spec: ModelSpec) -> ModelSpec:
     """Add a model to the registry; another package calls this in the module that its entry point names.
 
-    Raises
-    ------
-    OptionError
-        For a key or name that is taken or invalid; see :class:`ModelSpec`.
+    OptionError for a key or name that is taken or invalid; see :class:`ModelSpec`.
     """
     if not re.fullmatch(_KEY, spec.key):
         raise OptionError(f"key must be lower-case letters, digits and hyphens, a letter first (got {spec.key!r:.60})")

@@ -16,8 +16,8 @@ from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
 from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_frame, work_frame
 from modalshell.loads import Loading
+from modalshell.models.base.shape import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
-from modalshell.models.base.warp import contact_shape
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.sampled_change import as_tile, samples_of
@@ -98,7 +98,7 @@ class ModalWarping(UnstretchedModel):
 
     @cached_property
     def contact_shape(self) -> tuple[Array, Array, Array]:
-        """See :attr:`Warp.contact_shape`."""
+        """See :attr:`ModalShape.contact_shape`."""
         return contact_shape(self.basis, turns=True)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:

@@ -28,15 +28,7 @@ def largest_pairs(operator: Callable[[Array], Array], start: Array, wanted: int)
     Ritz pairs of a Krylov space with full reorthogonalisation, without restarts: it takes memory for some 3 to 8
     vectors a pair. None where the largest space would be more than half of all, or they do not converge in it. The
     residuals are those of the recurrence, which hold for a symmetric operator: the caller checks the true ones.
-
-    Parameters
-    ----------
-    operator : callable
-        Product with a block (N, b).
-    start : ndarray, shape (N, b)
-        Vectors to begin with, at random in the operator's range.
-    wanted : int
-        Number of pairs.
+    ``operator`` gives the product with a block (N, b); ``start`` (N, b) is at random in its range.
     """
     size = len(start)
     width = start.shape[1]

@@ -91,12 +91,8 @@ def span_slope(basis: VibrationModes, name: str) -> SpanSlope:
     """Derivative of the span of a basis by a constant.
 
     With ``dM = mu M``, the part outside the span solves ``(K - lambda_i M) y_i = -dK phi_i`` there, by conjugate
-    gradients with one factor of K; inside it the vectors stay mass-orthonormal.
-
-    Raises
-    ------
-    OptionError
-        For attachment vectors, a name that is no constant, or where ``count`` cut a repeated eigenvalue in two.
+    gradients with one factor of K; inside it the vectors stay mass-orthonormal. OptionError for attachment vectors, a
+    name that is no constant, or where ``count`` cut a repeated eigenvalue in two.
     """
     shell, unknowns = basis.shell, basis.shell.unknowns
     known = material_constants(shell.material)

@@ -84,19 +84,7 @@ class Factor(ABC):
 class CondensedFactor(Factor):
     """Factor of a matrix whose last unknowns have no load of their own: solves with the Schur complement of the others.
 
-    It is positive definite with the whole matrix where the block of those unknowns is.
-
-    Parameters
-    ----------
-    factor : Factor
-        Of the whole matrix.
-    internal : int
-        Number of the last unknowns.
-
-    Attributes
-    ----------
-    whole : Factor
-        Of the whole matrix.
+    It is positive definite with the ``whole`` matrix where the block of those unknowns, ``internal`` many, is.
     """
 
     def __init__(self, factor: Factor, internal: int) -> None:
@@ -264,7 +252,7 @@ _SMALL = 2000
 """Unknowns below which SuperLU makes a single factor for many solves: its own are as fast, and need no compilation."""
 
 
-def told_factorisations() -> str:
+def known_factorisations() -> str:
     """Which factorisation takes which matrices, and why."""
     return (
         f"profile (our own) up to {_SLENDER / 1e6:.0f} million multiplications, 7 to 10 times as fast as superlu; "

@@ -11,21 +11,9 @@ from modalshell.core.typing import Array
 
 @final
 class Krylov:
-    """Orthonormal directions from a first one on, each of them the next one's image.
+    """Orthonormal directions, the rows (most + 1, N), each of them the next one's image.
 
-    Parameters
-    ----------
-    first : ndarray, shape (N,)
-        The first one, of any length but zero: the image of a solution.
-    length : float
-        Its length.
-    most : int
-        Number of images at most.
-
-    Attributes
-    ----------
-    directions : ndarray, shape (most + 1, N)
-        Rows.
+    The first one (N,) is the image of a solution, of any ``length`` but zero; ``most`` is the number of images at most.
     """
 
     def __init__(self, first: Array, length: float, most: int) -> None:

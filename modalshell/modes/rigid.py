@@ -39,7 +39,7 @@ def _described(positions: Array, vertices: Index, free: Array) -> str:
     """Description of rigid motions, given by their coefficients (6, r) of :func:`six_motions`."""
     if free.shape[1] == 6:
         return "all translations and turns"
-    translations, turns = _told_apart(free)
+    translations, turns = _separated(free)
     words = [f"a translation along {_written(axis)}" for axis in _axes(translations)]
     points = positions[vertices]
     centre = points.mean(axis=0)
@@ -54,7 +54,7 @@ def _described(positions: Array, vertices: Index, free: Array) -> str:
     return " and ".join(words)
 
 
-def _told_apart(free: Array) -> tuple[Array, Array]:
+def _separated(free: Array) -> tuple[Array, Array]:
     """Directions (3, k) of the translations among rigid motions (6, r), and what turns of them (6, r - k)."""
     _, values, right = np.linalg.svd(free[3:])
     turning = int(np.count_nonzero(values > 1e-6))
@@ -119,7 +119,7 @@ def free_translations(shell: Shell) -> list[tuple[Index, Array, int]]:
     """Vertices, directions (3, k) along which supports let it translate, and number of free motions, of every part."""
     found = []
     for vertices, free in _free_motions(shell):
-        directions = _told_apart(free)[0]
+        directions = _separated(free)[0]
         found.append((vertices, np.linalg.qr(directions)[0] if directions.size else directions, free.shape[1]))
     return found
 
@@ -128,16 +128,9 @@ class RigidFreeSolver:
     """Solves ``K x = b`` on the complement of the rigid motions.
 
     As many unknowns as there are rigid motions are held, statically determinate, so that the rest of K is positive
-    definite and no shift has to be chosen; the rigid part is projected out of ``b`` and ``x``.
-
-    Parameters
-    ----------
-    stiffness : csc_array, shape (N, N)
-        Stiffness of the free unknowns; internal unknowns, without mass, may follow them.
-    rigid : ndarray, shape (N, r)
-        Mass-orthonormal rigid motions.
-    mass : ndarray, shape (N,)
-        Lumped mass of each unknown.
+    definite and no shift has to be chosen; the rigid part is projected out of ``b`` and ``x``. ``stiffness`` (N, N) is
+    that of the free unknowns, which internal ones without mass may follow; ``rigid`` (N, r) are the mass-orthonormal
+    rigid motions, ``mass`` (N,) is that of each unknown.
     """
 
     def __init__(self, stiffness: sps.csc_array, rigid: Array, mass: Array, backend: str | None = None) -> None:

@@ -56,14 +56,8 @@ def lowest_eigenvalue(shell: Shell, matrix: sps.sparray, factoriser: Factoriser,
 class TangentStiffness:
     """A symmetric stiffness about a state; one factor, made where it is first needed, serves modes and solves.
 
-    Parameters
-    ----------
-    shell : Shell
-        Gives the masses.
-    matrix : csc_array
-        The stiffness on the free unknowns (N, N), with those of internal unknowns after them.
-    factoriser : Factoriser
-        For matrices of that pattern.
+    ``matrix`` is that of the free unknowns (N, N), with those of internal unknowns after them; the shell gives the
+    masses.
     """
 
     def __init__(self, shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> None:

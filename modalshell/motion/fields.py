@@ -36,18 +36,9 @@ def shell_at(shell: Shell, run: Trajectory, frame: int) -> Shell:
 
 
 def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: SupportPath | None = None) -> Trajectory:
-    """The motion with further fields of the shell in every frame.
+    """The motion with further fields of the shell, of :data:`modalshell.shell.fields.FIELDS`, in every frame.
 
-    Parameters
-    ----------
-    run : Trajectory
-        A motion of the shell.
-    shell : Shell
-        The shell.
-    names : sequence of str
-        Of :data:`modalshell.shell.fields.FIELDS`.
-    supports : SupportPath, optional
-        How its supports moved: edges are clamped in their frame.
+    Edges are clamped in the frame of the ``supports``, which have moved.
 
     Raises
     ------

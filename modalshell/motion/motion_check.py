@@ -71,34 +71,11 @@ def with_bars(
     supports: SupportPath | None = None,
     touching: TouchingFrames | None = None,
 ) -> Trajectory:
-    """The motion with the error bars of some frames.
+    """The motion of a model with the error bars of some frames, ``every`` one from the last.
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
-    the same bars. The message says where frames are too far apart for accelerations.
-
-    Parameters
-    ----------
-    run : Trajectory
-        A motion of the model.
-    model : Model
-        The model.
-    loading : Loading
-        Its loads.
-    every : int
-        Frames from one check to the next.
-    coarse : CoarseDiscreteShell, optional
-        The coarse shell on which bars are found, in place of the model's own.
-    damping : Damping, optional
-        Its damping.
-    supports : SupportPath, optional
-        How its supports moved.
-    touching : TouchingFrames, optional
-        Its contacts.
-
-    Raises
-    ------
-    OptionError
-        For a shell that its supports do not hold.
+    the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
+    :class:`MotionCheck`. OptionError for a shell that its supports do not hold.
     """
     check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse, touching=touching)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
@@ -120,10 +97,10 @@ def with_bars(
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
     bars = replace(bars, unjudged=tuple(unjudged)) if touching else bars
-    told, far = run.message, _too_far_apart(swings, largest)
-    if far and far not in told:
-        told = "; ".join(filter(None, [told, far]))
-    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=told)
+    message, far = run.message, _too_far_apart(swings, largest)
+    if far and far not in message:
+        message = "; ".join(filter(None, [message, far]))
+    return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=message)
 
 
 def _too_far_apart(swings: Array, largest: float) -> str:

@@ -239,10 +239,10 @@ class Motion:
     @property
     def remarks(self) -> list[str]:
         """What the model says of its states, each sentence once, with the time from which it holds."""
-        told = [self.stepper.note] if self.stepper.note else []
+        notes = [self.stepper.note] if self.stepper.note else []
         if self._tolerance is not None and (beyond := self.errors.beyond(self._tolerance)):
-            told.append(beyond)
-        return told + [
+            notes.append(beyond)
+        return notes + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
             for remark, first in self.remarked.items()
         ]

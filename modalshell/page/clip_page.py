@@ -24,27 +24,9 @@ def clip_page(
 ) -> Page:
     """A page that plays ``rest + sum_k amplitudes[f, k] shapes[k]`` in a loop.
 
-    Parameters
-    ----------
-    times : ndarray, shape (F,)
-        [s], increasing.
-    rest_positions : ndarray, shape (n, 3)
-        [m].
-    faces : ndarray of int, shape (T, 3)
-        Triangles.
-    shapes : ndarray, shape (K, n, 3)
-        Displacements [m].
-    amplitudes : ndarray, shape (F, K)
-        Of the shapes in each frame.
-    title : str
-        Headline of the page.
-    units : UnitSystem
-        Of all numbers.
-
-    Raises
-    ------
-    OptionError
-        If there are more shapes than a browser's shader takes.
+    Rest positions (n, 3) and ``shapes`` (K, n, 3) are in [m], ``amplitudes`` (F, K) those of the shapes in each frame,
+    ``times`` (F,) [s] increase. All numbers are in the ``units``. OptionError if there are more shapes than a browser's
+    shader takes.
     """
     return shell_page(
         np.asarray(rest_positions, float),

@@ -86,10 +86,7 @@ def modal_data(
 ) -> dict[str, Any]:
     """The rest shape, and modes (3n, m) with their rotations in half floats, by the names that the scripts read.
 
-    Raises
-    ------
-    OptionError
-        If there are more modes than a browser's shader takes.
+    OptionError if there are more modes than a browser's shader takes.
     """
     count = modes.shape[1]
     if count > MOST_SHAPES:

@@ -68,17 +68,9 @@ def camera_axes(direction: ArrayLike) -> NDArray[np.float64]:
 
 
 def look_at(position: ArrayLike, target: ArrayLike, view_angle: float, aspect: float) -> Camera:
-    """
-    Place a perspective camera at a point.
+    """A perspective camera at a ``position`` (3,) [m] that looks at a ``target`` elsewhere.
 
-    Parameters
-    ----------
-    position, target : array_like, shape (3,)
-        Where the camera is, and what it looks at [m]; not the same.
-    view_angle : float
-        Vertical view angle [rad].
-    aspect : float
-        Width over height of the picture.
+    ``view_angle`` [rad] is the vertical one, ``aspect`` the picture's width over its height.
     """
     goal = np.asarray(target, dtype=np.float64)
     backward = np.asarray(position, dtype=np.float64) - goal
@@ -94,22 +86,9 @@ def frame_points(
     direction: ArrayLike,
     aspect: float,
 ) -> Camera:
-    """
-    Place a camera so that the points just fill the picture but for a margin.
+    """A camera so placed that the points (n, 3) [m] just fill the picture but for a margin.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        What must be seen [m].
-    direction : array_like, shape (3,)
-        From target to camera.
-    aspect : float
-        Width over height of the picture.
-
-    Returns
-    -------
-    Camera
-        The camera.
+    ``direction`` (3,) is from target to camera, ``aspect`` the picture's width over its height.
     """
     axes = camera_axes(direction)
     local = points @ axes.T

@@ -55,8 +55,7 @@ def write_film(
     texts: Sequence[str] = (),
     on_frame: Progress | None = None,
 ) -> Path:
-    """
-    Write a film of surfaces, moving or not.
+    """Write a film of surfaces, moving or not.
 
     Parameters
     ----------
@@ -92,11 +91,6 @@ def write_film(
         A text for the lower left of each frame; none where left out.
     on_frame : callable, optional
         Called as ``on_frame(done, total)`` after each frame; what it raises ends the film and leaves no file.
-
-    Returns
-    -------
-    Path
-        The file written.
 
     Raises
     ------

@@ -82,27 +82,9 @@ def draw_maps(
 ) -> Path:
     """Draw maps into a PNG in rows of ``columns``, with one legend of all classes.
 
-    Parameters
-    ----------
-    panels : sequence of MapPanel
-        The maps.
-    colors : mapping
-        Colour of each class, in the order of the legend.
-    path : path
-        Of the PNG.
-    columns : int
-        Maps in a row.
-    size : (float, float)
-        Width and height of a map with its texts [inch].
-    font : float
-        Size of the texts [points].
-    dpi : float
-        Pixels per inch.
-
-    Raises
-    ------
-    OptionError
-        For a class without a colour, or classes that do not fit the values.
+    ``colors`` are those of the classes, in the order of the legend, ``size`` is the width and height of a map with its
+    texts [inch], ``font`` the size of these [points], ``dpi`` the pixels per inch. OptionError for a class without a
+    colour, or classes that do not fit the values.
     """
     for panel in panels:
         shape = (len(np.ravel(panel.y)), len(np.ravel(panel.x)))

@@ -16,14 +16,7 @@ from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_colo
 
 
 class PyvistaPainter:
-    """
-    One off-screen plotter, reused for every view and frame.
-
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height of the images [pixels].
-    """
+    """One off-screen plotter of a ``size`` (width, height) [pixels], reused for every view and frame."""
 
     threaded = False  # OpenGL's context belongs to the thread that made it
 

@@ -34,17 +34,10 @@ class Triangles(NamedTuple):
 
 @final
 class Canvas:
-    """
-    Layers of pixels, each of which keeps the nearest of the triangles that are drawn to it.
+    """Layers of pixels, each of which keeps the nearest of the triangles that are drawn to it.
 
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height of the picture [pixels].
-    layers : int
-        How many.
-    factor : int
-        Pixels are drawn this many times smaller each way, and averaged.
+    ``size`` is the picture's (width, height) [pixels]; pixels are drawn ``factor`` times smaller each way, and
+    averaged.
     """
 
     def __init__(self, size: tuple[int, int], layers: int, factor: int) -> None:
@@ -77,16 +70,10 @@ class Canvas:
 
 
 class RasteriserPainter:
-    """
-    The built-in rasteriser as a painter.
+    """The built-in rasteriser as a painter of images of a ``size`` (width, height) [pixels].
 
     Of a transparent surface only the sheet nearest to the camera is drawn; several surfaces blend in their true order
     at every pixel.
-
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height of the images [pixels].
     """
 
     threaded = True

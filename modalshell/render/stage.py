@@ -36,14 +36,7 @@ LOWEST_VIEW = 0.25
 
 
 class Stage:
-    """A round ground below a motion, and the shadow of the moving surface on it.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (F, n, 3)
-        The motion [m].
-    faces : ndarray of int, shape (T, 3)
-        Its triangles.
+    """A round ground below a motion (F, n, 3) [m] of triangles (T, 3), and the shadow of the moving surface on it.
 
     Attributes
     ----------

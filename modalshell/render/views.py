@@ -31,8 +31,7 @@ def draw_views(
     scalar_range: tuple[float, float] | None = None,
     scalar_label: str | None = None,
 ) -> Path:
-    """
-    Draw views side by side into a PNG file.
+    """Draw views side by side into a PNG file.
 
     Parameters
     ----------
@@ -56,11 +55,6 @@ def draw_views(
         Values at the ends of the colour map; by default the extremes over all views.
     scalar_label : str, optional
         Title of the colour bar; by default the label of the first surface with scalars.
-
-    Returns
-    -------
-    Path
-        The file written.
     """
     cells = list(views)
     if not cells or not all(isinstance(view, View) for view in cells):

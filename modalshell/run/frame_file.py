@@ -30,12 +30,7 @@ _CHECKSUM = "checksum"
 
 
 class FrameFile:
-    """A file of frames that this process alone holds while it is open.
-
-    Parameters
-    ----------
-    path : Path
-        The file; created if missing.
+    """A file of frames, created if missing, that this process alone holds while it is open.
 
     Attributes
     ----------

@@ -50,11 +50,6 @@ class FrameReader:
 
     Nothing is locked or memory-mapped: truncation of a mapped file would kill the reading process.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
     Attributes
     ----------
     index : int

@@ -72,10 +72,7 @@ def _draw_shapes(path: EquilibriumPath, file: Path) -> Path:
 def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) -> EquilibriumPath:
     """Follow the equilibria of a scene's model under its load, by its ``[path]`` table with some keys changed.
 
-    Raises
-    ------
-    SceneError
-        Where a table is refused: supports that move or constraints, too, which a path does not know.
+    SceneError where a table is refused: supports that move or constraints, too, which a path does not know.
     """
     declared = scene.require_shell()
     table = declared.path or PathTable()

@@ -54,16 +54,7 @@ Result = TypeVar("Result", bound=RunResult)
 
 
 class SceneRun(ABC, Generic[Result]):
-    """The run of a scene in a folder; what kinds of scenes do differently is abstract.
-
-    Parameters
-    ----------
-    scene : Scene
-        What to run.
-    shell : Shell
-        Its shell.
-    folder : Path
-        Where the results go.
+    """The run of a scene and its shell in a folder; what kinds of scenes do differently is abstract.
 
     Attributes
     ----------
@@ -121,7 +112,8 @@ class SceneRun(ABC, Generic[Result]):
             record = None if restart else read_record(self.path("json"))
             if record is not None and record.get("identity") != self.identity:
                 record = None
-            whole = [] if record is None else self._whole_formats(record["digests"])
+            digests = {} if record is None else record["digests"]
+            whole = [one for one in digests if digests[one] == result_digest(self.folder, self.name, one)]
             found = record is not None and self.find_results(record, whole)
             resumed = self.frames
             if not found:
@@ -137,10 +129,6 @@ class SceneRun(ABC, Generic[Result]):
             if not found or not file.difference(self.identity):
                 file.remove()
         return self.result([self.path(suffix) for suffix in (*self.formats, "json")], resumed)
-
-    def _whole_formats(self, digests: dict[str, str]) -> list[str]:
-        """Formats whose files are unchanged since they were written."""
-        return [suffix for suffix in digests if digests[suffix] == result_digest(self.folder, self.name, suffix)]
 
     def _write_record(self, formats: list[str]) -> None:
         document = {

@@ -187,10 +187,7 @@ def check_convergence(scene: ShellScene) -> tuple[int, int]:
 def convergence(scene: ShellScene, numbers: dict[str, Any], solve: Callable[[ShellScene], Trajectory]) -> list[Any]:
     """Displacement and stress on coarser meshes, by ``solve``, and on the scene's own, coarsest first.
 
-    Raises
-    ------
-    OptionError
-        If the mesh is from a file, which has no coarser one.
+    OptionError if the mesh is from a file, which has no coarser one.
     """
     cells = check_convergence(scene)
     rows = []

@@ -8,7 +8,6 @@ from typing import Any, Literal
 from modalshell.contact import COLLIDERS, Collider, Contact, MeshCollider, SelfContact
 from modalshell.scene import tables
 from modalshell.scene.parts import build_mesh, mesh_digest, moved_path
-from modalshell.scene.read import listed_tables
 from modalshell.scene.signatures import Built, signature_table
 
 
@@ -88,8 +87,3 @@ def collider_tables() -> dict[str, type[Any]]:
     kinds[MeshCollider.key] = MeshContactTable
     own = signature_table(SelfContact, SelfContactTable, tag_field="kind", tag=SelfContact.key)
     return kinds | {SelfContact.key: own}
-
-
-def contact_tables(file: Path, raw: Any) -> tuple[ContactTable | SelfContactTable, ...]:
-    """The tables of ``[[contacts]]``; SceneError where one is refused."""
-    return listed_tables(file, "contacts", raw, collider_tables())

@@ -44,13 +44,7 @@ class KeyTable(NamedTuple):
 
 
 def scene_keys(table: str | None = None) -> list[KeyTable]:
-    """The tables of a scene file, or those of one name such as ``contacts``.
-
-    Raises
-    ------
-    OptionError
-        For another name.
-    """
+    """The tables of a scene file, or those of one name such as ``contacts``; OptionError for another name."""
     load_plugins()
     made = _tables()
     if table is not None and table not in made:

@@ -90,9 +90,9 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     declared["constraints"] = listed_tables(file, "constraints", raw.get("constraints", []), tables.Constrained)
     declared["creases"] = listed_tables(file, "creases", raw.get("creases", []), CreaseTable)
     if "contacts" in raw:
-        from modalshell.scene.contacts import contact_tables  # not without contacts
+        from modalshell.scene.contacts import collider_tables  # not without contacts
 
-        declared["contacts"] = contact_tables(file, raw["contacts"])
+        declared["contacts"] = listed_tables(file, "contacts", raw["contacts"], collider_tables())
     own = next((kind for key, kind in KINDS.items() if key in declared), None)
     if _wants_bar(file, raw):
         if own is not None:

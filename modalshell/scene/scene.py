@@ -23,7 +23,6 @@ from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.mesh.selection import held_vertices, selected
-from modalshell.mesh.slivers import sliver_remark
 from modalshell.models import Equilibrium, Model
 from modalshell.models.base.bars import check_bar
 from modalshell.models.factory import ModelFactory, SolveModes
@@ -31,7 +30,6 @@ from modalshell.motion import Motion, SupportPath, Trajectory
 from modalshell.motion.motion_check import wanted_bars, with_bars
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
-from modalshell.scene.hinged_clamps import hinged_clamp_remark
 from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
     Shape,
@@ -46,6 +44,7 @@ from modalshell.scene.parts import (
     spread_force,
 )
 from modalshell.scene.read import located
+from modalshell.scene.remarks import hinged_clamp_remark, sliver_remark
 from modalshell.scene.rest import CreaseTable, RestTable, build_creases, rest_content, rest_options
 from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable, odd_values
 from modalshell.scene.signatures import energy_entries, load_entries

@@ -23,18 +23,7 @@ from modalshell.shell.triangle_pairs import fold_moments
 class ConstantSlopes:
     """Derivatives of the stresses of a sheet by its constants; they follow from the shape at rest, for every state.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Rest shape.
-    sheet : Sheet
-        The sheet.
-    folds : SplitFolds
-        Its split folds.
-    strained : callable
-        Makes its membrane elements, a list of Strained.
-    tension : csr_array, shape (E, E)
-        Their matrix.
+    ``folds`` are its split folds; ``strained`` makes its membrane elements, of the matrix ``tension`` (E, E).
     """
 
     def __init__(

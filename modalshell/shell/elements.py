@@ -154,15 +154,7 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
 
 @final
 class ElementSum(ElasticEnergy):
-    """Sum of element sets, such as the stretch, shear and flexure of a discrete shell.
-
-    Parameters
-    ----------
-    elements : list of ElementSet
-        The sets.
-    vertex_count : int
-        Number of vertices n.
-    """
+    """Sum of element sets on n vertices, such as the stretch, shear and flexure of a discrete shell."""
 
     def __init__(self, elements: list[ElementSet], vertex_count: int) -> None:
         self.elements = elements

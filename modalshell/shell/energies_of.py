@@ -94,12 +94,8 @@ def gradient_by_constant(
 ) -> Array:
     """Derivative (n, 3) of the energy's gradient at ``x`` (n, 3) by the constant ``name``.
 
-    With a ``step`` (n, 3), of the Hessian's first part times the step, which at rest is the whole of it.
-
-    Raises
-    ------
-    OptionError
-        For a name that is no constant, or one that varies over the mesh.
+    With a ``step`` (n, 3), of the Hessian's first part times the step, which at rest is the whole of it. OptionError
+    for a name that is no constant, or one that varies over the mesh.
     """
     known = material_constants(material)
     if name not in known:

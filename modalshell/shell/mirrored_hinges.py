@@ -28,16 +28,10 @@ def add_fold_curvatures(
 
 @final
 class MirroredHinges:
-    """The last hinges of a list, each with the mirror image of its third vertex for a fourth.
+    """The last s of the ``hinges`` (H, 4), each with the mirror image of its third vertex for a fourth.
 
-    Half of the fold belongs to either side: angles and slopes are halved, and written as those of three vertices.
-
-    Parameters
-    ----------
-    hinges : ndarray of int64, shape (H, 4)
-        All hinges.
-    reflections : ndarray, shape (s, 3, 3)
-        R of the last s.
+    Half of the fold belongs to either side: angles and slopes are halved, and written as those of three vertices. The
+    ``reflections`` are R (s, 3, 3).
     """
 
     def __init__(self, hinges: Index, reflections: Array) -> None:
@@ -85,14 +79,9 @@ class MirroredHinges:
 
 @final
 class MirroredFlexure:
-    """The flexure kernel on three vertices, the fourth being the image of the third about planes of one normal.
+    """The flexure kernel on three vertices, the fourth being the third's image by a ``reflection`` R (3, 3).
 
     It takes the place of a generated kernel.
-
-    Parameters
-    ----------
-    reflection : ndarray, shape (3, 3)
-        Reflection R.
     """
 
     VERTICES, UNKNOWNS, PERIODIC = 3, 6, flexure.PERIODIC

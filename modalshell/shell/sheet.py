@@ -79,12 +79,7 @@ class Sheet(ReadOnlyArrays, ABC):
     def face_stresses(self, mesh: TriangleMesh, force: Array, moment: Array) -> tuple[Array, Array] | None:
         """Stress tensors (T, 3) [Pa] at the face to which the normals point and the other; None without a thickness.
 
-        Parameters
-        ----------
-        mesh : TriangleMesh
-            Rest shape.
-        force, moment : ndarray, shape (T, 3)
-            Membrane forces [N/m] and moments [N] in the triangles' axes.
+        ``force`` [N/m] and ``moment`` [N] (T, 3) are those of the membrane and of bending in the triangles' axes.
         """
         thickness = self.thicknesses(mesh)
         if thickness is None:

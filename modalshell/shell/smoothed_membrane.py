@@ -149,16 +149,8 @@ class Strained(NamedTuple):
 def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Array, mirrored: Index) -> list[Strained]:
     """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Rest shape.
-    clamped : ndarray of bool, shape (n,)
-        Held vertices.
-    angles : ndarray, shape (H,)
-        Rest fold angles of the mesh's hinges [rad].
-    mirrored : ndarray of int64
-        Smooth boundary edges in planes of symmetry.
+    ``clamped`` (n,) are held vertices, ``angles`` (H,) [rad] rest fold angles of the mesh's hinges, ``mirrored`` smooth
+    boundary edges in planes of symmetry.
     """
     lengths = mesh.edge_lengths[mesh.face_edges]
     powers = np.maximum((lengths / lengths.max(axis=1, keepdims=True)) ** SHARE_EXPONENT, _LEAST_POWER)

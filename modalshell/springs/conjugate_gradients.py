@@ -25,16 +25,7 @@ class ConjugateGradientEuler(LinearisedEuler):
 
     Order one. As stable as implicit Euler while one linearisation serves a step. Each step starts from the last one's
     change of velocity. It belongs to one sheet, so that no key is registered for it: :class:`modalshell.SpringSheet`
-    makes it for ``solver="cg"``.
-
-    Parameters
-    ----------
-    springs : Springs
-        The springs of the sheet.
-    shell : Shell
-        Its masses and held vertices.
-    iterations : int
-        Largest number of iterations per step.
+    makes it for ``solver="cg"``. ``shell`` has its masses and held vertices, ``iterations`` are the most per step.
     """
 
     key = LinearImplicitEuler.key

@@ -20,10 +20,7 @@ Which = Literal["now", "before"]
 class VerletSheet(ABC):
     """A :class:`SheetGrid` in motion: its positions now and one step earlier, (3, rows, columns) each.
 
-    Parameters
-    ----------
-    grid, dtype, start, velocity, allow_unstable_step
-        As for :class:`modalshell.springs.GridVerlet`.
+    The parameters are those of :class:`modalshell.springs.GridVerlet`.
     """
 
     def __init__(

@@ -67,16 +67,8 @@ class _BorderedFactor(Generic[Matrix]):
 class Bordered(Equations[tuple[Matrix, Array]], Generic[Matrix]):
     """A problem under a load factor that is an unknown too: the last one, after the flattened unknowns.
 
-    See theory 8, eq. 5 and 6.
-
-    Parameters
-    ----------
-    inner : Problem
-        The problem under the whole load.
-    plane : Plane
-        The further equation.
-    unit : float
-        Force that an equation out by its length counts as.
+    See theory 8, eq. 5 and 6. ``inner`` is the problem under the whole load, ``plane`` the further equation, which
+    counts as a force of ``unit`` where it is out by its length.
     """
 
     inner: Problem[Matrix]

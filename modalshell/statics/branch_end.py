@@ -25,7 +25,7 @@ from modalshell.statics.live_loads import LiveLoads
 _FARTHEST = 4.0
 """Factor on the load up to which an end is looked for."""
 _BEGINNING, _GROWN = 0.25, 0.3
-"""Growth of the load in the first step from rest, and in others as a share of it, where the tangent foretells that."""
+"""Growth of the load in the first step from rest, and in others as a share of it, where the tangent predicts that."""
 _MOVED, _LONGER = 0.5, 3.0
 """Length of a step over the displacement, and over the one before, at most."""
 _PAST, _WITHIN = 1.15, 0.6
@@ -38,7 +38,7 @@ _OFF, _SHORTER = 0.4, 0.35
 _LEAST_LENGTH = 1e-4
 """Length of a step over the displacement at which the walk gives up."""
 _BENT, _LOOKS = 0.15, 3
-"""Share of a margin's fall that was not foretold from which a crossing of zero is looked at again, and how often."""
+"""Share of a margin's fall that was not predicted from which a crossing of zero is looked at again, and how often."""
 _AT_END = 0.06
 """Growth of the load to the expected end within which that is taken where the walk has ended without passing it."""
 _SETTLED = 1e-2
@@ -117,7 +117,7 @@ class _Walk:
                 if length < _LEAST_LENGTH * max(self._moved(last.x), first):
                     break
                 most = longest = _SHORTER * length
-            elif looks < _LOOKS and not foretold([*points[-2:], found]):
+            elif looks < _LOOKS and not predicted([*points[-2:], found]):
                 looks += 1
                 most = longest = (found.along - last.along) * last.margin / (last.margin - found.margin)
             else:
@@ -129,7 +129,7 @@ class _Walk:
     def _strays(self, found: _Point) -> bool:
         """Whether a point is on another branch: the load falls where the branch rises, or its end is seen from rest.
 
-        From rest there is no margin to foretell an end by; a shorter step finds the branch before it.
+        From rest there is no margin to predict an end by; a shorter step finds the branch before it.
         """
         points = self._points
         falls = found.speed > 0.0 and found.factor <= points[-1].factor
@@ -224,7 +224,7 @@ def way_to_end(points: Sequence[_Point]) -> float:
     return last.margin * (last.along - before.along) / (before.margin - last.margin)
 
 
-def foretold(points: Sequence[_Point]) -> bool:
+def predicted(points: Sequence[_Point]) -> bool:
     """Whether a margin that has fallen below zero lies in a line with the two before, or a limit point was passed.
 
     Else the last step may have crossed to a branch that comes near.

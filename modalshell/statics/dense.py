@@ -109,16 +109,8 @@ class DenseProblem(Problem[Array]):
 class WorkPotential(DenseProblem):
     """The potential ``q . Lambda q / 2 - share f . u(q)`` of a modal model that knows the work of its load.
 
-    Parameters
-    ----------
-    load : ndarray, shape (n, 3)
-        f [N].
-    origin : ndarray, shape (m,)
-        Rest: zeros.
-    model : Workable
-        Gives the work, and Lambda: all positive.
-    share : float
-        Share of the load that acts.
+    ``load`` is f (n, 3) [N], ``share`` the part of it that acts, and ``origin`` is rest: zeros (m,). Lambda is all
+    positive.
     """
 
     model: Workable
@@ -240,15 +232,7 @@ class EnergyFunction:
 @final
 @dataclass(frozen=True)
 class EnergyPotential(DenseProblem):
-    """The potential ``E(x) - b . x`` of an :class:`EnergyFunction`.
-
-    Parameters
-    ----------
-    load, origin : ndarray, shape (N,)
-        b, and the unknowns at rest.
-    energy : EnergyFunction
-        E.
-    """
+    """The potential ``E(x) - b . x`` of an :class:`EnergyFunction`; ``load`` (N,) is b, ``origin`` (N,) is at rest."""
 
     energy: EnergyFunction
     scaling: Array = field(init=False)

@@ -49,7 +49,7 @@ _SLIGHT = 1e-3
 _LARGE, _CONTRACTS, _ALIKE = 0.1, 0.9, 0.1
 """Bar from which steps must contract; the second over both, up to which they do; and what a third may change of it."""
 _FEEBLE = 0.1
-"""What the stresses take of the stiffness up to which no critical load is foretold."""
+"""What the stresses take of the stiffness up to which no critical load is predicted."""
 
 
 @final

@@ -51,14 +51,7 @@ class Workable(Protocol):
 def least_potential(model: Workable, load: Array, start: Array | None) -> Statics:
     """Minimise ``q . Lambda q / 2 - f . u(q)`` over the elastic modes, rigid ones staying at zero.
 
-    Parameters
-    ----------
-    model : Workable
-        The model.
-    load : ndarray, shape (n, 3)
-        Dead load f [N].
-    start : ndarray, shape (m,), optional
-        Starting point; by default at rest.
+    f is the dead ``load`` (n, 3) [N]; it begins at ``start`` (m,) or at rest.
 
     Returns
     -------

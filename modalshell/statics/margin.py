@@ -43,21 +43,10 @@ class Margin(NamedTuple):
 def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], Array], start: Array) -> Margin:
     """The least ``v . (K_1 + G) v / v . K_1 v``, by Lanczos iterations on ``K_1^-1 G`` in the inner product of K_1.
 
-    Numerator and denominator are of one state, so that the ratio depends on neither rotations nor units.
-
-    Parameters
-    ----------
-    solve : callable
-        ``K_1^-1 b`` for b (N,), K_1 positive definite.
-    softening : callable
-        ``G v`` for v (N,), G symmetric.
-    start : ndarray, shape (N,)
-        Right side from which the iterations start.
-
-    Returns
-    -------
-    Margin
-        The ratio, from above, to about a twentieth of what it lacks to 1.
+    Numerator and denominator are of one state, so that the ratio depends on neither rotations nor units. ``solve``
+    gives ``K_1^-1 b`` for b (N,), K_1 positive definite, ``softening`` gives ``G v``, G symmetric, and ``start`` (N,)
+    is the right side from which the iterations start. The ratio is found from above, to about a twentieth of what it
+    lacks to 1.
     """
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from modalshell.core.errors import SolverError
 from modalshell.core.outcome import Outcome
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array
 from modalshell.statics.continuation import Steps
 from modalshell.statics.dense import DenseFactor
 from modalshell.statics.least_potential import WOUND_UP, Statics
@@ -25,7 +25,7 @@ _CONDITION = 1e12
 _LOAD_TURN = 0.5
 """Largest predicted rotation [rad] of a part of the shell per load step."""
 _DIFFERENCE = 1e-5
-"""Turn [rad] over which a force is differenced."""
+"""Turn [rad] over which forces and positions are differenced."""
 
 Force = Callable[[Array, float], Array]
 """Modal force (m,), or its derivatives (m, m), at coordinates (m,) under a fraction of the load."""
@@ -95,27 +95,10 @@ def balance(
     Load steps follow Newton's success. A step is also refused if it moves farther than twice what the tangent at its
     beginning says, or turns a part far: Newton would jump to another branch.
 
-    Parameters
-    ----------
-    force, slope : callable
-        p, and its derivatives.
-    eigenvalues : ndarray, shape (m,)
-        Lambda; the first ``rigid`` modes stay at zero.
-    rigid : int
-        Number of rigid modes.
-    turn : callable
-        Largest rotation [rad] at given coordinates.
-    start : ndarray, shape (m,), optional
-        Where to begin.
-    first_step : float
-        Fraction of the load that is tried first.
-    retry : bool
-        Whether to follow the load from rest where Newton fails from the start.
-
-    Returns
-    -------
-    Statics
-        Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
+    ``slope`` gives the derivatives of the ``force`` p, ``turn`` the largest rotation [rad] at given coordinates. Of the
+    eigenvalues Lambda (m,) the first ``rigid`` modes stay at zero. ``first_step`` is the fraction of the load that is
+    tried first; with ``retry`` the load is followed from rest where Newton fails from the ``start`` (m,). The residual
+    is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
     """
     root = np.sqrt(eigenvalues[rigid:])
     if not root.size:
@@ -171,26 +154,14 @@ def _follow(
     return y, iterations, True
 
 
-def differences(force: Callable[[Array], Array], q: Array, rotations: Array) -> Array:
-    """Derivatives (m, m) of a modal force at q (m,) by central differences.
+def differences(function: Callable[[Array], Array], q: Array, rotations: Array) -> Array:
+    """Derivatives (..., m) of a function at q (m,) by central differences.
 
     Each is taken over a small turn of the vertices, whose rotations in the modes are ``rotations`` (3n, m).
     """
-    slope = np.empty((q.size, q.size))
-    turns = np.maximum(np.abs(rotations).max(axis=0), 1e-300)
-    for k in range(q.size):
+    columns = []
+    for k, turn in enumerate(np.maximum(np.abs(rotations).max(axis=0), 1e-300)):
         change = np.zeros_like(q)
-        change[k] = _DIFFERENCE / turns[k]
-        slope[:, k] = (force(q + change) - force(q - change)) / (2.0 * change[k])
-    return slope
-
-
-def position_rows(positions: Callable[[Array], Array], q: Array, vertices: Index, rotations: Array) -> Array:
-    """Derivatives (k, 3, m) at q (m,) of the ``positions`` of some vertices (k,), by the same differences."""
-    turns = np.maximum(np.abs(rotations).max(axis=0), 1e-300)
-    rows = np.empty((vertices.size, 3, q.size))
-    for k in range(q.size):
-        change = np.zeros_like(q)
-        change[k] = _DIFFERENCE / turns[k]
-        rows[:, :, k] = (positions(q + change)[vertices] - positions(q - change)[vertices]) / (2.0 * change[k])
-    return rows
+        change[k] = _DIFFERENCE / turn
+        columns.append((function(q + change) - function(q - change)) / (2.0 * change[k]))
+    return np.ascontiguousarray(np.stack(columns, axis=-1))

@@ -178,14 +178,13 @@ class Tracer(Generic[Matrix]):
     # ---- steps
 
     def corrected(
-        self, guess: Array, factor: float, plane: Plane, stresses: list[Array] | None, goal: float = GOAL
+        self, guess: Array, factor: float, plane: Plane, stresses: list[Array] | None
     ) -> tuple[NewtonResult, float] | None:
         """The equilibrium in a plane, and its factor, by mixed Newton; None if there is none nearby."""
         scale = self.scale(guess)
         bordered = Bordered(self.problem, plane, scale)
-        result = mixed_newton(
-            bordered, bordered.joined(guess, factor), scale, limit=_LIMIT, goal=goal, stresses=stresses
-        )
+        start = bordered.joined(guess, factor)
+        result = mixed_newton(bordered, start, scale, limit=_LIMIT, goal=GOAL, stresses=stresses)
         self.iterations += result.iterations
         if not result.converged:
             return None

@@ -30,27 +30,9 @@ def minimise(
     """Local minimum by Newton in a trust region, with exact steps from the Hessian's eigenvectors.
 
     A stationary point with negative curvature is left along it, so what is found is a minimum. Unknowns should be
-    scaled so that the region, a ball, makes sense.
-
-    Parameters
-    ----------
-    value_gradient : callable
-        Value and gradient (r,) at a point (r,).
-    hessian : callable
-        Symmetric Hessian (r, r) at a point.
-    start : ndarray, shape (r,)
-        Where to begin.
-    tolerance : float
-        Length of the gradient, over ``scale``, at which to stop.
-    scale : float
-        Size of the gradient that counts as one.
-    radius : float
-        Length of the first step at most.
-
-    Returns
-    -------
-    NewtonResult
-        ``converged`` says whether the residual met the tolerance at a point without negative curvature.
+    scaled so that the region, a ball, makes sense. ``value_gradient`` and ``hessian`` give these at a point (r,), the
+    latter symmetric. It stops where the length of the gradient is ``tolerance`` times its size ``scale``; ``radius`` is
+    the length of the first step at most. ``converged`` says whether it stopped at a point without negative curvature.
     """
     point = np.array(start, dtype=np.float64)
     value, gradient = value_gradient(point)

@@ -75,13 +75,7 @@ class Unknowns(ReadOnlyArrays, ABC):
 
 @final
 class VertexUnknowns(Unknowns):
-    """The positions of the vertices that are not held.
-
-    Parameters
-    ----------
-    held : ndarray of bool, shape (n,)
-        Vertices that are held.
-    """
+    """The positions of the vertices that are not ``held`` (n,)."""
 
     def __init__(self, held: NDArray[np.bool_]) -> None:
         self.held = self.supported = read_only(held)
@@ -124,14 +118,8 @@ class VertexUnknowns(Unknowns):
 class MappedUnknowns(Unknowns):
     """Unknowns of vertices that are held along some directions only, or move together.
 
-    Parameters
-    ----------
-    matrix : csr_array, shape (3n, N)
-        P.
-    supported : ndarray of bool, shape (n,)
-        Vertices that have supports.
-    axes : ndarray, shape (s, 3, 3)
-        Projections on the axes about which each of them may rotate.
+    ``matrix`` (3n, N) is P, ``supported`` (n,) are the vertices that have supports, and ``axes`` (s, 3, 3) projections
+    on the axes about which each of them may rotate.
     """
 
     matrix: sps.csr_array

@@ -131,10 +131,7 @@ def case_digest(scene: Scene, mesh: TriangleMesh) -> str:
 def run_case(task: Task) -> CaseResult:
     """Compute a case on one thread; exceptions become its outcome.
 
-    Raises
-    ------
-    WorkerError
-        If this process does not know the case by the same digest: it runs another version of the package.
+    WorkerError if this process does not know the case by the same digest: it runs another version of the package.
     """
     with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("ignore")

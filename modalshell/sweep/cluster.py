@@ -103,12 +103,8 @@ async def _asked(address: str, security: Any) -> None:
 def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[CaseResult, None, None]:
     """Compute cases on a cluster; yield each result as it is ready.
 
-    The cluster does a killed worker's cases again, up to its ``allowed-failures``, three by default.
-
-    Raises
-    ------
-    WorkerError
-        If the cluster is lost, or its workers cannot compute any case.
+    The cluster does a killed worker's cases again, up to its ``allowed-failures``, three by default. WorkerError if the
+    cluster is lost, or its workers cannot compute any case.
     """
     from distributed import KilledWorker, as_completed
 

@@ -37,12 +37,8 @@ def run_locally(
     """Compute cases in ``workers`` processes; yield each result as it is ready.
 
     A case whose process dies is done again, up to three processes; one that takes longer than ``time_limit`` [s] is
-    aborted. Closing the iterator, like the end of this process however it comes, ends the workers.
-
-    Raises
-    ------
-    WorkerError
-        If worker processes cannot be started.
+    aborted. Closing the iterator, like the end of this process however it comes, ends the workers. WorkerError if
+    worker processes cannot be started.
     """
     waiting: queue.SimpleQueue[Task] = queue.SimpleQueue()
     for task in tasks:

@@ -23,16 +23,8 @@ _HELP = "space: play or pause   m: next model   n: restart from rest   q: quit"
 class ShellWindow(ABC):
     """A stage with a line of text, redrawn by a timer.
 
-    Parameters
-    ----------
-    shown : Shown
-        What to show.
-    name : str
-        The scene's name.
-    keys : str
-        What the keys do.
-    off_screen : bool
-        Draw into memory, for pictures of the window.
+    ``name`` is the scene's, and ``keys`` says what the keys do. With ``off_screen`` it is drawn into memory, for
+    pictures of the window.
     """
 
     def __init__(self, shown: Shown, name: str, keys: str, *, off_screen: bool) -> None:
@@ -70,15 +62,7 @@ class ShellWindow(ABC):
 
 
 class DesktopViewer(ShellWindow):
-    """A session under sliders, keys and a timer.
-
-    Parameters
-    ----------
-    session : ViewSession
-        What to show.
-    off_screen : bool
-        Draw into memory, for pictures of the window.
-    """
+    """A session under sliders, keys and a timer; with ``off_screen`` it is drawn into memory, for pictures."""
 
     def __init__(self, session: ViewSession, *, off_screen: bool = False) -> None:
         super().__init__(session, session.scene.name, _HELP, off_screen=off_screen)

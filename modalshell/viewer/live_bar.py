@@ -15,12 +15,7 @@ from modalshell.scene.scene import BARS_EVERY
 
 @final
 class LiveBar:
-    """The last bar of a motion, found every 15 steps as in runs of scenes.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion, at its start.
+    """The last bar of a motion, found from its start on every 15 steps as in runs of scenes.
 
     Attributes
     ----------

@@ -52,20 +52,7 @@ class Shown(Protocol):
 
 
 class Stage:
-    """A shell in one PyVista plotter.
-
-    Parameters
-    ----------
-    shown : Shown
-        What to show, such as a session.
-    off_screen : bool
-        Draw into memory instead of a window.
-
-    Attributes
-    ----------
-    plotter : pyvista.Plotter
-        Where it is drawn.
-    """
+    """A shell in one PyVista plotter; with ``off_screen`` it is drawn into memory instead of a window."""
 
     def __init__(self, shown: Shown, *, off_screen: bool) -> None:
         self._shown = shown

@@ -26,15 +26,7 @@ _TRAME = ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.wid
 
 
 class BrowserPage(ABC):
-    """A page with a moving picture, rendered here, and a line of text.
-
-    Parameters
-    ----------
-    shown : Shown
-        What to show.
-    name : str
-        The scene's name.
-    """
+    """A page of a scene's ``name`` with a moving picture, rendered here, and a line of text."""
 
     def __init__(self, shown: Shown, name: str) -> None:
         app, self._layouts, self._vuetify, self._vtk = _import_trame()
@@ -97,13 +89,7 @@ class BrowserPage(ABC):
 
 
 class WebViewer(BrowserPage):
-    """A session behind a page; all browsers that open it share the session.
-
-    Parameters
-    ----------
-    session : ViewSession
-        What to show.
-    """
+    """A session behind a page; all browsers that open it share the session."""
 
     def __init__(self, session: ViewSession) -> None:
         super().__init__(session, session.scene.name)

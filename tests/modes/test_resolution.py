@@ -5,9 +5,9 @@ import pytest
 
 import modalshell as ms
 from modalshell.commands.cli import main
-from modalshell.mesh.slivers import sliver_remark
 from modalshell.modes.resolution import FEWEST_EDGES, edges_per_half_wave
 from modalshell.scene.load import parse_scene
+from modalshell.scene.remarks import sliver_remark
 
 SHEET = ms.Isotropic(1e9, 0.3, 1e-3, 1000.0)
 

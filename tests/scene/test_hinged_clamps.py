@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.scene.hinged_clamps import hinged_clamp_remark
+from modalshell.scene.remarks import hinged_clamp_remark
 
 HINGES = "stretch = 200.0\nshear = 200.0\nflexure = 0.05\ndensity = 0.2"
 THEORY = "young = 1e6\npoisson = 0.3\nthickness = 0.01\ndensity = 10.0"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.statics.branch_end import _Point, end_between, foretold, way_to_end
+from modalshell.statics.branch_end import _Point, end_between, predicted, way_to_end
 
 NOWHERE = np.zeros((1, 3))
 
@@ -19,7 +19,7 @@ def test_a_limit_point_is_found_between_two_points(before):
     """``f = 3 - 2 (s - 1)^2``, and a margin in proportion to ``1 - s``."""
     ends = points(*((3.0 - 2.0 * (s - 1.0) ** 2, 1.0 - s, 4.0 * (1.0 - s), s) for s in (before, 1.2)))
     assert end_between(ends) == pytest.approx(3.0, rel=1e-12)
-    assert foretold([*points((0.0, 1.0, 4.0, 0.0)), *ends])
+    assert predicted([*points((0.0, 1.0, 4.0, 0.0)), *ends])
 
 
 def test_a_bifurcation_is_found_where_the_margin_passes_zero():
@@ -41,10 +41,10 @@ def test_margins_that_do_not_fall_have_no_end():
 
 def test_a_margin_that_jumps_below_zero_was_not_foretold():
     near = [(0.6, 0.07, 1.0, 0.6), (0.64, 0.04, 1.0, 0.64)]
-    assert foretold(points(*near, (0.7, -0.005, 1.0, 0.7)))
-    assert not foretold(points(*near, (0.66, -0.02, 1.0, 0.66)))
-    assert foretold(points(*near, (0.66, -0.02, -1.0, 0.66)))  # a limit point: the load falls
-    assert foretold(points(*near, (0.66, 0.02, 1.0, 0.66)))
+    assert predicted(points(*near, (0.7, -0.005, 1.0, 0.7)))
+    assert not predicted(points(*near, (0.66, -0.02, 1.0, 0.66)))
+    assert predicted(points(*near, (0.66, -0.02, -1.0, 0.66)))  # a limit point: the load falls
+    assert predicted(points(*near, (0.66, 0.02, 1.0, 0.66)))
 
 
 def test_an_end_is_no_lower_than_the_branch_before_it_and_no_higher_than_its_tangents():

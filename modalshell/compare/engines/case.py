@@ -17,6 +17,7 @@ from modalshell.modes import lowest_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.energies_of import material_constants
+from modalshell.shell.split_folds import mirror_images
 from modalshell.supports import Clamp, Pin
 
 CONSTANTS = ("young", "poisson", "thickness", "density")
@@ -93,9 +94,7 @@ def with_images(mesh: TriangleMesh, held: NDArray[np.bool_]) -> tuple[TriangleMe
     first, second = mesh.edges[edges].T
     apex = mesh.faces[rows].sum(axis=1) - first - second
     x = mesh.vertices
-    edge, arm = x[second] - x[first], x[apex] - x[first]
-    foot = (np.sum(arm * edge, axis=1) / np.sum(edge**2, axis=1))[:, None] * edge
-    mirrored = x[first] + 2.0 * foot - arm
+    mirrored = mirror_images(x, first, second, apex)
     # Triangles at one apex over edges in line have one image.
     keys = np.column_stack([apex, np.round(mirrored / (1e-9 * mesh.size))])
     _, kept, places = np.unique(keys, axis=0, return_index=True, return_inverse=True)

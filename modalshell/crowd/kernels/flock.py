@@ -27,7 +27,7 @@ def _gather(near, squared, position, direction, first, last, positions, directio
 
     ``positions`` are (3, N), ``directions`` (N, 3). A boid in the same place, as the boid itself, is no neighbour: it
     has no side to turn to. Most candidates are too far away; these are sifted out without branches that a processor
-    would foretell wrongly, by way of ``near`` and ``squared``, (_CHUNK,) each.
+    would predict wrongly, by way of ``near`` and ``squared``, (_CHUNK,) each.
     """
     x, y, z = position
     farthest = reach * reach

@@ -99,11 +99,6 @@ class EulerStart:
         """State expected at its end."""
         return MotionState(self.origin + self.dt * self.rates, self.expected_rates)
 
-    @property
-    def guess_ahead(self) -> Array:
-        """Coordinates to which the rates expected at its end would lead."""
-        return self.origin + self.dt * self.expected_rates
-
     def after(self, coordinates: Array) -> MotionState:
         """State at its end, at ``coordinates``."""
         return MotionState(coordinates, (coordinates - self.origin) / self.dt)

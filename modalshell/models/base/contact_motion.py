@@ -92,7 +92,7 @@ class ContactMotion:
         self.steps = TouchingSteps(given, shell, origin, setup.dt, stand_ins, layers)
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """What is said of friction: what sticks creeps by a part of each step of implicit Euler; of others nothing."""
         if not isinstance(self._rule, ImplicitRule):
             return ""

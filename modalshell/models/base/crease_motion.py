@@ -27,13 +27,6 @@ class CreaseMotion:
     end of a step, implicit Euler stands in for the rule: each of its steps ends at a minimum by positions and plastic
     folds together, so that a rule of order two is of order one there, and no step makes heat negative. After explicit
     steps, and those with contacts, creases yield at the positions where the step has ended.
-
-    Parameters
-    ----------
-    creases : CreaseSet
-        The creases.
-    damping : Damping
-        Of the motion.
     """
 
     def __init__(self, creases: CreaseSet, damping: Damping) -> None:

@@ -13,16 +13,9 @@ from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crosse
 
 @final
 class FittedFrames:
-    """Frames of free parts, of least distance from rest in the norm of the mass [kabsch1976].
+    """Frames of free parts, of least distance from ``rest`` (k, 3) [m] in the norm of the mass [kabsch1976].
 
-    Displacements in them have no turn, as those of elastic modes.
-
-    Parameters
-    ----------
-    rest : ndarray, shape (k, 3)
-        Positions at rest [m].
-    parts : FreeParts, optional
-        The parts; without any all stays as it is.
+    Displacements in them have no turn, as those of elastic modes. Without parts all stays as it is.
     """
 
     def __init__(self, rest: Array, parts: FreeParts | None) -> None:

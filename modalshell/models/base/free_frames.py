@@ -312,10 +312,6 @@ class FreeFrames:
         poses, speeds = self.poses(q), self.poses(rates)
         return np.array([left_jacobian(-vector) @ speed for (_, vector), (_, speed) in zip(poses, speeds, strict=True)])
 
-    def fastest_spin(self, state: MotionState) -> float:
-        """Largest angular velocity [rad/s] of a frame."""
-        return float(np.linalg.norm(self.spins(state.coordinates, state.rates), axis=1).max())
-
     def predicted(self, q: Array, back: Array, time: float) -> Array:
         """Expected coordinates (..., m): frames also turn ``back`` (..., P, 3) what shapes turn, for a ``time`` [s]."""
         if not back.any():

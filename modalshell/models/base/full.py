@@ -65,12 +65,8 @@ class FullModel(Model):
     shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch. A saddle
     on the way is left along its unstable mode, to the lower of both sides, and ``message`` says so. Patches under
     constraints are led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
-    Parts that may drift bear dead loads in balance, put back where they were; other loads push them away.
-
-    Parameters
-    ----------
-    shell, integrator, allow_unstable_step, step_tolerance, backend
-        As for :class:`modalshell.DiscreteShell`.
+    Parts that may drift bear dead loads in balance, put back where they were; other loads push them away. The
+    parameters are those of :class:`modalshell.DiscreteShell`.
 
     Attributes
     ----------

@@ -59,7 +59,7 @@ class FullStepper(Stepper):
     @property
     def note(self) -> str:
         """What a message says of the contacts' friction."""
-        return "" if self.contacts is None else self.contacts.told
+        return "" if self.contacts is None else self.contacts.note
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
@@ -69,9 +69,9 @@ class FullStepper(Stepper):
 
     def remark(self, state: MotionState, time: float) -> str:
         """Message about a state at ``time`` [s]: of the model, or that vertices are led through a collider."""
-        told = super().remark(state, time)
-        if told or self.contacts is None or not (self._patches or self._path):
-            return told
+        remark = super().remark(state, time)
+        if remark or self.contacts is None or not (self._patches or self._path):
+            return remark
         held = self.model.shell.clamped if self._path else np.empty(0, dtype=np.int64)
         led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
         inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)

@@ -34,13 +34,7 @@ def implicit_rule(choice: str | FullIntegrator) -> ImplicitRule:
 
 
 class ImplicitModel(FrameModel):
-    """A model with states in the frame of its supports that solves a step of implicit Euler.
-
-    Attributes
-    ----------
-    integrator : ImplicitRule
-        What makes a step of these.
-    """
+    """A model with states in the frame of its supports; its integrator makes steps of those of implicit Euler."""
 
     integrator: ImplicitRule
     pressed_in: ClassVar[bool] = False

@@ -282,11 +282,11 @@ class ModalStepper(ContactStepper):
     @property
     def note(self) -> str:
         """What a message says of a start that the modes do not hold, and of the contacts' friction."""
-        told = "" if self._contacts is None else str(self._contacts.told)
+        note = "" if self._contacts is None else str(self._contacts.note)
         if self._off_start <= _FAR_OFF:
-            return told
+            return note
         off = f"the motion starts {share_as_text(self._off_start)} off the start, as near as its modes come"
-        return f"{off}; {told}" if told else off
+        return f"{off}; {note}" if note else off
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""

@@ -47,12 +47,8 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
         if contact.push_out:
             raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
-    def positions(q: Array) -> Array:
-        return model.warped_positions(q)
-
-    turns, shape = not model.straight, model.contact_shape
-    near = model.contact_frame
-    return ModalContacts(given, model.basis, positions, model.contact_rows, near=near, turns=turns, shape=shape)
+    hooks, shape = (model.warped_positions, model.contact_rows), model.contact_shape
+    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, shape=shape)
 
 
 def _not_together(model: ModalMotion) -> OptionError:
@@ -156,13 +152,6 @@ class ModalPressedMotion(PressedMotion):
     """What follows each step of a modal model with contacts.
 
     Where a vertex touches, or would, a step of implicit Euler is taken in the step's place.
-
-    Parameters
-    ----------
-    model : ModalMotion
-        The model.
-    setup : MotionSetup
-        What decides the motion.
     """
 
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
@@ -185,7 +174,7 @@ class ModalPressedMotion(PressedMotion):
         return found
 
     @property
-    def told(self) -> str:
+    def note(self) -> str:
         """What is said of friction; "" without it."""
         pressing = self._pressing
         return creep_told(pressing.touching.size, self._setup.dt) if pressing.rubs else ""

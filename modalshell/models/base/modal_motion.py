@@ -11,7 +11,8 @@ import numpy as np
 import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import checked_kind
+from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceInTime, ModalStep
@@ -25,7 +26,7 @@ from modalshell.models.base.stepper import LEAD
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
 from modalshell.shell.damping import Damping
-from modalshell.statics.modal_balance import differences, position_rows
+from modalshell.statics.modal_balance import differences
 from modalshell.supports import Pose
 from modalshell.supports.constraints import Constraint
 
@@ -86,6 +87,10 @@ class ModalMotion(ModalShape, FrameModel):
 
     # ---- positions and forces
 
+    def displacement(self, q: ArrayLike) -> Array:
+        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
+        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
+
     def raw_displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m], without input checks."""
         if self.frames is None:
@@ -120,7 +125,7 @@ class ModalMotion(ModalShape, FrameModel):
         """Derivatives ``dp/dq`` (m, m) of the modal force at q; differences where frames of free parts move."""
         if self.frames is None:
             return self.warped_jacobian(q, load)
-        whole = super().modal_force_jacobian(q, load)
+        whole = differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
         whole = 0.5 * (whole + whole.T) if self.conservative else whole
         bent = self.frames.bending(q, load, self.warped_jacobian, self.warped_positions)
         return self.frames.with_elastic(whole, bent)
@@ -284,7 +289,7 @@ class ModalMotion(ModalShape, FrameModel):
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates; by differences unless overridden."""
-        return position_rows(self.warped, q, vertices, self.basis.rotations)
+        return differences(lambda q: self.warped(q)[vertices], q, self.basis.rotations)
 
     def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
         """Positions (k, 3) [m] of some vertices at q, and their derivatives (k, d, m) along ``directions`` (d, 3)."""
@@ -363,8 +368,8 @@ class ModalMotion(ModalShape, FrameModel):
         """That a part without supports spins faster than linear modes can tell its shape; "" otherwise."""
         if self.frames is None or self._slowest is None:
             return ""
-        fast = self.frames.fastest_spin(state) > FAST_SPIN * self._slowest
-        return FAST if fast else ""
+        spins = np.linalg.norm(self.frames.spins(state.coordinates, state.rates), axis=1)
+        return FAST if spins.max() > FAST_SPIN * self._slowest else ""
 
     @cached_property
     def _slowest(self) -> float | None:

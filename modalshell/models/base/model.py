@@ -78,8 +78,8 @@ class Model(ABC):
             Further loads, such as :class:`~modalshell.PointForce`. Those that follow the shell, such as
             :class:`~modalshell.Pressure`, act as they are at the answer; loads of time as they are at time 0.
         start : array_like, shape (n, 3), optional
-            Positions [m] from which to look for the answer. Where creases yield, the load leads from the one that
-            holds the shell there; without a start it grows from none.
+            Positions [m] from which to look for the answer. Where creases yield, the load changes gradually from
+            the one that holds the shell there; without a start it grows from zero.
         constraints : sequence of Constraint, optional
             Prescribed positions and orientations of patches, for models that take constraints.
         bar : bool

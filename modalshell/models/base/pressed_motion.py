@@ -25,17 +25,7 @@ LOCAL, BEYOND = "local", "beyond"
 class PressedMotion(ABC):
     """Contacts of one motion, and what they press in beyond the modes, which states carry in their memory.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-
-    Raises
-    ------
-    OptionError
-        For contacts that the model cannot take, and colliders that move too fast.
+    OptionError for contacts that the model cannot take, and colliders that move too fast.
     """
 
     def __init__(self, model: Any, setup: MotionSetup) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.modal_motion import ModalMotion
 from modalshell.models.base.sensitivity import (
     LOADS,
     checked_constant,
@@ -21,7 +22,6 @@ from modalshell.models.base.sensitivity import (
     checked_weights,
     load_rates,
 )
-from modalshell.models.base.warp import Warp
 from modalshell.modes.derivatives import span_slope
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Shell
@@ -120,10 +120,10 @@ class ModalTangent(ReducedTangent):
     basis that has the modes' derivatives after them.
     """
 
-    def __init__(self, model: Warp, state: Equilibrium) -> None:
+    def __init__(self, model: ModalMotion, state: Equilibrium) -> None:
         self._q, self._load = dead_state(state)
         self.shell, self.state, self._model = model.shell, state, model
-        self._further: dict[str, tuple[Warp, Array]] = {}
+        self._further: dict[str, tuple[ModalMotion, Array]] = {}
 
     def tangent(self) -> Array:
         """``Lambda - dp/dq``; rigid modes stay at zero."""
@@ -181,19 +181,19 @@ class ModalTangent(ReducedTangent):
         rows[: self._model.basis.rigid_modes] = 0.0
         return rows
 
-    def _directed(self, rate: Array, name: str) -> tuple[Warp, Array, Array]:
+    def _directed(self, rate: Array, name: str) -> tuple[ModalMotion, Array, Array]:
         """Model, coordinates, and direction in which a parameter moves them."""
         if name in _OTHERS:
             return self._model, self._q, rate
         still = np.concatenate([self._q, np.zeros_like(self._q)])
         return self._extended(name)[0], still, np.concatenate([rate, self._q])
 
-    def _along(self, model: Warp, q: Array, direction: Array) -> Array:
+    def _along(self, model: ModalMotion, q: Array, direction: Array) -> Array:
         turn = np.abs(model.basis.rotations @ direction).max()
         step = _TURN / max(float(turn), 1e-300)
         return np.asarray(sum(w / step * model.raw_displacement(q + k * step * direction) for k, w in _FOURTH_ORDER))
 
-    def _extended(self, name: str) -> tuple[Warp, Array]:
+    def _extended(self, name: str) -> tuple[ModalMotion, Array]:
         """The model on the modes and their derivatives by a constant, and the derivative of the stiffness on them."""
         if name not in self._further:
             basis, unknowns = self._model.basis, self.shell.unknowns
@@ -213,22 +213,9 @@ class ModalTangent(ReducedTangent):
 class LinearTangent(ReducedTangent):
     """The tangent of a model whose positions are linear in its coordinates.
 
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    state : Equilibrium
-        The state.
-    hessian : ndarray, shape (r, r)
-        Of the potential, exact.
-    columns : ndarray, shape (3n, r)
-        Derivative of the positions by the coordinates.
-    reduced : ndarray, shape (3n, r)
-        What takes a force to a generalised one.
-    by_constant : callable
-        Derivative (r,) of the elastic force by a constant.
-    by_rest_angles : callable, optional
-        Its derivatives (r, H) by the rest angles.
+    ``hessian`` (r, r) is the potential's, exact; ``columns`` (3n, r) are the derivatives of the positions by the
+    coordinates, and ``reduced`` (3n, r) takes a force to a generalised one. ``by_constant`` gives the derivative (r,)
+    of the elastic force by a constant, ``by_rest_angles`` its derivatives (r, H).
     """
 
     def __init__(

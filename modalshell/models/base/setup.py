@@ -28,24 +28,10 @@ def given_contacts(contacts: Sequence[Contact] | None) -> tuple[Any, ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class MotionSetup:
-    """What decides a motion, but for its model and its start.
+    """What decides a motion in steps of ``dt`` [s], but for its model and its start.
 
-    Attributes
-    ----------
-    dt : float
-        Step [s].
-    damping : Damping
-        Damping.
-    loading : Loading
-        The loads.
-    supports : SupportPath or None
-        Moves the supports.
-    constraints : sequence of Constraint
-        On patches of vertices.
-    contacts : sequence of Contact
-        Colliders.
-    divided : bool
-        Whether steps are divided as their errors ask for.
+    Constraints are those on patches of vertices, contacts those with colliders. Steps that are ``divided`` are so as
+    their errors ask for.
     """
 
     dt: float

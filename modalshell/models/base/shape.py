@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -13,8 +13,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce
-from modalshell.models.base.warp import Warp
 from modalshell.modes import Basis
+from modalshell.shell import Shell
 
 SHAPE = "warped"
 """The hook that a model defines."""
@@ -45,7 +45,7 @@ DERIVED = {
     "work_curvature": "warped_curvature",
 }
 """Methods that are no hooks, as frames of free parts stand between, and the hooks to override in their place."""
-_BASES = tuple(f"modalshell.models.base.{name}" for name in ("warp", "shape", "modal_motion", "modal"))
+_BASES = tuple(f"modalshell.models.base.{name}" for name in ("shape", "modal_motion", "modal"))
 """Modules whose hooks are defaults for every shape."""
 _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 _SMALL = 1e-3
@@ -55,7 +55,7 @@ _FITS, _LEAST_SHARE = 30, 1e-3
 """Steps of a fit of a shape, and the share of one below which it leads no nearer."""
 
 
-class ModalShape(Warp):
+class ModalShape(ABC):
     """The shape of a shell at modal coordinates q (m,), free parts in their frames.
 
     A model defines :meth:`warped`. Its derivatives, its work, the modal force and the rows of contacts and patches
@@ -76,7 +76,11 @@ class ModalShape(Warp):
         of one class.
     """
 
+    name: str
+    shell: Shell
+    basis: Basis
     conservative: bool = True
+    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
     straight: ClassVar[bool] = False
     integrator: ModalIntegrator
     _given: tuple[tuple[Any, ...], dict[str, Any]]
@@ -110,7 +114,7 @@ class ModalShape(Warp):
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
-        return self._by_differences(lambda q: np.vdot(weights, self.warped(q)), q)
+        return self.by_differences(lambda q: np.vdot(weights, self.warped(q)), q)
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force (m,) of a load (n, 3) [N], a new array; the gradient of its work unless overridden.
@@ -125,7 +129,7 @@ class ModalShape(Warp):
 
     def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives (m, m) of :meth:`warped_force`."""
-        return self._by_differences(lambda q: self.warped_force(q, load), q)
+        return self.by_differences(lambda q: self.warped_force(q, load), q)
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work [J] of a load (n, 3) [N] on :meth:`warped`, and its gradient (m,)."""
@@ -133,17 +137,22 @@ class ModalShape(Warp):
 
     def warped_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of :meth:`warped_work`."""
-        slope = self._by_differences(lambda q: self.warped_gradient(q, load), q)
+        slope = self.by_differences(lambda q: self.warped_gradient(q, load), q)
         return 0.5 * (slope + slope.T)
 
     def warped_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) that take rates to velocities of some vertices."""
-        return self._by_differences(lambda q: self.warped(q)[vertices], q)
+        return self.by_differences(lambda q: self.warped(q)[vertices], q)
 
     def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
-        rows = self._by_differences(lambda q: self.warped(q)[vertices].mean(axis=0), q)
+        rows = self.by_differences(lambda q: self.warped(q)[vertices].mean(axis=0), q)
         return self.warped_positions(q)[vertices].mean(axis=0), rows
+
+    @property
+    def contact_shape(self) -> tuple[Array, Array, Array] | None:
+        """Positions at rest (n, 3), modes, and rotations (3n, m) if they turn; None without a closed form."""
+        return None
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
@@ -175,7 +184,7 @@ class ModalShape(Warp):
             q, missing = q + share * way, lacks
         return q
 
-    def _by_differences(self, function: Callable[[Array], Any], q: Array) -> Array:
+    def by_differences(self, function: Callable[[Array], Any], q: Array) -> Array:
         """Derivatives (..., m) of a function at q (m,), of fourth order over small moves of the vertices."""
         moves = np.abs(self.basis.modes).max(axis=0) / self.shell.size
         steps = _SMALL / np.maximum(np.maximum(np.abs(self.basis.rotations).max(axis=0), moves), 1e-300)
@@ -185,6 +194,13 @@ class ModalShape(Warp):
             unit[k] = step
             columns.append(sum(w / step * np.asarray(function(q + count * unit)) for count, w in _FOURTH_ORDER))
         return np.stack(columns, axis=-1)
+
+
+def contact_shape(basis: Basis, *, turns: bool) -> tuple[Array, Array, Array]:
+    """What compiled contacts need of a warp in closed form; see :attr:`ModalShape.contact_shape`."""
+    own = [np.array(part, dtype=np.float64, order="C") for part in (basis.shell.rest_positions, basis.modes)]
+    rotations = np.array(basis.rotations, dtype=np.float64, order="C") if turns else np.empty((0, basis.count))
+    return own[0], own[1], rotations
 
 
 def _providers(cls: type, name: str) -> list[type]:

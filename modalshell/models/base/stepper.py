@@ -43,16 +43,7 @@ class Moving(Protocol):
 class Stepper(ABC):
     """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    patches : sequence of HeldPatch
-        Held vertices that are moved.
-    in_frame : bool
-        Whether states are in the frame of the supports.
+    ``patches`` are held vertices that are moved; with ``in_frame`` states are in the frame of the supports.
 
     Attributes
     ----------

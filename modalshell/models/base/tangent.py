@@ -23,18 +23,10 @@ _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 
 
 @final
 class Tangent:
-    """The exact tangent stiffness at an equilibrium, factorised once.
+    """The exact tangent stiffness at an equilibrium ``state`` of a ``problem``, factorised once.
 
-    Parameters
-    ----------
-    problem : Potential
-        The problem that the state solves.
-    state : Equilibrium
-        The state.
-    of_material : bool
-        Whether the model's energies are those of the shell's material.
-    factor : Factored, optional
-        Of the exact Hessian at the state, where it is known.
+    ``of_material`` says whether the model's energies are those of the shell's material; ``factor`` is that of the exact
+    Hessian at the state, where it is known.
     """
 
     def __init__(

@@ -45,7 +45,7 @@ class _Found(NamedTuple):
 
     rest: Rest
     further: Array | None = None
-    told: str = _UNSETTLED
+    failure: str = _UNSETTLED
     closest: float | None = None
 
 
@@ -70,7 +70,7 @@ def _led(led: Led, first: Array, load_steps: int) -> _Found:
     """Where a shell comes to from ``first`` (n, 3) whose patches are led."""
     if any(contact.friction for contact in led.touching.contacts):
         return _Found(*led.rest_with_friction(first, load_steps)[:3])
-    return _Found(led.rest(first), told=_NOT_LED)
+    return _Found(led.rest(first), failure=_NOT_LED)
 
 
 def _led_turning_nowhere(led: Led, first: Array) -> _Found | None:
@@ -107,15 +107,15 @@ def _smooth(
     drifted = rest_on_planes(problem, touching, origin, first, solve)
     if drifted is None:
         return _Found(solve(problem, touching))
-    return _Found(drifted[0], told=drifted[1] or _UNSETTLED)
+    return _Found(drifted[0], failure=drifted[1] or _UNSETTLED)
 
 
-def _shape_told(touching: Touching, first: Array, rest: Rest) -> list[str]:
+def _shape_notes(touching: Touching, first: Array, rest: Rest) -> list[str]:
     """What is said of a start at ``first`` (n, 3) deep in a collider, and of edges that dip in at the end."""
-    told = [side] if (side := sides_told(touching, first)) else []
+    notes = [side] if (side := sides_told(touching, first)) else []
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * touching.shell.size:
-        told.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
-    return told
+        notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
+    return notes
 
 
 def equilibrium_on_contacts(
@@ -163,19 +163,19 @@ def equilibrium_on_contacts(
             found = _Found(*rest_with_friction(problem, touching, first, steps)[:3])
         else:
             found = _smooth(problem, touching, origin, first, guessed if start is None else None)
-    rest, further, told, closest = found
+    rest, further, failure, closest = found
     gaps = touching.distances(rest.point)
     if own is not None and problem.live is not None and not problem.live.conservative:
-        told = "self-contact settles under loads with a potential alone: simulate the damped motion"
-    notes = [] if rest.converged else [told]
+        failure = "self-contact settles under loads with a potential alone: simulate the damped motion"
+    notes = [] if rest.converged else [failure]
     if rubs and rest.converged:
         notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
-    notes += _shape_told(touching, first, rest)
+    notes += _shape_notes(touching, first, rest)
     outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
-    if told.startswith((SLIDES, PUSHED)):
-        outcome, message = Outcome.NO_EQUILIBRIUM, told
+    if failure.startswith((SLIDES, PUSHED)):
+        outcome, message = Outcome.NO_EQUILIBRIUM, failure
     forces, touches = touching.forces(rest.point, rest.pushes), np.zeros(len(rest.point), dtype=bool)
     touches[touching.vertices[rest.active]] = True
     if further is not None:

@@ -95,10 +95,10 @@ class UnstretchedModel(ModalModel):
 
     def remark(self, state: MotionState) -> str:
         """That supports hold opposite ends, and the model does not stretch between them."""
-        told = super().remark(state)
+        remark = super().remark(state)
         if self._held_ends is None:
-            return told
-        return "; ".join(filter(None, [told, self._stretch_remark(state.coordinates)]))
+            return remark
+        return "; ".join(filter(None, [remark, self._stretch_remark(state.coordinates)]))
 
     def _stretch_remark(self, q: Array) -> str:
         ends = self._held_ends

@@ -21,16 +21,8 @@ class CoarseContactMotion:
     """Takes steps with contacts: the model's own where nothing touches, else those of its coarse shell.
 
     These are as :class:`ContactMotion` takes them of DS, the coarse vertices staying out of the colliders. Fine ones
-    between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices.
-
-    Parameters
-    ----------
-    model : CoarseDiscreteShell or HybridStress
-        The model, about ``origin``.
-    setup : MotionSetup
-        What decides the motion.
-    origin : ndarray, shape (3,)
-        Where that is in the world [m].
+    between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices. The
+    ``model``, coarse DS or the hybrid, is about ``origin`` (3,) [m] in the world.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
@@ -45,7 +37,7 @@ class CoarseContactMotion:
     @property
     def note(self) -> str:
         """What a message says of friction."""
-        return self._motion.told
+        return self._motion.note
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
@@ -54,7 +46,7 @@ class CoarseContactMotion:
         placed = put_out(self._motion.steps.now, coarse.coordinates, self._led)
         if not np.array_equal(placed, coarse.coordinates):
             state = MotionState(placed, coarse.rates, coarse.memory)
-        return self._told(self._motion.begin(state, placed), pressed=False)
+        return self._marked(self._motion.begin(state, placed), pressed=False)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
@@ -68,10 +60,10 @@ class CoarseContactMotion:
             return after, solved, model.as_coarse(after).coordinates
 
         after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
-        return self._told(after, pressed=bool(self._motion.steps.pushes.any())), solved
+        return self._marked(after, pressed=bool(self._motion.steps.pushes.any())), solved
 
     @staticmethod
-    def _told(state: MotionState, *, pressed: bool) -> MotionState:
+    def _marked(state: MotionState, *, pressed: bool) -> MotionState:
         return MotionState(state.coordinates, state.rates, state.memory | {PRESSED: np.full((1, 1), float(pressed))})
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:

@@ -22,24 +22,10 @@ def coarse_equilibrium_on_contacts(
 ) -> Equilibrium:
     """Equilibrium of the coarse shell with contacts at its own vertices, prolonged.
 
-    Fine vertices that prolongation leaves inside are put onto the colliders: such an answer is a start of DS. Contact
-    forces are those of the coarse vertices, at the fine vertices nearest to them.
-
-    Parameters
-    ----------
-    model : CoarseDiscreteShell
-        The model.
-    loading : Loading
-        Loads on the fine shell.
-    start : ndarray, shape (n, 3), optional
-        Where to begin.
-    contacts, constraints : sequence
-        What was declared.
-
-    Raises
-    ------
-    OptionError
-        For what is no contact, friction, constraints, which it takes none of, or a start inside a collider.
+    Loads are those on the fine shell, and it begins at ``start`` (n, 3) [m] or at rest. Fine vertices that prolongation
+    leaves inside are put onto the colliders: such an answer is a start of DS. Contact forces are those of the coarse
+    vertices, at the fine vertices nearest to them. OptionError for what is no contact, friction, constraints, which it
+    takes none of, or a start inside a collider.
     """
     given = checked_contacts(contacts)
     if constraints:
@@ -90,5 +76,5 @@ def equilibrium_or_coarse_contacts(
         if found.converged and not (touching.distances(x) < 0.0).any() and not touching.crossed(begin, x):
             return replace(found, contact_forces=np.zeros_like(x), in_contact=np.zeros(len(x), dtype=bool))
     found = coarse_equilibrium_on_contacts(model, loading, start, contacts, constraints)
-    told = f"answered by {model.name}: contacts press on the shell"
-    return replace(found, coordinates=None, message="; ".join(part for part in (told, found.message) if part))
+    how = f"answered by {model.name}: contacts press on the shell"
+    return replace(found, coordinates=None, message="; ".join(part for part in (how, found.message) if part))

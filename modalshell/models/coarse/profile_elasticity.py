@@ -38,11 +38,6 @@ def predict(elastic: Any, room: Any, x: Array) -> None:
     elastic.predict(room, x)
 
 
-def vertex_strides(analysis: ProfileAnalysis, place: Index) -> Index:
-    """Length of each vertex' rows in the profile, by the blocks ``place`` (n,) of vertices; 0 of held ones (-1)."""
-    return np.where(place >= 0, analysis.strides[place], 0)
-
-
 def block_places(analysis: ProfileAnalysis, rows: Index, columns: Index) -> Index:
     """Where blocks begin in the profile; -1 above the diagonal, and for rows or columns that have none (-1)."""
     rows, columns = np.broadcast_arrays(rows, columns)

@@ -19,7 +19,6 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.linalg import ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
-from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
 from modalshell.models.coarse.profile_newton import Body, Start, implicit_step, make_room
@@ -39,16 +38,8 @@ _STRAIGHT = 12
 class ProfileStep:
     """Steps of implicit Euler and error bars of one shell without further energies; see :func:`profile_step`.
 
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    analysis : ProfileAnalysis
-        Profile of the stiffness of its free unknowns, and of the energy's internal ones.
-    place : ndarray of int64, shape (n,)
-        Block of every vertex in the profile, -1 of held ones.
-    elastic : Hinges or Folds
-        Its energy.
+    ``analysis`` is the profile of the stiffness of its free unknowns, and of the energy's internal ones; ``place`` (n,)
+    is the block of every vertex in it, -1 of held ones.
     """
 
     def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
@@ -65,7 +56,7 @@ class ProfileStep:
             place[free],
             analysis.first,
             analysis.starts,
-            vertex_strides(analysis, place),
+            np.where(place >= 0, analysis.strides[place], 0),
             elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))

@@ -64,16 +64,9 @@ def measures_of(shell: Shell, turned: Index = NONE_TURNED) -> Measures:
 
 
 def reduce_energy(measures: Measures, basis: Array, stresses: Array) -> ReducedStress:
-    """Reduced energy of a coarse shell.
+    """Reduced energy of a coarse shell in a ``basis`` V (3n, m) of displacements.
 
-    Parameters
-    ----------
-    measures : Measures
-        Of the shell.
-    basis : ndarray, shape (3n, m)
-        V, of displacements.
-    stresses : ndarray, shape (e, K)
-        Modes of stresses; see :func:`stress_modes`.
+    ``stresses`` (e, K) are its modes of stresses; see :func:`stress_modes`.
     """
     columns = basis.reshape(-1, 3, basis.shape[1])
     return ReducedStress(

@@ -43,16 +43,8 @@ def _nothing_known(size: int) -> _Last:
 class ReducedShell:
     """Steps of a reduced shell in coordinates (m,), and their checks.
 
-    Parameters
-    ----------
-    trained : Trained
-        What it was trained to.
-    reduced : ReducedStress
-        Its energy.
-    shape : CoarseShape
-        What coordinates make of the coarse shell.
-    push : callable
-        The force (m,) of a load (n, 3) [N]; None where it is not held.
+    ``reduced`` is its energy, ``shape`` what coordinates make of the coarse shell. ``push`` gives the force (m,) of a
+    load (n, 3) [N], or None where it is not held.
     """
 
     def __init__(

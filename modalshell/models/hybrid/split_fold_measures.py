@@ -42,12 +42,7 @@ _SLACK = 1e-10
 class SplitFoldMeasures(Measures):
     """Of an :class:`Isotropic` shell: strains of its edges, and folds that are coupled.
 
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    turned : ndarray of int64, shape (t,)
-        Folds that count as bent, whatever their angle at rest.
+    The folds ``turned`` (t,) count as bent, whatever their angle at rest.
     """
 
     vectors: ClassVar[tuple[int, ...]] = (44, 64)

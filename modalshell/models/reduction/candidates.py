@@ -21,14 +21,7 @@ _SHARE_ERROR = 1e-3
 
 
 class Candidates(ABC):
-    """Elements to choose from, in groups of one kind each.
-
-    Parameters
-    ----------
-    basis : DerivativeBasis
-        The reduced basis.
-    stencils : list of ndarray of int
-        Vertices of all elements of each kind, -1 if absent.
+    """Elements to choose from, in groups of one kind each; ``stencils`` are their vertices, -1 if absent.
 
     Attributes
     ----------

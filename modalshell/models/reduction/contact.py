@@ -110,18 +110,9 @@ def settle(
 def reduced_equilibrium_on_contacts(
     model: Any, loading: Loading, start: Array | None, contacts: Sequence[Contact]
 ) -> Equilibrium:
-    """Equilibrium with contacts of a model linear in its coordinates; loads come in steps where that must be.
+    """Equilibrium with contacts of a model linear in its coordinates, from positions ``start`` (n, 3) [m] or rest.
 
-    Parameters
-    ----------
-    model : ModalDerivatives
-        The model.
-    loading : Loading
-        Its loads.
-    start : ndarray, shape (n, 3), optional
-        Where to begin.
-    contacts : sequence of Contact
-        Colliders.
+    Loads come in steps where that must be.
     """
     pressing = reduced_contacts(model, contacts)
     pressing.touching.refuse_inside(model.shell.rest_positions if start is None else start)
@@ -231,16 +222,7 @@ class ReducedContactMotion(PressedMotion):
     """Takes the steps of a model linear in its coordinates with contacts: the model's own where nothing touches.
 
     Where something does, implicit Euler stands in for the model's rule, and its end is the least of its potential
-    outside the colliders.
-
-    Parameters
-    ----------
-    model : ModalDerivatives
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    goal : float
-        Residual of a step.
+    outside the colliders. ``goal`` is the residual of such a step.
     """
 
     note = ""

@@ -129,18 +129,8 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     (half-way to each equilibrium and at it, and small random ones about rest), the right side their sum over all
     elements; both in the norm of the inverse rest stiffness, over the load. Elements that point most along what is
     missing are taken first, and the factors refitted (NNLS) as their number grows, until the answers on the training
-    loads are within 0.5 %, ``most`` elements are reached, or no further element helps.
-
-    Parameters
-    ----------
-    basis : DerivativeBasis
-        The reduced basis.
-    full : ReducedEnergy
-        Energy over all elements.
-    loads : sequence of ndarray, shape (n, 3)
-        Loads [N]; every fourth is held out.
-    most : int, optional
-        Largest number of elements.
+    loads are within 0.5 %, ``most`` elements are reached, or no further element helps. ``full`` is the energy over all
+    elements. Of the loads (n, 3) [N] every fourth is held out.
     """
     import scipy.optimize  # not before there is something to train: its import takes long
 

@@ -74,19 +74,8 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
 
     Along a curved static path ``u(q) = Phi q + sum_ij psi_ij q_i q_j / 2 + O(q^3)`` under the loads ``K Phi q``. Where
     supports leave rigid motions free, inertial loads of these balance the right sides, and the answers have no share in
-    them.
-
-    Parameters
-    ----------
-    modes : Basis
-        Vibration modes, elastic ones and all rigid ones among them.
-    backend : str, optional
-        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
-
-    Raises
-    ------
-    SolverError
-        If K is too ill-conditioned for its inverse to have a meaning.
+    them. ``modes`` are elastic ones and all rigid ones; ``backend`` is that of :class:`modalshell.modes.Factoriser`.
+    SolverError if K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
     size = _DERIVATIVE_BYTES * modes.count**2 * shell.rest_positions.size

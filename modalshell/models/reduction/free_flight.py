@@ -228,7 +228,7 @@ class FlyingSteps(LoadedSteps):
             load, drag = self._load_at(self._seen(start, *flight.foreseen(self._begin, load, time)))
         self._load = load
         seen = self._seen(start, *flight.foreseen(self._begin, load, time)).guess
-        ahead = np.concatenate([seen.coordinates[:r], start.guess_ahead[r:]])
+        ahead = np.concatenate([seen.coordinates[:r], (start.origin + start.dt * start.expected_rates)[r:]])
         own = np.zeros_like(load)
 
         def kept(q: Array, balanced: Array) -> Array:

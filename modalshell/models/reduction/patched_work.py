@@ -22,18 +22,8 @@ class PatchedWork:
     """Gradients of the work of forces at points, on a surface fitted to turned and strained triangles.
 
     The work's linear part is that of the modes. The rest is a sum over patches of triangles, which turn and strain by
-    their means, times the sums over them of the fit's answers to the forces, from a table.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The mesh.
-    fit : PoissonFit
-        The fit.
-    columns : ndarray, shape (T, m, 6)
-        Turn and strain of the triangles in every mode, in their frames.
-    points : LoadPoints
-        The points.
+    their means, times the sums over them of the fit's answers to the forces, from a table. ``columns`` (T, m, 6) are
+    turn and strain of the triangles in every mode, in their frames.
     """
 
     def __init__(self, mesh: TriangleMesh, fit: PoissonFit, columns: Array, points: LoadPoints) -> None:

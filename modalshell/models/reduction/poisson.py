@@ -20,14 +20,7 @@ class PoissonFit:
     Its equations are ``L u = b`` (theory 9, eq. 4), L the cotangent Laplacian, the same for each axis and factorised
     once. The stiffness of linear elements is definite on any mesh once a vertex of every connected part is fixed: the
     held ones, or, in a part without supports, one vertex for the solve. Such a part is then moved to the prescribed
-    centre of mass.
-
-    Parameters
-    ----------
-    shell : Shell
-        The shell.
-    backend : str, optional
-        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+    centre of mass. ``backend`` is that of :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------

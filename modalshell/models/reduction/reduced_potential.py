@@ -16,18 +16,9 @@ from modalshell.statics.dense import DenseProblem
 class ReducedPotential(DenseProblem):
     """The potential of a reduced energy: x are coordinates z (r,).
 
-    Parameters
-    ----------
-    load, origin : ndarray, shape (r,)
-        Reduced load, and where the quadratic part is centred.
-    energy : ReducedEnergy
-        E.
-    scaling : ndarray, shape (r,)
-        Square root of the stiffness of each coordinate about ``origin``.
-    edge_change : callable
-        Largest relative change of an edge vector by a step in z.
-    quadratic : ndarray, shape (r, r), optional
-        Q.
+    ``load`` and ``origin`` (r,) are the reduced load, and where the quadratic part Q (r, r) is centred; ``scaling``
+    (r,) is the square root of the stiffness of each coordinate about it. ``edge_change`` gives the largest relative
+    change of an edge vector by a step in z.
     """
 
     energy: ReducedEnergy

@@ -16,15 +16,7 @@ _TINY = 1e-300
 
 @final
 class VertexTurns:
-    """Turns of a mesh's vertices from where they are.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The mesh.
-    rest : ndarray, shape (n, 3)
-        Its positions at rest [m].
-    """
+    """Turns of a mesh's vertices from their positions ``rest`` (n, 3) [m]."""
 
     def __init__(self, mesh: TriangleMesh, rest: Array) -> None:
         self._faces = mesh.faces

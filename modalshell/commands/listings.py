@@ -1,4 +1,4 @@
-"""The command on cards: sheets with measured constants."""
+"""Commands that list what scenes may name: cards, sheets with measured constants, and the keys of their files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from rich.table import Column, Table
 
 import modalshell as ms
 from modalshell.commands.terminal import CONSOLE, say
+from modalshell.scene.keys import scene_keys
 from modalshell.shell.cards import CARDS
 from modalshell.shell.energies_of import unit_of_constant
 
@@ -44,3 +45,22 @@ def cards(
     for one in card.measured:
         fitted = ", to which a constant was fitted" if one.fitted else ""
         say(f"  {one.what}: {one.value:.4g} {one.unit} within {100.0 * one.spread:.3g} %{fitted}")
+
+
+def keys(
+    table: Annotated[str | None, Parameter(help="One table, such as contacts, material, supports or loads.")] = None, /
+) -> None:
+    """List the tables of a scene file with their keys: what each takes, its default and its unit.
+
+    Example: modalshell keys contacts
+    """
+    for one in scene_keys(table):
+        CONSOLE.print(f"[bold]{escape(one.heading)}[/bold]")
+        if one.about:
+            CONSOLE.print(f"  {escape(one.about)}")
+        for key in one.keys:
+            default = f" = {key.default}" if key.default not in ("", "required") else ""
+            needed = ", required" if key.default == "required" else ""
+            about = f": {key.about}" if key.about else ""
+            CONSOLE.print(escape(f"    {key.name}{default} ({key.takes}{needed}){about}"), highlight=False)
+        CONSOLE.print()
