@@ -41,5 +41,5 @@ def draw(results: Path, folder: Path) -> Path:
             curves.append(Curve(modes, size, label, color, dashed=not finest, joined=False))
         further = f"; hollow {coarse}" if coarse < fine else ""
         title = f"{supports}: {words} ({fine} cells across{further})"
-        panels.append(Panel(curves, title, "mode", "size of the error [%]", log=True))
+        panels.append(Panel(curves, title, "mode", f"size of the error [%], {FLOOR:g} at least", log=True))
     return draw_curves(panels, folder / "plate_frequencies.png", columns=3, share_y=True, one_legend=True)
