@@ -32,7 +32,8 @@ def draw(results: Path, folder: Path) -> Path:
                     label = f"{family}, {cells} cells"
                     curves.append(Curve(heights, size(rows, key), label, color, dashed=cells == 40))
         title = f"Sheet lifted off a table: {words}"
-        panels.append(Panel(curves, title, "height over (bending stiffness / weight per area)^(1/3)", "size of the error [%]", log=True, log_x=True))
+        height = "height over (bending stiffness / weight per area)^(1/3)"
+        panels.append(Panel(curves, title, height, "size of the error [%]", log=True, log_x=True))
     plates = []
     for family, color in COLORS.items():
         rows = [row for row in found["rings"] if row["mesh"] == family]
