@@ -232,7 +232,7 @@ def test_without_motion_a_scene_is_static(load):
         ("[0, 0, -9.81]", "3", "loads.gravity: must be a list of length 3 (got 3)"),
         ("[model]", "[loads.pressure]\np = 1.0\n[model]", "loads.pressure: must be a list of tables, [[loads"),
         ("[supports]", '[supports]\nkind = "pin"', "supports.kind: supports of a kind are a list of tables"),
-        ("[supports]\nclamped", '[[supports]]\nkind = "clamp"\ntimes = [0, 1]\nsel', "supports[0].times: supports move"),
+        ("[supports]\nclamped", '[[supports]]\nkind = "clamp"\ntimes = [0, 1]\nsel', "supports[0].times: supports mov"),
         ("duration = 1", "duration = 1\ndamping = 0.1", "motion.damping: must be a list of length 2 (got 0.1)"),
         ("[0, 0, -9.81]", '[0, 0, inf]', "loads.gravity[2]: must be a finite number"),
         ("[model]", "[[loads.forces]]\nwhere = [1]\ntotl = [0, 0, 1]\n[model]", "loads.forces[0].totl: unknown key"),
