@@ -15,7 +15,7 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.commands.choices import Timing, hold_one_end, motion_as_text, softening
+from modalshell.commands.choices import YOUNG, Timing, assumed, hold_one_end, motion_as_text, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.units import LENGTHS
@@ -36,8 +36,6 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_damping
 
 _OR_FILE = ", or a file with one number per triangle"
-_YOUNG = 1e9
-"""Young's modulus [Pa] if none is given or chosen."""
 _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
 """Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
@@ -128,7 +126,7 @@ class _ShellOptions:
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
-        sheet |= self._assumed(mesh)
+        sheet |= assumed(mesh.size, self.young, self.thickness)[0]
         file = {name: getattr(self.source, name) for name in ("component", "join", "split", "up")}
         raw: dict[str, Any] = {
             "mesh": {"file": str(path), "repair": self.repair} | file,
@@ -139,17 +137,10 @@ class _ShellOptions:
             raw["supports"] = {"clamped": self.clamp}
         return parse_scene(_OPTIONS, raw | tables).require_shell()
 
-    def _assumed(self, mesh: ms.TriangleMesh) -> dict[str, float]:
-        """What stands for the options that were not given."""
-        values = {"young": _YOUNG, "thickness": mesh.size / 200.0}
-        return {name: value for name, value in values.items() if getattr(self, name) is None}
-
     def say_assumed(self, path: Path, mesh: ms.TriangleMesh) -> None:
-        """Print what stands for the options that were not given: answers hang on it."""
-        units = {"young": "Pa", "thickness": "m"}
-        if values := self._assumed(mesh):
-            texts = ", ".join(f"--{name} {value:.4g} {units[name]}" for name, value in values.items())
-            say(f"{path}: not given, and assumed: {texts}")
+        """Print what stands for the options that were not given."""
+        if text := assumed(mesh.size, self.young, self.thickness)[1]:
+            say(f"{path}: {text}")
 
 
 @Parameter(name="*")
@@ -239,7 +230,7 @@ def _choose(
     with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
-    young, timing = softening(model_basis(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
+    young, timing = softening(model_basis(shell, count), gravity) * YOUNG, Timing.of_sag(mesh.size, gravity)
     chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
     return replace(options, young=young), timing, f"{end}; {chosen}"
 

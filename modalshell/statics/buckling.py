@@ -211,7 +211,7 @@ def _largest(solve: Callable[[float, int, int], tuple[Array, Array]], vectors: i
         except spla.ArpackNoConvergence as error:
             about = 1.0 / np.real(rough).max()
             raise SolverError(
-                f"the buckling factors lie too close together to be told apart: the lowest is about {about:.3g}; ask "
+                f"the buckling factors lie too close together to be separated: the lowest is about {about:.3g}; ask "
                 "for another count, or take a coarser mesh"
             ) from error
     except spla.ArpackError as error:
