@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg as spla
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.errors import LoadError, ModalShellWarning, OptionError, SolverError
@@ -40,6 +40,8 @@ _MORE = 6
 """Number of additional eigenvalues of an unsymmetric problem, since complex ones are discarded."""
 _REAL = 1e-6
 """Share of an eigenvalue up to which its imaginary part is rounding."""
+_Pairs = tuple[NDArray[Any], NDArray[Any]]
+"""Eigenvalues (k,) and vectors (N, k), real or complex."""
 _NONE = 1e-9
 """Inverse of a factor, as a share of the largest one, below which it is rounding."""
 
@@ -180,8 +182,8 @@ def _inverses(
     )
     start = np.random.default_rng(0).standard_normal(size)
 
-    def solve(tolerance: float, vectors: int, restarts: int) -> tuple[Array, Array]:
-        found: tuple[Array, Array] = spla.eigsh(
+    def solve(tolerance: float, vectors: int, restarts: int) -> _Pairs:
+        found: _Pairs = spla.eigsh(
             operator, k=wanted, M=mass, Minv=inverse, which="LA", v0=start, ncv=min(size, vectors), maxiter=restarts,
             tol=tolerance,
         )  # fmt: skip
@@ -191,7 +193,7 @@ def _inverses(
     return np.real(values), np.real(vectors).reshape(size, -1)
 
 
-def _largest(solve: Callable[[float, int, int], tuple[Array, Array]], vectors: int) -> tuple[Array, Array]:
+def _largest(solve: Callable[[float, int, int], _Pairs], vectors: int) -> _Pairs:
     """Eigenvalues and vectors by ``solve``, of a tolerance, a number of Lanczos vectors and one of restarts.
 
     Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart: of those it finds none. A
@@ -231,8 +233,8 @@ def _general_inverses(
         )
         start, most = np.random.default_rng(0).standard_normal(size), min(wanted + _MORE, size - 2)
 
-        def solve(tolerance: float, vectors: int, restarts: int) -> tuple[Array, Array]:
-            found: tuple[Array, Array] = spla.eigs(
+        def solve(tolerance: float, vectors: int, restarts: int) -> _Pairs:
+            found: _Pairs = spla.eigs(
                 operator, most, which="LR", v0=start, ncv=min(size, vectors), maxiter=restarts, tol=tolerance
             )
             return found
