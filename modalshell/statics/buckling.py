@@ -33,7 +33,7 @@ _DENSE_BELOW = 60
 """Unknowns up to which a dense solver finds all factors."""
 _RESTARTS = 60
 """Number of Lanczos restarts, enough for factors separate from those of shapes that never buckle."""
-_FEW, _LOOSE, _CLOSE, _WIDER = 15, 1e-2, 1e-6, 4
+_LATER_RESTARTS, _ROUGHLY, _FINELY, _WIDER_BASIS = 15, 1e-2, 1e-6, 4
 """Where those are not enough: restarts, tolerances that tell whether there are factors, and of these, and by how much
 more Lanczos vectors."""
 _MORE = 6
@@ -197,7 +197,7 @@ def _largest(solve: Callable[[float, int, int], _Pairs], vectors: int) -> _Pairs
     """Eigenvalues and vectors by ``solve``, of a tolerance, a number of Lanczos vectors and one of restarts.
 
     Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart: of those it finds none. A
-    cylinder under an axial load has its first factors crowded instead, which a wider basis finds, to :data:`_CLOSE`.
+    cylinder under an axial load has its first factors crowded instead, which a wider basis finds, to :data:`_FINELY`.
     """
     try:
         try:
@@ -205,11 +205,11 @@ def _largest(solve: Callable[[float, int, int], _Pairs], vectors: int) -> _Pairs
         except spla.ArpackNoConvergence as error:
             found = error.eigenvalues, error.eigenvectors
         try:
-            rough = solve(_LOOSE, vectors, _FEW)[0]
+            rough = solve(_ROUGHLY, vectors, _LATER_RESTARTS)[0]
         except spla.ArpackNoConvergence:
             return found
         try:
-            return solve(_CLOSE, _WIDER * vectors, _FEW)
+            return solve(_FINELY, _WIDER_BASIS * vectors, _LATER_RESTARTS)
         except spla.ArpackNoConvergence as error:
             about = 1.0 / np.real(rough).max()
             raise SolverError(
