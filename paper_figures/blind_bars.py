@@ -9,7 +9,8 @@ from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 
 _LEAST, _MOST = 0.01, 300.0
-"""Ends of the axes [%]."""
+"""Ends of the axes [%]: what lies beyond is drawn there."""
+_TRUE = f"true error [%], from {_LEAST:g} to {_MOST:g}: beyond is drawn there"
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -19,11 +20,11 @@ def draw(results: Path, folder: Path) -> Path:
     exact = Curve([_LEAST, _MOST], [_LEAST, _MOST], "_exact", "0.5", dashed=True, points=False)
     holding = _points(valid, "bars that hold", "#2b5fc8")
     panels = [
-        Panel([exact, holding], "The bars that hold", "true error [%]", "error bar [%]", log=True, log_x=True),
+        Panel([exact, holding], "The bars that hold", _TRUE, "error bar [%]", log=True, log_x=True),
         Panel(
             [exact, holding, _points(void, "void: the margin says so", "#c8322b")],
             "What two steps alone would have read",
-            "true error [%]",
+            _TRUE,
             "two Newton steps [%]",
             log=True,
             log_x=True,

@@ -10,7 +10,7 @@ from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 
 _TOLERANCE, _LEAST, _MOST = 5.0, 0.01, 1000.0
-"""The error allowed, and the ends of the axes [%]."""
+"""The error allowed, and the ends of the axes [%]: what lies beyond is drawn there."""
 _GREY, _AUTO = "0.5", "#1f8a4c"
 
 
@@ -41,7 +41,8 @@ def _over_time(rows: list[dict[str, Any]]) -> Panel:
         curves.append(
             Curve([cheap["alarm"]] * 2, [_LEAST, _MOST], "alarm of the bar on MWTS", "0.2", dashed=True, points=False)
         )
-    return Panel(curves, row["text"].split(",")[0].capitalize() + ", one motion", "frame", "error [%]", log=True)
+    title = row["text"].split(",")[0].capitalize() + ", one motion"
+    return Panel(curves, title, "frame", f"error [%], {_LEAST:g} at least", log=True)
 
 
 def _against_cost(rows: list[dict[str, Any]]) -> Panel:
@@ -53,7 +54,8 @@ def _against_cost(rows: list[dict[str, Any]]) -> Panel:
         costs = [row["models"][key]["cost"] / row["models"]["ds"]["cost"] for row in rows]
         errors = _percent([row["models"][key]["worst"] for row in rows])
         curves.append(Curve(costs, errors, spec.name, color, joined=False))
-    return Panel(curves, f"{len(rows)} motions", "work over that of DS", "largest error [%]", log=True, log_x=True)
+    label = f"largest error [%], {_LEAST:g} at least"
+    return Panel(curves, f"{len(rows)} motions", "work over that of DS", label, log=True, log_x=True)
 
 
 def _percent(errors: list[float]) -> list[float]:

@@ -32,7 +32,8 @@ def draw(results: Path, folder: Path) -> Path:
                     label = f"{family}, {cells} cells"
                     curves.append(Curve(heights, size(rows, key), label, color, dashed=cells == 40))
         title = f"Sheet lifted off a table: {words}"
-        panels.append(Panel(curves, title, "height [l_g]", "size of the error [%]", log=True, log_x=True))
+        height = "height over (bending stiffness / weight per area)^(1/3)"
+        panels.append(Panel(curves, title, height, "size of the error [%]", log=True, log_x=True))
     plates = []
     for family, color in COLORS.items():
         rows = [row for row in found["rings"] if row["mesh"] == family]
@@ -44,12 +45,10 @@ def draw(results: Path, folder: Path) -> Path:
     for name in dict.fromkeys(row["model"] for row in found["table"]):
         rows = [row for row in found["table"] if row["model"] == name]
         cost = [1e3 * row["touching"] for row in rows]
-        rungs.append(
-            Curve(
-                cost, size(rows, "error"), f"{name}, {rows[0]['modes']} to {rows[-1]['modes']} modes", model_color(name)
-            )
-        )
+        rungs.append(Curve(cost, size(rows, "error"), f"{name}, displacement", model_color(name)))
         rungs.append(Curve(cost, size(rows, "force"), f"{name}, force", model_color(name), dashed=True))
-    title, axis = "Cantilever on a table: each rung against DS", "processor time of a frame [microseconds]"
+    counts = [row["modes"] for row in found["table"]]
+    title = f"Cantilever on a table: rungs of {min(counts)} to {max(counts)} modes against DS"
+    axis = "processor time of a frame [microseconds]"
     panels.append(Panel(rungs, title, axis, "size of the error [%]", log=True, log_x=True))
     return draw_curves(panels, folder / "contact_truth.png", columns=2)

@@ -22,4 +22,4 @@ def draw(results: Path, folder: Path) -> Path:
         subtitle = f"{row['waves']:.1f} waves a margin, {100.0 * row['followed']:.0f} % of the growth followed"
         title = f"margins grown by {100.0 * growth:.1f} %"
         views.append(View([surface], title=title, subtitle=subtitle, camera=(-0.2, -1.0, 0.8)))
-    return draw_views(views, folder / "grown_leaf.png", columns=len(views), size=(1500, 340))
+    return draw_views(views, folder / "grown_leaf.png", columns=1, size=(900, 360 * len(views)))

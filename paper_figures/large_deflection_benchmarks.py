@@ -10,6 +10,17 @@ from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 from paper_figures.energy_colors import COLORS
 
+MOVED = {
+    "3.1": ("tip back", "tip up"),
+    "3.2": ("tip back", "tip up"),
+    "3.3": ("inner corner", "outer corner"),
+    "3.4": ("pulled point", "pushed point"),
+    "3.5": ("pulled point", "side", "side of the end"),
+    "3.6": ("pushed point", "side"),
+    "3.7": ("pushed point, in hundredths",),
+}
+"""What the displacements of a problem are of, in the order of their columns."""
+
 
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
@@ -28,5 +39,9 @@ def draw(results: Path, folder: Path) -> Path:
         for column, values in enumerate(np.array([row["published"] for row in first]).T):
             label = "Sze, Liu and Lo" if column == 0 else "_same"
             curves.append(Curve([row["share"] for row in first], values, label, "black", dashed=True))
-        panels.append(Panel(curves, f"{problem} {findings['names'][problem]}", "share of the load", "displacement"))
+        from_above = np.argsort(first[-1]["published"])[::-1]
+        named = ", ".join(MOVED[problem][column] for column in from_above)
+        order = ", from above at the end" if len(from_above) > 1 else ""
+        title = f"{problem} {findings['names'][problem]}{order}: {named}"
+        panels.append(Panel(curves, title, "share of the load", "displacement"))
     return draw_curves(panels, folder / "large_deflection_benchmarks.png", columns=3)

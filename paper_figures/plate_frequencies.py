@@ -41,5 +41,8 @@ def draw(results: Path, folder: Path) -> Path:
             curves.append(Curve(modes, size, label, color, dashed=not finest, joined=False))
         further = f"; hollow {coarse}" if coarse < fine else ""
         title = f"{supports}: {words} ({fine} cells across{further})"
-        panels.append(Panel(curves, title, "mode", "size of the error [%]", log=True))
+        label = f"size of the error [%], {FLOOR:g} at least"
+        # Ticks of their own, so that the dots of a mode stand next to one another.
+        ticks = {float(mode): str(mode) for mode in range(1, 1 + max(len(np.atleast_1d(curve.x)) for curve in curves))}
+        panels.append(Panel(curves, title, "mode", label, log=True, x_ticks=ticks))
     return draw_curves(panels, folder / "plate_frequencies.png", columns=3, share_y=True, one_legend=True)

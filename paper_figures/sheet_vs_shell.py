@@ -29,5 +29,6 @@ def draw(results: Path, folder: Path) -> Path:
             if known:
                 gammas, errors = zip(*known, strict=True)
                 curves.append(Curve(gammas, errors, f"fitted at a fold of {fold:g} rad", color))
-        panels.append(Panel(curves, TITLES[name], "Γ", "displacement error against DS [%]", log=True, log_x=True))
+        error = "displacement error against DS [%]"
+        panels.append(Panel(curves, TITLES[name], "gravity Γ", error, log=True, log_x=True))
     return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True)

@@ -51,7 +51,8 @@ def draw_paths(result: StudyResult, folder: Path) -> Path:
                 turn, moment = np.array(one["turn"]), np.array(one["moment"])
                 curves.append(Curve(turn, moment, f"DS of shell theory, {label}", color, points=False))
                 exact = 1.3 if "opposite" in one["model"] else 0.7
-                curves.append(Curve([turn.min(), turn.max()], [exact, exact], "_", color, dashed=True, points=False))
+                ends = [turn.min(), turn.max()]
+                curves.append(Curve(ends, [exact] * 2, f"theory, {label}", color, dashed=True, points=False))
                 continue
             events = one["events"] if len(one["events"]) <= 8 else []
             curves += path_curves(

@@ -127,7 +127,12 @@ def finding(result: StudyResult) -> str:
     own = {row["creases"]: row for row in rows if row["cells"] == finest}
     kept, plain = own[True]["kept"], own[False]["kept"]
     return (
-        f"Led to folds of {min(own[True]['led']):.0f} to {max(own[True]['led']):.0f} degrees and let go, the map keeps "
-        f"{min(kept):.0f} to {max(kept):.0f}, and has made {1e3 * own[True]['heat']:.2f} mJ of heat; without creases "
-        f"{max(plain):.2g} degrees are left."
+        f"Led to folds of {_span(own[True]['led'])} degrees and let go, the map keeps {_span(kept)}, and has made "
+        f"{1e3 * own[True]['heat']:.2f} mJ of heat; without creases {max(plain):.2g} degrees are left."
     )
+
+
+def _span(angles: list[float]) -> str:
+    """The least and the largest angle, or the one that both are."""
+    ends = [f"{angle:.0f}" for angle in (min(angles), max(angles))]
+    return " to ".join(dict.fromkeys(ends))

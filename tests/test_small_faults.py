@@ -145,3 +145,19 @@ def test_progress_that_is_no_function_is_refused():
     ):
         with pytest.raises(ms.OptionError, match=r"on_(step|frame) must be a function.* \(got "):
             call()
+
+
+def test_a_shell_in_the_place_of_a_basis_or_a_model_is_said_how_to_become_one():
+    shell = cantilever()
+    for model in (ms.ModalWarping, ms.RotationStrain):
+        with pytest.raises(
+            ms.OptionError, match=r"basis must be a Basis .*: ms\.solve_modes\(shell, count\) makes one"
+        ):
+            model(shell)
+    with pytest.raises(ms.OptionError, match=r"model must be a Model .*: make one of a shell, as ms\.DiscreteShell"):
+        ms.simulate(shell, duration=1.0, dt=0.1)
+
+
+def test_help_shows_no_empty_forms_of_lists(capsys):
+    for command in ("simulate", "reproduce", "tradeoff"):
+        assert "--empty" not in run(capsys, command, "--help")[1]

@@ -16,6 +16,8 @@ import modalshell as ms
 from modalshell.core.errors import REPAIR
 from modalshell.core.typing import Array
 
+YOUNG, _THIN = 1e9, 200.0
+"""Young's modulus [Pa], and size over thickness, if none is given or chosen."""
 SAG = 0.15
 """Deflection under the weight as a fraction of the mesh's size, in linear theory."""
 _END, _LARGEST_END = 0.05, 0.5
@@ -69,6 +71,17 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
     if parts == 1:
         return held, f'holds the end "{name} <= {along[held].max():.6g}" ({held.sum()} vertices)'
     return held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)"
+
+
+def assumed(size: float, young: object, thickness: object) -> tuple[dict[str, float], str]:
+    """What stands for Young's modulus [Pa] and the thickness [m] of a mesh of ``size`` [m] where they are None.
+
+    Also as a text, empty where nothing is assumed.
+    """
+    known = {"young": (young, YOUNG, "Pa"), "thickness": (thickness, size / _THIN, "m")}
+    missing = {name: (value, unit) for name, (given, value, unit) in known.items() if given is None}
+    texts = ", ".join(f"--{name} {value:.4g} {unit}" for name, (value, unit) in missing.items())
+    return {name: value for name, (value, _) in missing.items()}, texts and f"not given, and assumed: {texts}"
 
 
 def _axis_across(mesh: ms.TriangleMesh, gravity: Array) -> int:

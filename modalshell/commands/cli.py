@@ -35,7 +35,12 @@ Models: LMA (linear modal analysis), MWTS (modal warping for thin shells), RSW (
 
 Example: modalshell simulate meshes/leaf.obj
 """
-app = App(name="modalshell", help=_HELP, version=ms.__version__, default_parameter=Parameter(converter=converted))
+app = App(
+    name="modalshell",
+    help=_HELP,
+    version=ms.__version__,
+    default_parameter=Parameter(converter=converted, negative_iterable=()),
+)
 app.register_install_completion_command(
     help="Install completion of commands and options for this shell.\n\n"
     "Example: modalshell --install-completion --shell bash"

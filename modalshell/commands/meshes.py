@@ -15,9 +15,10 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.commands.choices import Timing, hold_one_end, motion_as_text, softening
+from modalshell.commands.choices import YOUNG, Timing, assumed, hold_one_end, motion_as_text, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_count, checked_number
+from modalshell.core.units import LENGTHS
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
@@ -35,19 +36,19 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_damping
 
 _OR_FILE = ", or a file with one number per triangle"
-_YOUNG = 1e9
-"""Young's modulus [Pa] if none is given or chosen."""
 _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
 """Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
 """Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
 _MOST_VERTICES = 30_000
 """Vertices of a shell up to which the error against DS is estimated without being asked for."""
+_LARGE = 20.0
+"""Size [m] of meshes above which they are mostly of coordinates in mm."""
 _GOOD = 0.05
 """Estimated error from which another model is named."""
 _OPTIONS = Path("options")
 """Stands for the file of the scene that options make."""
-_SAME = "young poisson thickness density component join modes gravity duration dt damping color camera"
+_SAME = "young poisson thickness density component join unit modes gravity duration dt damping color camera"
 _OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp", "name": "--model"}
 """Options by the keys and parameters that they become."""
 
@@ -79,16 +80,21 @@ class _MeshOptions:
         Up | None,
         Parameter(help="Axis of the file that points up, rotated to z; by default as USD states, y of glTF, else z."),
     ] = None
+    unit: Annotated[
+        str | None, Parameter(help=f"Unit of the file's coordinates: one of {', '.join(LENGTHS)}; by default m.")
+    ] = None
 
     def mesh(self, path: Path, repair: bool) -> ms.TriangleMesh:
         """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
         lines = [up_as_text(path, self.up)]
         if repair or self.split:
             options: dict[str, Any] = {"component": self.component, "split": self.split, "up": self.up}
-            mesh, report = repair_mesh(path, tolerance=self.join, **options)
+            mesh, report = repair_mesh(path, tolerance=self.join, unit=self.unit, **options)
             lines += str(report).splitlines()
         else:
-            mesh = chosen_part(ms.load_mesh(path, up=self.up), self.component, self.join)
+            mesh = chosen_part(ms.load_mesh(path, up=self.up, unit=self.unit), self.component, self.join)
+        if mesh.size > _LARGE and self.unit is None:
+            lines.append(f"{mesh.size:.4g} m in size (`--unit mm` if its coordinates are in mm)")
         say(*(f"{path}: {line}" for line in lines), sep="\n")
         if self.triangles is None:
             return mesh
@@ -120,8 +126,7 @@ class _ShellOptions:
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
-        defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
-        sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
+        sheet |= assumed(mesh.size, self.young, self.thickness)[0]
         file = {name: getattr(self.source, name) for name in ("component", "join", "split", "up")}
         raw: dict[str, Any] = {
             "mesh": {"file": str(path), "repair": self.repair} | file,
@@ -131,6 +136,11 @@ class _ShellOptions:
         if self.clamp not in (None, "none"):
             raw["supports"] = {"clamped": self.clamp}
         return parse_scene(_OPTIONS, raw | tables).require_shell()
+
+    def say_assumed(self, path: Path, mesh: ms.TriangleMesh) -> None:
+        """Print what stands for the options that were not given."""
+        if text := assumed(mesh.size, self.young, self.thickness)[1]:
+            say(f"{path}: {text}")
 
 
 @Parameter(name="*")
@@ -220,7 +230,7 @@ def _choose(
     with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
-    young, timing = softening(model_basis(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
+    young, timing = softening(model_basis(shell, count), gravity) * YOUNG, Timing.of_sag(mesh.size, gravity)
     chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
     return replace(options, young=young), timing, f"{end}; {chosen}"
 
@@ -323,6 +333,7 @@ def simulate(
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
+    options.say_assumed(mesh, built_mesh)
     spec = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
     if rate is not None and scene.motion is not None:
@@ -355,6 +366,7 @@ def modes(
     options = shell or _ShellOptions()
     loaded = options.source.mesh(mesh, options.repair)
     built = options.scene(mesh, loaded, {}).build_shell(loaded)
+    options.say_assumed(mesh, loaded)
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")

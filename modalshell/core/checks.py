@@ -107,10 +107,10 @@ def checked_switch(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def checked_kind(name: str, value: Any, kind: type[T]) -> T:
-    """Return ``value`` if it is an instance of ``kind``, else raise OptionError."""
+def checked_kind(name: str, value: Any, kind: type[T], advice: str = "") -> T:
+    """Return ``value`` if it is an instance of ``kind``, else raise OptionError, with ``advice`` on how to make one."""
     if not isinstance(value, kind):
-        raise OptionError(f"{name} must be a {kind.__name__} (got {shown(value)})")
+        raise OptionError(f"{name} must be a {kind.__name__} (got {shown(value)})" + (advice and f": {advice}"))
     return value
 
 

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from modalshell.core.checks import checked_choice, checked_folder, checked_kind, shown
-from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
+from modalshell.core.units import LENGTHS
 from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
@@ -74,7 +75,7 @@ def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
     return f"{axis} is up in the file and was rotated to z"
 
 
-def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> TriangleMesh:
+def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None, unit: str | None = None) -> TriangleMesh:
     """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB, glTF or USD file.
 
     Polygons are split into triangles and the parts of a scene are joined. Materials, normals and texture coordinates
@@ -84,11 +85,14 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
     Parameters
     ----------
     path : path
-        The file; its suffix names the format. Coordinates are taken as metres; those of USD are converted to metres
-        from the unit that the file states.
+        The file; its suffix names the format. Coordinates of USD are converted to metres from the unit that the file
+        states.
     up : str, optional
         Axis of the file that points up, "x", "y" or "z", which is rotated to z; by default y for glTF, as it is
         defined, that which a USD file states, else z.
+    unit : str, optional
+        Unit of the file's coordinates, which are converted to metres: "m", "cm", "mm", "um", "km", "in" or "ft"; by
+        default they are taken as they are. STL, OBJ, PLY and OFF state none, and those of CAD are mostly in mm.
 
     Returns
     -------
@@ -100,9 +104,11 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
     MeshError
         When the file cannot be read or holds no valid shell; names the file, the fault and the first offending
         indices, counted from 0 in the file's own order.
+    OptionError
+        For another axis or unit, or a unit for a USD file.
     """
     file = checked_folder("path", path)
-    polygons = read_polygons(file, up)
+    polygons = read_polygons(file, up, unit)
     try:
         vertices = validation.as_vertices(polygons.vertices)
         faces = validation.as_faces(polygons.triangles(), len(vertices))
@@ -124,10 +130,11 @@ def repair_mesh(
     component: Component | None = None,
     split: bool = False,
     up: Up | None = None,
+    unit: str | None = None,
 ) -> tuple[TriangleMesh, RepairReport]:
     """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
     file = checked_folder("path", path)
-    polygons = read_polygons(file, up)
+    polygons = read_polygons(file, up, unit)
     try:
         mesh, report = repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
@@ -136,11 +143,21 @@ def repair_mesh(
     return mesh, report
 
 
-def read_polygons(file: Path, up: Up | None = None) -> Polygons:
-    """Vertices, z up, and polygons of a mesh file in its own order; MeshError if it is not of its suffix's format."""
+def read_polygons(file: Path, up: Up | None = None, unit: str | None = None) -> Polygons:
+    """Vertices, z up, and polygons of a mesh file in its own order; MeshError if it is not of its suffix's format.
+
+    Coordinates in ``unit`` are converted to metres; OptionError for one that is not known, or that USD states itself.
+    """
     axis = up_axis(file, up)
+    metres = 1.0 if unit is None else LENGTHS[checked_choice("unit", unit, tuple(LENGTHS))]
+    if unit is not None and file.suffix.lower() in USD:
+        raise OptionError(f"unit must be left out for USD files, which state theirs (got {unit!r} for {file})")
     polygons = _read_as_stored(file)
-    if axis == "z" or polygons.vertices.ndim != 2 or polygons.vertices.shape[1] != 3:
+    if polygons.vertices.ndim != 2 or polygons.vertices.shape[1] != 3:
+        return polygons
+    if metres != 1.0:
+        polygons = replace(polygons, vertices=polygons.vertices * metres)
+    if axis == "z":
         return polygons
     order, signs = _TURNED[axis]
     return replace(polygons, vertices=polygons.vertices[:, order] * signs)

@@ -133,6 +133,11 @@ def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMes
     return mask
 
 
+def _fault(error: Exception) -> str:
+    """What is wrong, without the place in a file that Python's parser makes up."""
+    return str(error.msg if isinstance(error, SyntaxError) else error)
+
+
 def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mask (n,) of the vertices for which ``expression`` holds.
 
@@ -158,7 +163,7 @@ def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]
         if isinstance(error, OptionError):
             raise
         raise OptionError(
-            f"cannot read the selection {shown(expression)}: {shortened(str(error))}; allowed: {_ALLOWED}"
+            f"cannot read the selection {shown(expression)}: {shortened(_fault(error))}; allowed: {_ALLOWED}"
         ) from error
     count = len(surface.vertices) if isinstance(surface, TriangleMesh) else len(surface)
     return np.broadcast_to(np.asarray(mask, dtype=bool), (count,)).copy()

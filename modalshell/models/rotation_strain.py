@@ -60,7 +60,7 @@ class RotationStrain(TurnedTriangles):
     def __init__(
         self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential", backend: str | None = None
     ) -> None:
-        fit = PoissonFit(checked_kind("basis", basis, Basis).shell, backend)
+        fit = PoissonFit(checked_kind("basis", basis, Basis, "ms.solve_modes(shell, count) makes one").shell, backend)
         modal = tiled(triangle_modes(basis, fit)).reshape(-1, basis.count, 6 * TILE)
         super().__init__(basis, modal, integrator)
         self.backend = fit.factor.backend

@@ -128,7 +128,7 @@ def simulate(
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)
     dtype = checked_precision(dtype)
-    checked_kind("model", model, Model)  # type: ignore[type-abstract]
+    checked_kind("model", model, Model, "make one of a shell, as ms.DiscreteShell(shell) is")  # type: ignore[type-abstract]
     chosen = checked_fields(fields, model.shell)
     if integrator is not None:
         model = model.stepped_by(integrator)

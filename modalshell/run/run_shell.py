@@ -28,6 +28,7 @@ from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
+from modalshell.render.content import checked_direction
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT, Look, write_result
@@ -98,9 +99,12 @@ class ShellRun(SceneRun[SceneResult]):
         super().__init__(scene, shell, folder)
         shown = scene.output
         own = Look(color=shown.color, model=scene.model.spec.name, style=shown.look, follow=shown.camera == "follow")
+        with located(scene.file, "output", shown):
+            if not isinstance(shown.camera, str):
+                own = replace(own, camera=checked_direction(shown.camera))
         self._scene, self._look = scene, look or own
         self._on_frame, self._solve = on_frame, solve
-        with located(scene.file, "output", scene.output):
+        with located(scene.file, "output", shown):
             checked_fields(self._fields, shell)
         self._trajectory: Trajectory
         self._answer: Equilibrium | None = None

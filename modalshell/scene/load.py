@@ -28,6 +28,8 @@ from modalshell.scene.signatures import energies_table, loads_table, support_tab
 _REQUIRED = ("mesh", "material", "model")
 _LISTS = ("supports", "constraints", "contacts", "creases")
 """Tables of which there may be several."""
+_MOVED = {"times", "translations", "rotations", "pivot"}
+"""Keys of the path along which supports move."""
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -174,7 +176,15 @@ def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
 
 def _supports_table(file: Path, raw: Any) -> tables.Supports | tables.SupportList:
     if not isinstance(raw, list):
+        if isinstance(raw, dict) and "kind" in raw:
+            raise SceneError(f"{file}: supports.kind: supports of a kind are a list of tables, [[supports]]")
         return checked_table(file, "supports", raw, tables.Supports)
+    for index, entry in enumerate(raw):
+        if isinstance(entry, dict) and entry.get("kind") != "path" and (moved := entry.keys() & _MOVED):
+            raise SceneError(
+                f"{file}: supports[{index}].{min(moved)}: supports move together, along one [[supports]] of kind = "
+                '"path"; single vertices are led by [[constraints]]'
+            )
     entries = listed_tables(file, "supports", raw, support_tables())
     paths = [index for index, entry in enumerate(entries) if isinstance(entry, tables.Path)]
     if len(paths) > 1:

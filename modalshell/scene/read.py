@@ -172,7 +172,18 @@ def _explained(message: str, path: str, raw: dict[str, Any], kind: type[msgspec.
         allowed = text.partition(", got ")[0].replace("Expected", "must be")
         allowed = re.sub(r"`([\w |]+)`", lambda types: _in_words(types[1]), allowed)
         allowed = re.sub(r">=|<=|>|<", lambda sign: _BOUNDS[sign[0]], allowed)
+        if allowed == "must be a list" and len(keys) == 1:
+            hint = next(field.type for field in msgspec.structs.fields(kind) if field.encode_name == keys[0][0])
+            allowed += _of_what(hint, f"{path}{place}")
     return f"{path}{place}: {allowed} (got {got!r:.60})"
+
+
+def _of_what(annotation: Any, path: str) -> str:
+    """What a list at ``path`` holds: tables, which are written in a way of their own, or a fixed number of entries."""
+    if _tables_in(annotation):
+        return f" of tables, [[{path}]]"
+    lengths = {len(get_args(part)) for part in (annotation, *get_args(annotation)) if get_origin(part) is tuple}
+    return f" of length {lengths.pop()}" if len(lengths) == 1 else ""
 
 
 def _in_words(types: str) -> str:

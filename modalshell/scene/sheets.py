@@ -146,6 +146,8 @@ _DENSITIES = (1.0, 3e4)
 """Densities of solids [kg/m^3], from aerogel to above osmium."""
 _STIFFEST = 2e12
 """Young's modulus [Pa] above diamond's."""
+_SOFTEST = 1e3
+"""Young's modulus [Pa] below jelly's."""
 
 
 def odd_values(material: MaterialTable, units: Units, size: float) -> list[str]:
@@ -165,9 +167,11 @@ def odd_values(material: MaterialTable, units: Units, size: float) -> list[str]:
             f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} kg/m^3, which no sheet has "
             "(water: 1000 kg/m^3): check [units]"
         )
-    if isinstance(young, float | int) and (real := young * mass / (length * time**2)) > _STIFFEST:
-        remarks.append(
-            f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} Pa, stiffer than "
-            "diamond: check [units]"
-        )
+    if isinstance(young, float | int):
+        real = young * mass / (length * time**2)
+        given = f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} Pa"
+        if real > _STIFFEST:
+            remarks.append(f"{given}, stiffer than diamond: check [units]")
+        if real < _SOFTEST:
+            remarks.append(f"{given}, softer than jelly: check [units] (210 GPa are 210e9 Pa)")
     return remarks

@@ -41,19 +41,30 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class MeshFile(Table, frozen=True):
-    """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds the bundled ones."""
+    """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds the bundled ones.
+
+    Parameters
+    ----------
+    file : str
+        OBJ, PLY, STL, OFF, glTF or USD, in the scene's unit of length; USD states its own, which is converted.
+    component : str or int
+        Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held.
+    join : float
+        Distance [m] up to which vertices are merged, to join parts that touch.
+    repair : bool
+        Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done.
+    split : bool
+        Whether it is repaired and cut apart at edges of three or more faces: a rib then holds its plate no longer.
+    up : str
+        Axis of the file that points up and is rotated to z; by default y for glTF, else z.
+    """
 
     file: str
     component: Literal["largest", "all"] | Annotated[int, Meta(ge=0)] | None = None
-    """Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held."""
     join: Annotated[float, Meta(gt=0)] | None = None
-    """Distance [m] up to which vertices are merged, to join parts that touch."""
     repair: bool = False
-    """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
     split: bool = False
-    """Whether it is repaired and cut apart at edges of three or more faces: a rib then holds its plate no longer."""
     up: Literal["x", "y", "z"] | None = None
-    """Axis of the file that points up and is rotated to z; by default y for glTF, else z."""
 
 
 class Stiffnesses(Table, frozen=True):
@@ -222,7 +233,8 @@ class Output(Table, frozen=True):
 
     The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
     coloured by the one named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow
-    and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls.
+    and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A
+    ``camera`` of three numbers is the direction from the shell to it; z is up, and from right above y is.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
@@ -231,4 +243,4 @@ class Output(Table, frozen=True):
     fields: list[FieldName] = []
     color: FieldName | Literal["displacement"] | None = None
     look: Literal["stage", "plain"] = "stage"
-    camera: Literal["still", "follow"] = "still"
+    camera: Literal["still", "follow"] | Vector = "still"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg as spla
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.errors import LoadError, ModalShellWarning, OptionError, SolverError
@@ -33,10 +33,15 @@ _DENSE_BELOW = 60
 """Unknowns up to which a dense solver finds all factors."""
 _RESTARTS = 60
 """Number of Lanczos restarts, enough for factors separate from those of shapes that never buckle."""
+_LATER_RESTARTS, _ROUGHLY, _FINELY, _WIDER_BASIS = 15, 1e-2, 1e-6, 4
+"""Where those are not enough: restarts, tolerances that tell whether there are factors, and of these, and by how much
+more Lanczos vectors."""
 _MORE = 6
 """Number of additional eigenvalues of an unsymmetric problem, since complex ones are discarded."""
 _REAL = 1e-6
 """Share of an eigenvalue up to which its imaginary part is rounding."""
+_Pairs = tuple[NDArray[Any], NDArray[Any]]
+"""Eigenvalues (k,) and vectors (N, k), real or complex."""
 _NONE = 1e-9
 """Inverse of a factor, as a share of the largest one, below which it is rounding."""
 
@@ -176,14 +181,41 @@ def _inverses(
         for product in (softening, resisting, factor.solve)
     )
     start = np.random.default_rng(0).standard_normal(size)
-    try:
-        return spla.eigsh(
-            operator, k=wanted, M=mass, Minv=inverse, which="LA", v0=start, ncv=min(size, 2 * wanted + 20),
-            maxiter=_RESTARTS,
+
+    def solve(tolerance: float, vectors: int, restarts: int) -> _Pairs:
+        found: _Pairs = spla.eigsh(
+            operator, k=wanted, M=mass, Minv=inverse, which="LA", v0=start, ncv=min(size, vectors), maxiter=restarts,
+            tol=tolerance,
         )  # fmt: skip
-    except spla.ArpackNoConvergence as error:
-        # Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart.
-        return np.real(error.eigenvalues), np.real(error.eigenvectors).reshape(size, -1)
+        return found
+
+    values, vectors = _largest(solve, 2 * wanted + 20)
+    return np.real(values), np.real(vectors).reshape(size, -1)
+
+
+def _largest(solve: Callable[[float, int, int], _Pairs], vectors: int) -> _Pairs:
+    """Eigenvalues and vectors by ``solve``, of a tolerance, a number of Lanczos vectors and one of restarts.
+
+    Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart: of those it finds none. A
+    cylinder under an axial load has its first factors crowded instead, which a wider basis finds, to :data:`_FINELY`.
+    """
+    try:
+        try:
+            return solve(0.0, vectors, _RESTARTS)
+        except spla.ArpackNoConvergence as error:
+            found = error.eigenvalues, error.eigenvectors
+        try:
+            rough = solve(_ROUGHLY, vectors, _LATER_RESTARTS)[0]
+        except spla.ArpackNoConvergence:
+            return found
+        try:
+            return solve(_FINELY, _WIDER_BASIS * vectors, _LATER_RESTARTS)
+        except spla.ArpackNoConvergence as error:
+            about = 1.0 / np.real(rough).max()
+            raise SolverError(
+                f"the buckling factors lie too close together to be separated: the lowest is about {about:.3g}; ask "
+                "for another count, or take a coarser mesh"
+            ) from error
     except spla.ArpackError as error:
         raise SolverError(f"the buckling factors did not converge: {error}") from error
 
@@ -200,14 +232,15 @@ def _general_inverses(
             (size, size), matvec=lambda y: factor.solve(softening(y.ravel())), dtype=np.float64
         )
         start, most = np.random.default_rng(0).standard_normal(size), min(wanted + _MORE, size - 2)
-        try:
-            inverses, vectors = spla.eigs(
-                operator, most, which="LR", v0=start, ncv=min(size, 2 * most + 20), maxiter=_RESTARTS
+
+        def solve(tolerance: float, vectors: int, restarts: int) -> _Pairs:
+            found: _Pairs = spla.eigs(
+                operator, most, which="LR", v0=start, ncv=min(size, vectors), maxiter=restarts, tol=tolerance
             )
-        except spla.ArpackNoConvergence as error:  # see above
-            inverses, vectors = error.eigenvalues, error.eigenvectors.reshape(size, -1)
-        except spla.ArpackError as error:
-            raise SolverError(f"the buckling factors did not converge: {error}") from error
+            return found
+
+        inverses, vectors = _largest(solve, 2 * most + 20)
+        vectors = vectors.reshape(size, -1)
     real = np.abs(inverses.imag) <= _REAL * np.abs(inverses)
     shapes = [(one / one[np.argmax(np.abs(one))]).real for one in vectors[:, real].T]
     return inverses[real].real, np.array(shapes).reshape(-1, size).T

@@ -119,6 +119,7 @@ def test_without_flags_a_mesh_of_any_size_sags_alike(capsys, tmp_path, size):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*softer than jelly")
 def test_what_is_named_is_not_chosen(capsys, tmp_path):
     ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(8, 3)), tmp_path / "sheet.ply")
     command = ("simulate", tmp_path / "sheet.ply", "--out", tmp_path, "--duration", "0.1")

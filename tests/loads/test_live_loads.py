@@ -229,7 +229,7 @@ def test_an_end_moment_rolls_a_strip_into_an_arc(cantilever, share):
     assert state.converged
     assert state.stable
     assert not state.conservative
-    assert state.message == "follower load"
+    assert state.message == NO_POTENTIAL
     tip = state.positions[at_end(cantilever)].mean(axis=0)
     np.testing.assert_allclose(tip[[0, 2]], [np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle], atol=0.01)
 

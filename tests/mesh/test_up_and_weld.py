@@ -72,6 +72,41 @@ def test_other_axes_are_refused(panel, tmp_path):
         ms.load_mesh(tmp_path / "panel.obj", up="w")
 
 
+def test_coordinates_of_a_unit_become_metres(panel, tmp_path):
+    ms.save_mesh(ms.TriangleMesh(1e3 * panel.vertices[:, [0, 2, 1]] * [1, 1, -1], panel.faces), tmp_path / "y.obj")
+    same(ms.load_mesh(tmp_path / "y.obj", up="y", unit="mm"), panel, 1e-12)
+    assert ms.load_mesh(tmp_path / "y.obj").size == pytest.approx(1e3 * panel.size)
+    with pytest.raises(ms.OptionError, match="unit must be one of 'm', 'cm', 'mm'"):
+        ms.load_mesh(tmp_path / "y.obj", unit="inch")
+    with pytest.raises(ms.OptionError, match="unit must be left out for USD files"):
+        ms.load_mesh(tmp_path / "y.usda", unit="mm")
+
+
+def test_commands_take_a_unit_and_say_what_they_assume(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+    plate = ms.flat_beam(length=200.0, width=100.0, cells=(6, 4))
+    ms.save_mesh(plate, tmp_path / "plate.stl")
+    status, out, err = run(capsys, "modes", tmp_path / "plate.stl", "--count", "7", "--out", tmp_path)
+    assert status == 0, err
+    assert "200 m in size (`--unit mm`" in out.replace("\n", " ")
+    assert "assumed: --young 1e+09 Pa, --thickness 1 m" in out.replace("\n", " ")
+    steel = ("--young", "210e9", "--thickness", "0.002", "--density", "7850")
+    status, out, err = run(
+        capsys, "modes", tmp_path / "plate.stl", "--count", "7", "--out", tmp_path, "--unit", "mm", *steel
+    )
+    assert status == 0, err
+    assert "in size" not in out
+    assert "assumed" not in out
+    small = ms.TriangleMesh(1e-3 * plate.vertices, plate.faces)
+    sheet = ms.Isotropic(young=210e9, poisson=0.3, thickness=2e-3, density=7850.0)
+    expected = ms.solve_modes(ms.Shell(small, sheet), 7).frequencies[6]
+    assert ms.Basis.load(tmp_path / "plate_basis.npz").frequencies[6] == pytest.approx(expected, rel=1e-5)
+    assert run(capsys, "modes", tmp_path / "plate.stl", "--unit", "inch")[2].count("--unit must be one of") == 1
+    mended = tmp_path / "mended.ply"
+    assert run(capsys, "repair", tmp_path / "plate.stl", "--unit", "cm", "--join", "0.001", "--out", mended)[0] == 0
+    assert ms.load_mesh(mended).size == pytest.approx(2.0, rel=1e-6)
+
+
 @pytest.mark.slow
 def test_scenes_and_commands_take_up_and_tell_it_first(panel, tmp_path, scene_file, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")

@@ -174,3 +174,22 @@ def test_a_scene_says_that_the_camera_follows(scene_file, tmp_path, monkeypatch)
     assert [bool(np.ptp(middle, axis=0).max() < 1e-12) for middle in seen] == [True, False]
     with pytest.raises(ms.SceneError, match="camera"):
         ms.load_scene(scene_file(more=f'{output}"behind"\n'))
+
+
+def test_a_scene_says_from_where_it_is_seen(scene_file, tmp_path, monkeypatch):
+    seen = []
+
+    def drawn(path, *_, camera, **__):
+        seen.append(camera)
+        path.touch()
+        return path
+
+    monkeypatch.setattr("modalshell.run.results.write_film", drawn)
+    output = f'[output]\nfolder = "{tmp_path}"\nformats = ["mp4"]\ncamera = '
+    for camera in ("[0, 0, 2]", '"still"'):
+        ms.run_scene(scene_file(("duration = 1", "duration = 0.1"), more=f"{output}{camera}\n"), restart=True)
+    assert seen == [(0.0, 0.0, 2.0), Look().camera]
+    with pytest.raises(ms.SceneError, match=r"output\.camera: must be three finite numbers, not all zero"):
+        ms.run_scene(scene_file(more=f"{output}[0, 0, 0]\n"))
+    with pytest.raises(ms.SceneError, match=r"output\.camera: must be a list of length 3 \(got \[1\]\)"):
+        ms.load_scene(scene_file(more=f"{output}[1]\n"))

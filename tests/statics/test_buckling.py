@@ -52,6 +52,34 @@ def test_a_column_buckles_at_eulers_load(material):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("more", [[], pytest.param([ms.Pressure(-1e-3)], marks=pytest.mark.slow)])
+def test_factors_that_crowd_about_the_first_one_are_found(monkeypatch, more):
+    """A compressed cylinder has many next to its first, on which Lanczos stopped with none: "never buckles"."""
+    radius, height, length, around, along = 25e-3, 1.2e-3, 30e-3, 40, 16
+    rings, turns = np.meshgrid(np.arange(along + 1), np.arange(around), indexing="ij")
+    angle = 2.0 * np.pi * (turns + 0.5 * (rings % 2)) / around
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), length * rings / along], axis=-1).reshape(-1, 3)
+    a, b = (rings * around + (turns + step) % around for step in (0, 1))
+    faces = []
+    for row in range(along):
+        low, after, high, beyond = a[row], b[row], a[row + 1], b[row + 1]
+        pairs = (
+            ((low, after, high), (after, beyond, high)) if row % 2 == 0 else ((low, after, beyond), (low, beyond, high))
+        )
+        faces += [np.column_stack(corners) for corners in pairs]
+    mesh, top = ms.TriangleMesh(points, np.concatenate(faces)), "z > 0.0299"
+    sheet = ms.Isotropic(young=70e9, poisson=0.33, thickness=height, density=2700.0)
+    shell = ms.Shell(mesh, sheet, supports=[ms.Fix("z < 1e-9", axes="xyz"), ms.Fix(top, axes="xy")])
+    monkeypatch.setattr("modalshell.statics.buckling._RESTARTS", 1)
+    found = ms.buckling_factors(shell, 2, loads=[ms.LineForce(top, (0.0, 0.0, -1.0)), *more]).factors
+    classic = 70e9 * height**2 / (radius * np.sqrt(3.0 * (1.0 - 0.33**2)))  # of a long cylinder, theory of thin shells
+    assert found[0] == pytest.approx(classic, rel=0.08)
+    monkeypatch.undo()
+    expected = ms.buckling_factors(shell, 2, loads=[ms.LineForce(top, (0.0, 0.0, -1.0)), *more]).factors
+    assert found[0] == pytest.approx(expected[0], rel=1e-6)
+    assert ms.buckling_factors(shell, loads=[ms.LineForce(top, (0.0, 0.0, 1.0))]).factors.size == 0
+
+
 def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
     """A warm rod between two clamps bears less of a further push: none of it from the temperature that buckles it."""
     mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 4))

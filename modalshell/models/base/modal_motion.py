@@ -67,7 +67,7 @@ class ModalMotion(ModalShape, FrameModel):
     """
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
-        self.basis = checked_kind("basis", basis, Basis)
+        self.basis = checked_kind("basis", basis, Basis, "ms.solve_modes(shell, count) makes one")
         self.shell = basis.shell
         self.integrator = self._rule(integrator)
         self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])

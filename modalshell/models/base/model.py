@@ -32,7 +32,7 @@ from modalshell.supports.constraints import Constraint, checked_constraints
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
 
-NO_POTENTIAL = "follower load"
+NO_POTENTIAL = "the load follows the shell"
 """Said of every answer under a load without a potential: no fault."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
