@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number
