@@ -111,14 +111,6 @@ def test_derivatives_are_the_second_order_of_static_paths(curved):
     assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.3)
 
 
-def test_spans_that_share_nothing_are_no_reason_for_warnings():
-    """The derivative of one span's mode along the other's is zero: its change was divided by that."""
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
-    shell = ms.Shell(mesh, ms.Material(2e3, 2e3, 0.05, 0.2), "abs(x - 0.45) < 0.06")
-    derivatives = ms.ModalDerivatives(shell, count=4).basis.derivatives
-    assert np.isfinite(derivatives).all()
-
-
 def test_differences_are_accurate_and_symmetric(flat, curved):
     for model in (flat[0], curved):
         assert model.basis.difference_error < 1e-4

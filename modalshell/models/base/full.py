@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
-import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number
@@ -193,9 +192,7 @@ class FullModel(Model):
         of_load = answer.load_matrix(model.shell.pattern)
         return model.lowest_eigenvalue(answer.positions, of_load, symmetric=answer.conservative)
 
-    def lowest_eigenvalue(
-        self, positions: Array, of_load: sps.csr_array | None = None, *, symmetric: bool = True
-    ) -> float:
+    def lowest_eigenvalue(self, positions: Array, of_load: Any = None, *, symmetric: bool = True) -> float:
         """As :func:`.lowest_tangent_eigenvalue` at ``positions`` (n, 3) [m]; 0 where it is singular."""
         x = self.shell.checked_positions(positions)
         try:
