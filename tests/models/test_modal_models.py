@@ -138,7 +138,7 @@ def test_damping_may_change_from_step_to_step(v_basis):
 
 def test_spans_that_share_nothing_are_no_reason_for_warnings():
     """The derivative of one span's mode along the other's is zero: its change was divided by that."""
-    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
-    shell = ms.Shell(mesh, ms.Material(2e3, 2e3, 0.05, 0.2), "abs(x - 0.45) < 0.06")
-    derivatives = ms.ModalDerivatives(shell, count=4).basis.derivatives
+    mesh = flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    shell = Shell(mesh, Material(2e3, 2e3, 0.05, 0.2), "abs(x - 0.45) < 0.06")
+    derivatives = ModalDerivatives(shell, count=4).basis.derivatives
     assert np.isfinite(derivatives).all()
