@@ -192,13 +192,17 @@ class CoarseDiscreteShell(OnCoarse):
         return model, origin
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness over its mass."""
+        """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness, loads' too, over its mass."""
         if answer.coordinates is None:
             return None
         model = self.coarse
         if answer.creases is not None and self._creases is not None:
             model = model.with_creases(self._creases.restricted(answer.creases.angles))
-        return model.lowest_eigenvalue(answer.coordinates)
+        further = answer.load_matrix(self.shell.pattern)
+        if further is not None:
+            spread = sps.csr_array(sps.kron(self.weights, sps.eye_array(3)))
+            further = sps.csr_array(spread.T @ further @ spread)
+        return model.lowest_eigenvalue(answer.coordinates, further, symmetric=answer.conservative)
 
     def crease_angles(self, angles: Array) -> Array:
         """Plastic folds (C,) [rad] of the fine shell's creases."""

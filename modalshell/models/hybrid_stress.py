@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, Self, final
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_callback, checked_kind
@@ -252,19 +251,28 @@ class HybridStress(OnCoarse):
         """
         z = dead_state(state)[0]
         small = self.coarse.coarse.shell
-        columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z)
-        spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
         measures = measures_of(small, self._trained.turned)
         constants = forces_by_constants(measures, self._reduced, self._trained.stresses, self._basis, z)
-        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
+        tangent = LinearTangent(self.shell, state, hessian, *self._moves(z), constants)
         return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""
-        if answer.coordinates is None:
-            return None
-        return float(scipy.linalg.eigvalsh(self._hessian(answer.coordinates), subset_by_index=(0, 0))[0])
+        """Lowest eigenvalue [1/s^2] of the reduced Hessian, that of loads that follow in it.
+
+        Of answers by the coarse shell it is that shell's.
+        """
+        z = answer.coordinates
+        if z is None:
+            answer = replace(answer, coordinates=self.coarse.sampled(answer.positions))
+            return self.coarse.tangent_eigenvalue(answer, load)
+        return answer.lowest_eigenvalue(self._hessian(z), self.shell.pattern, lambda: self._moves(z))
+
+    def _moves(self, z: Array) -> tuple[Array, Array]:
+        """What takes rates of z to velocities of the vertices (3n, m), and loads there to forces on z."""
+        columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z)
+        spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(self._shape.rest), -1))
+        return columns, spread.reshape(columns.shape)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest, of coordinates (m,), those of frames of free parts before them.

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind
@@ -215,10 +214,11 @@ class ModalDerivatives(ImplicitModel):
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest eigenvalue [1/s^2] of the reduced Hessian."""
+        """Lowest eigenvalue [1/s^2] of the reduced Hessian, that of loads that follow in it."""
         if answer.coordinates is None:
             return None
-        return float(scipy.linalg.eigvalsh(self.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
+        vectors, hessian = self._vectors, self.energy.hessian(answer.coordinates)[2]
+        return answer.lowest_eigenvalue(hessian, self.shell.pattern, lambda: (vectors, vectors))
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest; with free parts, of the coordinates of their frames and z."""

@@ -23,19 +23,22 @@ _LANCZOS_FROM = 30
 
 
 def lowest_tangent_eigenvalue(
-    shell: Shell, positions: Array, of_load: Array | None = None, *, symmetric: bool = True
+    shell: Shell, positions: Array, of_load: sps.csr_array | None = None, *, symmetric: bool = True
 ) -> float:
     """Lowest eigenvalue of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
 
     On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
-    negative where the state is unstable. ``of_load`` are entries of the stiffness of a load that follows the shell,
+    negative where the state is unstable. ``of_load`` (3n, 3n) is the stiffness of a load that follows the shell,
     ``symmetric`` where that has a potential; see :func:`lowest_eigenvalue`.
     """
-    data = shell.energy_gradient_hessian(positions, EXACT)[2]
+    matrix = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
     if of_load is not None:
-        data += of_load
-    matrix = shell.pattern.free_matrix(data)  # handed out as its transpose
-    return lowest_eigenvalue(shell, matrix if symmetric else matrix.T, Factoriser(), symmetric=symmetric)
+        restrict = shell.unknowns.restrict
+        further = sps.csc_array(restrict(sps.csr_array(restrict(of_load).T)).T)
+        if internal := matrix.shape[0] - further.shape[0]:
+            further = sps.csc_array(sps.block_diag([further, sps.csc_array((internal, internal))]))
+        matrix = sps.csc_array(matrix + further)
+    return lowest_eigenvalue(shell, matrix, Factoriser(), symmetric=symmetric)
 
 
 def lowest_eigenvalue(shell: Shell, matrix: sps.sparray, factoriser: Factoriser, *, symmetric: bool) -> float:

@@ -169,3 +169,8 @@ class ElasticEnergy(ABC):
     @abstractmethod
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of the matrix of :meth:`damping_force` on a ``pattern`` [N s/m]."""
+
+
+def nearest_measures(measures: Array, to: Array, period: Array | float | None) -> Array:
+    """Measures as near as whole periods bring them to others; see :attr:`ElasticEnergy.periods`."""
+    return measures if period is None else measures - period * np.round((measures - to) / period)

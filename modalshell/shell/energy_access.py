@@ -15,7 +15,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.creases import CreaseSet, CreaseState
-from modalshell.shell.elastic_energy import ElasticEnergy
+from modalshell.shell.elastic_energy import ElasticEnergy, nearest_measures
 from modalshell.shell.energies_of import gradient_by_constant
 from modalshell.shell.extended import Extended
 from modalshell.shell.material import Material
@@ -184,8 +184,12 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         assert self._damping is not None
         own, begun, *step = self._damping
         x = self.rest_positions
-        shifts = zip(begun, own.changes(x), shell.changes(x), strict=True)
-        return shell.damped([known - before + after for known, before, after in shifts], *step)
+        shifts = zip(begun, own.changes(x), shell.changes(x), own.elastic_energy.periods, strict=True)
+        # A rest angle that comes to half a turn jumps by a whole one, as folds do.
+        moved = [
+            known + nearest_measures(after - before, np.zeros(()), period) for known, before, after, period in shifts
+        ]
+        return shell.damped(moved, *step)
 
     def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
         """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].

@@ -317,6 +317,24 @@ def near_at_rest(fine, hybrid, gravities, limit):
 
 
 @pytest.mark.slow
+def test_its_frequency_holds_the_stiffness_of_loads_that_follow(hybrid):
+    """It was that without, and there was none where the coarse shell had answered."""
+    turning = ms.FrameInertia(angular_velocity=(9.0, 0.0, 0.0))
+    still, turned = (hybrid.equilibrium(gravity=(0.0, 0.0, -20.0), loads=loads) for loads in ([], [turning]))
+    squares = [hybrid.tangent_eigenvalue(one, one.loading.force(one.positions)) for one in (still, turned)]
+    exact = [hybrid.coarse.equilibrium(gravity=(0.0, 0.0, -20.0), loads=loads) for loads in ([], [turning])]
+    coarse = [hybrid.coarse.tangent_eigenvalue(one, one.loading.force(one.positions)) for one in exact]
+    assert turned.coordinates is not None
+    assert squares[0] - squares[1] == pytest.approx(coarse[0] - coarse[1], rel=0.05)
+    assert squares[0] - squares[1] > 0.05 * squares[0]
+    handed = hybrid.equilibrium(gravity=(300.0, 0.0, 0.0))
+    assert handed.coordinates is None
+    known = hybrid.coarse.equilibrium(gravity=(300.0, 0.0, 0.0))
+    load = known.loading.dead
+    found = hybrid.tangent_eigenvalue(handed, load)
+    assert found == pytest.approx(hybrid.coarse.tangent_eigenvalue(known, load), rel=1e-6)
+
+
 @pytest.mark.parametrize("fold", [pytest.param(150.0, marks=pytest.mark.slow), 180.0])
 def test_soft_membranes_are_met_where_hinges_resist_their_strains(fold):
     """A membrane a thousand times as stiff as the bending: its strains enter the bending of flat hinges."""

@@ -114,3 +114,24 @@ def test_creases_keep_their_folds_in_a_damped_shell():
         resisted(shell, x, begun)[1],
         atol=1e-9 * np.abs(creased.energy_gradient(x)[1]).max(),
     )
+
+
+@pytest.mark.parametrize("folds", [(1.0, 1.2), (3.1, 3.2), (-3.0, -3.3)])
+def test_plastic_folds_that_come_to_half_a_turn_are_no_jump_for_damping(folds):
+    """Their jump by a whole turn pulled damped creases the wrong way, by twenty times the couple."""
+    before, after = folds
+    corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.4, -0.8, 0.0], [0.6, 0.7, 0.0]]
+    mesh = ms.TriangleMesh(np.array(corners), [[0, 1, 3], [1, 0, 2]])
+    sheet = ms.Material(stretch=1e5, shear=1e3, flexure=0.05, density=1.0)
+    shell = ms.Shell(mesh, sheet, [0, 1, 2], creases=[ms.Crease([[0, 1]], 0.02)])
+
+    def turned(angle):
+        return np.vstack([corners[:3], [0.6, 0.7 * np.cos(angle), -0.7 * np.sin(angle)]])
+
+    own = shell.creased(np.array([before]))
+    damped = own.damped(own.changes(turned(before + 0.05)), FACTOR, DT).creased(np.array([after]))
+    hinges = shell.creases.hinges
+    (stiffness,), couple = shell.elastic_energy.fold_stiffness(hinges)[0], before + 0.2 - after
+    couple += FACTOR / DT * (0.2 - 0.05)
+    found = damped.elastic_energy.fold_couples(turned(before + 0.2), hinges)[0]
+    assert found == pytest.approx(stiffness * couple, rel=1e-6)

@@ -111,3 +111,24 @@ def test_a_thin_fold_that_crumples_at_its_clamp_comes_to_rest():
     assert answer.converged
     assert answer.stable
     assert answer.positions[:, 2].min() < -0.7
+
+
+@pytest.mark.parametrize("kind", ["coarse DS", "MD-ROM"])
+@pytest.mark.parametrize("speed", [0.8, 1.2])
+def test_reduced_models_tell_a_saddle_of_a_turning_frame(kind, speed):
+    """Beyond the first frequency a strip that turns about its axis stands aside; they stayed at it and said nothing."""
+    mesh, fewer = (ms.flat_beam(length=1.0, width=0.3, cells=cells) for cells in ((10, 2), (5, 2)))
+    shell = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "x < 1e-6")
+    if kind == "MD-ROM":
+        model = ms.ModalDerivatives(shell, count=3)
+    else:
+        model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, fewer))
+    turning = ms.FrameInertia(
+        angular_velocity=(speed * 2.0 * np.pi * ms.solve_modes(shell, 1).frequencies[0], 0.0, 0.0)
+    )
+    answer = model.equilibrium(gravity=(0.0, 0.0, -0.05), loads=[turning])
+    assert answer.stable is answer.converged is (speed < 1.0)
+    if speed > 1.0:
+        assert answer.outcome is ms.Outcome.UNSTABLE
+        assert "in balance at a saddle" in answer.message
+        assert ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -0.05), loads=[turning]).stable

@@ -20,6 +20,7 @@ from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_po
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
 from modalshell.shell.damping import Damping
+from modalshell.shell.elastic_energy import nearest_measures
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.mixed_newton import STRAIGHT_TURN
 from modalshell.statics.newton import NewtonResult
@@ -91,7 +92,7 @@ class EulerStart:
         total = [np.zeros(())] * len(periods)
         for (weight, *_), measures in zip(self.made_of, found, strict=True):
             kinds = zip(total, measures, found[latest], periods, strict=True)
-            total = [known + weight * _nearest(own, of, period) for known, own, of, period in kinds]
+            total = [known + weight * nearest_measures(own, of, period) for known, own, of, period in kinds]
         return total
 
     @property
@@ -102,10 +103,6 @@ class EulerStart:
     def after(self, coordinates: Array) -> MotionState:
         """State at its end, at ``coordinates``."""
         return MotionState(coordinates, (coordinates - self.origin) / self.dt)
-
-
-def _nearest(measures: Array, to: Array, period: Array | float | None) -> Array:
-    return measures if period is None else measures - period * np.round((measures - to) / period)
 
 
 class EulerSteps(ABC):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.core.checks import finite_answer
@@ -113,6 +116,25 @@ class Equilibrium(Drawn):
         if self.loading is not None and self.loading.live:
             LiveLoads(self.loading).add_stiffness(pattern, self.positions, data)
         return data
+
+    def load_matrix(self, pattern: SparsePattern) -> sps.csr_array | None:
+        """The same as a matrix (3n, 3n); None of dead loads."""
+        if self.loading is None or not self.loading.live:
+            return None
+        return pattern.matrix(self.load_stiffness(pattern))
+
+    def lowest_eigenvalue(
+        self, hessian: Array, pattern: SparsePattern, moves: Callable[[], tuple[Array, Array]]
+    ) -> float:
+        """Lowest eigenvalue [1/s^2] of a Hessian (m, m) by coordinates of unit mass, and of the load's stiffness.
+
+        ``moves`` finds what takes rates of coordinates to velocities (3n, m), and loads, turned around, to forces on
+        coordinates (3n, m). Of loads without a potential it is the lowest real part.
+        """
+        if (resisting := self.load_matrix(pattern)) is None:
+            return float(scipy.linalg.eigvalsh(hessian, subset_by_index=(0, 0))[0])
+        moved, pushed = moves()
+        return float(scipy.linalg.eigvals(hessian + pushed.T @ (resisting @ moved)).real.min())
 
     @property
     def converged(self) -> bool:

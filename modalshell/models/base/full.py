@@ -185,10 +185,10 @@ class FullModel(Model):
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness, loads' too, over the mass; 0 where it is singular."""
         model = self if answer.creases is None else self.with_creases(answer.creases.angles)
-        of_load = answer.load_stiffness(model.shell.pattern)
+        of_load = answer.load_matrix(model.shell.pattern)
         return model.lowest_eigenvalue(answer.positions, of_load, symmetric=answer.conservative)
 
-    def lowest_eigenvalue(self, positions: Array, of_load: Array | None = None, *, symmetric: bool = True) -> float:
+    def lowest_eigenvalue(self, positions: Array, of_load: Any = None, *, symmetric: bool = True) -> float:
         """As :func:`.lowest_tangent_eigenvalue` at ``positions`` (n, 3) [m]; 0 where it is singular."""
         x = self.shell.checked_positions(positions)
         try:

@@ -234,9 +234,8 @@ class ModalModel(ModalMotion):
         if q is None:
             return None
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(q, load)
-        if answer.loading is not None and answer.loading.live:
-            pattern, columns = self.shell.pattern, self.warped_rows(q, np.arange(len(load))).reshape(-1, q.size)
-            further = pattern.matrix(answer.load_stiffness(pattern)) @ columns
+        if (resisting := answer.load_matrix(self.shell.pattern)) is not None:
+            further = resisting @ self.warped_rows(q, np.arange(len(load))).reshape(-1, q.size)
             tangent += np.stack([self.modal_force(q, column.reshape(-1, 3)) for column in further.T], axis=1)
         return float(scipy.linalg.eigvals(tangent).real.min())
 

@@ -20,7 +20,7 @@ from modalshell.loads import Load, Loading
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base.bars import bar_on_shell, check_bar
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.settle import judged, self_consistent
 from modalshell.models.base.setup import MotionSetup, given_contacts
 from modalshell.models.base.stepper import DeadLoadStepper, Stepper
 from modalshell.modes.rigid import left_free
@@ -143,7 +143,9 @@ class Model(ABC):
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
-        return self_consistent(self._solve, loading, start)
+        found = self_consistent(self._solve, loading, start)
+        # What floats has no stiffness along some motions, which is no sign of a saddle.
+        return found if left_free(self.shell) else judged(found, loading, self.tangent_eigenvalue)
 
     def _solve_constrained(
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]

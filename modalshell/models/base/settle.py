@@ -12,6 +12,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.statics.continuation import Steps
+from modalshell.statics.verdict import verdict
 
 _TOLERANCE = 1e-9
 """Change of the positions, as a share of the shell's size, at which the loads have settled."""
@@ -41,6 +42,21 @@ def self_consistent(solve: Solve, loading: Loading, start: Array | None) -> Equi
                 return replace(found, iterations=iterations, stable=None)
         elif found.outcome is Outcome.NO_EQUILIBRIUM or not steps.refuse():
             return replace(found, iterations=iterations)
+
+
+def judged(found: Equilibrium, loading: Loading, lowest: Callable[[Equilibrium, Array], float | None]) -> Equilibrium:
+    """An answer under loads that follow, with what the ``lowest`` eigenvalue of its tangent says of its stability.
+
+    Dead loads as they are there know nothing of how they change: beyond a speed at which a turning frame, or a follower
+    that buckles the shell, leaves its branch, what is in balance is a saddle, on the other side of the load.
+    """
+    if not found.converged:
+        return found
+    seen = lowest(replace(found, loading=loading, conservative=loading.conservative), loading.force(found.positions))
+    if seen is None or seen > 0.0:
+        return replace(found, stable=None if seen is None else True)
+    outcome, message = verdict(0.0, False, follows=not loading.conservative)
+    return replace(found, outcome=outcome, message="; ".join(filter(None, [message, found.message])), stable=False)
 
 
 def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array | None) -> Equilibrium:

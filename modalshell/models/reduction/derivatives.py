@@ -131,8 +131,9 @@ def _derivative_forces(shell: Shell, modes: Array) -> tuple[Array, float, float]
 
 
 def _change(former: Array, latter: Array) -> float:
-    """Largest relative change of a column."""
-    return float((np.linalg.norm(latter - former, axis=0) / np.linalg.norm(latter, axis=0)).max())
+    """Largest relative change of a column; modes of spans that share nothing have columns of zeros."""
+    size = np.linalg.norm(latter, axis=0)
+    return float((np.linalg.norm(latter - former, axis=0) / np.where(size > 0.0, size, 1.0)).max())
 
 
 def _stiffness_slope(shell: Shell, modes: Array, direction: Array, step: float) -> Array:
