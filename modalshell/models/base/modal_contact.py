@@ -215,11 +215,11 @@ class ModalPressedMotion(PressedMotion):
 
     def continued(
         self,
-        before: MotionState,  # noqa: ARG002
-        force: ForceInTime,  # noqa: ARG002
-        when: tuple[float, float],  # noqa: ARG002
-        base: Array,  # noqa: ARG002
-        load: Array,  # noqa: ARG002
+        before: MotionState,
+        force: ForceInTime,
+        when: tuple[float, float],
+        base: Array,
+        load: Array,
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of order two on contacts that stay as they are, ``when`` it begins and how long it is [s].
 
