@@ -66,7 +66,7 @@ _NEARER = 0.1
 def descend(solver: ActiveSet, start: Array, rules: method.Rules, *, singles: int = 0) -> Rest:
     """Minimum that a way downhill from ``start`` (n, 3) leads to; saddles, in which symmetric ways end, are left.
 
-    It begins by so many ``singles`` steps, then goes into the fluid.
+    It begins by ``singles`` single steps, then goes into the fluid.
     """
     way = _Way(solver, start, singles)
     tried, saddles = np.inf, 0
