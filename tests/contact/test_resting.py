@@ -31,7 +31,7 @@ def models(shell):
 
 def motion(shell, model, contacts, dt=1 / 60):
     loading = shell.loading(GRAVITY, None, None)
-    return Motion(model, loading, dt=dt, damping=(8.0, 0.0), contacts=list(contacts))
+    return Motion(model, loading, dt=dt, damping=(16.0, 0.0), contacts=list(contacts))
 
 
 def resting(one):

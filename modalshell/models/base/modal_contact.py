@@ -18,7 +18,10 @@ from modalshell.contact.touching import checked_contacts, refuse_friction, touch
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.integrators.full.sdirk2 import SDIRK2
+from modalshell.integrators.full.second_order import GAMMA
+from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
@@ -31,6 +34,12 @@ _PROBLEMS = 40
 """Quadratic problems in a row at most."""
 _SETTLED = 1e-8
 """Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
+_NO_GAIN = 1e-12
+"""Energy that is none, as a share of the energies of a step."""
+_FAINT = 1e-6
+"""Amplitude, as a share of the shell's size, of a swing in the lowest mode below which implicit Euler ends it."""
+_LENGTHS = 16
+"""Lengths of steps of which compliances are kept."""
 _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
 
@@ -159,7 +168,7 @@ class ModalPressedMotion(PressedMotion):
             raise _not_together(model)
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
-        self._impulse = 0.0, self._damp
+        self._impulses = dict[float, Array]()
         self._ended: tuple[Array, Array] | None = None
 
     @staticmethod
@@ -193,6 +202,21 @@ class ModalPressedMotion(PressedMotion):
         """The end of a step of ``dt`` [s] under a modal ``force`` (m,) of a shell at rest; None of one that is not."""
         return None
 
+    def continued(
+        self,
+        before: MotionState,
+        force: ForceInTime,
+        when: tuple[float, float],
+        base: Array,
+        load: Array,
+    ) -> tuple[MotionState, Array] | tuple[None, None]:
+        """The end of a step of order two on contacts that stay as they are, ``when`` it begins and how long it is [s].
+
+        The ``force`` is that of a dead ``load`` (n, 3) [N]; ``base`` and what else is returned are as for
+        :meth:`follow`. None where what touches does not stay, and of motions that have no such step.
+        """
+        return None, None
+
     @abstractmethod
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
@@ -213,9 +237,11 @@ class ModalPressedMotion(PressedMotion):
 
     def _compliance(self, dt: float) -> Array:
         """Change (m,) of the coordinates [s^2] in a step of implicit Euler per modal force."""
-        if self._impulse[0] != dt:
-            self._impulse = dt, EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
-        return self._impulse[1]
+        if dt not in self._impulses:
+            if len(self._impulses) == _LENGTHS:
+                self._impulses.clear()
+            self._impulses[dt] = EULER.impulse(self._model.basis.eigenvalues, self._damp, dt)[0]
+        return self._impulses[dt]
 
 
 @final
@@ -233,6 +259,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
         self._resting: Resting | None = None
+        self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
     def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
         """The end of a step at rest; see :meth:`ModalPressedMotion.rest`."""
@@ -251,6 +278,68 @@ class ModalContactMotion(ModalPressedMotion):
         kept |= model.integrator.stood_in_for(before, after, force, dt).memory
         kept[PUSHES], kept[BEYOND] = pushes, energy
         return MotionState(after.coordinates, after.rates, kept)
+
+    def continued(
+        self, before: MotionState, force: ForceInTime, when: tuple[float, float], base: Array, load: Array
+    ) -> tuple[MotionState, Array] | tuple[None, None]:
+        """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
+
+        None where it would gain energy, too, if the force has a potential.
+        """
+        model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
+        q, v, part, rest = before.coordinates, before.rates, GAMMA * dt, (1.0 - GAMMA) * dt
+        if pressing.moving or COST not in memory:
+            return None, None
+        if pressing.moved(q, q + v / self._slowest) <= _FAINT * pressing.touching.size:
+            return None, None  # it is to come to rest
+        pressing.at(begin + dt)
+        at = Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN), self._gaps(before, base))
+        half = self._part((q, v), force(q + part * v, v, GAMMA), part, at)
+        if half is None:
+            return None, None
+        w = (half.q - q) / part
+        last, middle, faster = v + (w - v) / GAMMA, q + rest * w, v + rest / part * (w - v)
+        pushed = force(q + 0.5 * dt * (v + last), last, 1.0)
+        end = self._part((middle, faster), pushed, part, half)
+        if end is None or end.positions is None:
+            return None, None
+        after = MotionState(end.q, (end.q - middle) / part, self._kept(before, end))
+        if model.conservative and self._gains(before, after, float(np.vdot(load, end.positions - base))):
+            return None, None
+        self._ended = None if end.gaps is None else (end.q, end.gaps)
+        memory = after.memory | model.integrator.stood_in_for(before, after, pushed, dt).memory
+        bend = dt / (1.0 - GAMMA) * ((after.rates - faster) - (w - v)) / part
+        memory[COST] = np.array([(SDIRK2.error_constant * dt) ** 2 * (bend @ bend), *memory[COST][1:]])
+        return MotionState(after.coordinates, after.rates, memory), end.positions
+
+    def _gains(self, before: MotionState, after: MotionState, work: float) -> bool:
+        """Whether a step has gained more energy than the ``work`` [J] of its load."""
+        model, parts = self._model, [-work]
+        for state, sign in ((after, 1.0), (before, -1.0)):
+            parts += [sign * one(state) for one in (model.kinetic_energy, model.elastic_energy, self.energy)]
+        return not sum(parts) <= _NO_GAIN * sum(map(abs, parts))
+
+    def _part(self, begin: tuple[Array, Array], force: Array, dt: float, at: Pressed) -> Pressed | None:
+        """Where a step of implicit Euler ends that presses on what is pressed ``at`` its beginning, else None."""
+        (q, rates), compliance, ends = begin, self._compliance(dt), np.empty((3, force.size))
+        implicit_euler(q, rates, force, compliance, self._model.basis.eigenvalues, dt, ends)
+        assert at.positions is not None
+        assert at.gaps is not None
+        place = ends[2], at.q, at.positions
+        pressed = self._pressing.press(ends[0], compliance, place, at.gaps, (at.local, at.pushes, at.at))
+        stays = pressed.solved and np.array_equal(pressed.pushes > 0.0, at.pushes > 0.0)
+        return pressed if stays else None
+
+    def _kept(self, before: MotionState, pressed: Pressed) -> dict[str, Array]:
+        """What is kept of the end of a step."""
+        pressing, memory = self._pressing, self._memory(pressed) | self._moves
+        if pressed.at is not None:
+            memory[TAKEN] = pressed.at
+        # Not at once after one that did not stay: what creeps is not given a problem every frame.
+        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
+        if begins and pressing.moved(before.coordinates, pressed.q) <= STILL * pressing.touching.size:
+            memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
+        return memory
 
     def entered(self, state: MotionState, time: float) -> MotionState:
         """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
@@ -280,16 +369,9 @@ class ModalContactMotion(ModalPressedMotion):
         free, _, ahead = ends
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
         pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
-        memory = self._memory(pressed)
-        if pressed.at is not None:
-            memory[TAKEN] = pressed.at
+        memory = self._kept(before, pressed)
         if pressed.gaps is not None and not pressing.moving:
             self._ended = pressed.q, pressed.gaps
-        memory |= self._moves
-        # Not at once after one that did not stay: what creeps is not given a problem every frame.
-        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
-        if begins and pressing.moved(q, pressed.q) <= STILL * pressing.touching.size:
-            memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         after = MotionState(pressed.q, (pressed.q - q) / dt)
         memory |= model.integrator.stood_in_for(before, after, force, dt).memory
         return MotionState(after.coordinates, after.rates, memory), pressed.solved, pressed.positions

@@ -37,6 +37,8 @@ from modalshell.statics.verdict import verdict
 
 _MOST = 40
 """Steps at most."""
+_NO_GAIN = 1e-12
+"""Energy that is none, as a share of the energies of a step."""
 
 
 class Settled(NamedTuple):
@@ -178,7 +180,8 @@ def _stable(problem: Any, pressing: ModalContacts, pressed: Pressed) -> bool:
 class _PressedSteps(LoadedSteps):
     """Steps of implicit Euler of a model that contacts press on, within one that begins at ``when`` [s], of a length.
 
-    ``given`` (n, 3) [N s] are the impulses of the colliders so far.
+    ``given`` (n, 3) [N s] are the impulses of the colliders so far, and ``stays`` whether what they push on is what
+    they pushed on at the beginning. If it ``must`` be, a step in which it is not counts as not solved.
     """
 
     def __init__(
@@ -188,10 +191,13 @@ class _PressedSteps(LoadedSteps):
         begin: Pressed,
         load_at: LoadAt,
         when: tuple[float, float],
+        *,
+        must: bool = False,
     ) -> None:
-        self._model, self._load_at, self._when = model, load_at, when
+        self._model, self._load_at, self._when, self._must = model, load_at, when, must
         self._pressing, self._damping, self._goal = motion
         self.pressed, self.given = begin, np.zeros_like(begin.local)
+        self._was, self.stays = begin.pushes > 0.0, True
         self._load = np.empty(0)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
@@ -206,7 +212,8 @@ class _PressedSteps(LoadedSteps):
         self.pressed = found.pressed
         reached = self._model.positions_at(found.pressed.q) + found.pressed.local
         self.given += start.dt * self._pressing.touching.forces(reached, found.pressed.pushes)
-        return start.after(found.pressed.q), found.solved
+        self.stays &= np.array_equal(found.pressed.pushes > 0.0, self._was)
+        return start.after(found.pressed.q), found.solved and (self.stays or not self._must)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
@@ -221,8 +228,9 @@ class _PressedSteps(LoadedSteps):
 class ReducedContactMotion(PressedMotion):
     """Takes the steps of a model linear in its coordinates with contacts: the model's own where nothing touches.
 
-    Where something does, implicit Euler stands in for the model's rule, and its end is the least of its potential
-    outside the colliders. ``goal`` is the residual of such a step.
+    On colliders at rest the rule goes on as long as what touches stays as it is, and energy is not gained. Elsewhere
+    implicit Euler stands in for it, and its end is the least of its potential outside the colliders. ``goal`` is the
+    residual of a step.
     """
 
     note = ""
@@ -252,9 +260,28 @@ class ReducedContactMotion(PressedMotion):
             if not pressing.touched(pressing.gaps(model.positions(after))):
                 return self.clear(after), solved
         first = Pressed(state.coordinates, kept[LOCAL], kept[PUSHES], False)
-        euler = _PressedSteps(model, (pressing, damping, self._goal), first, load_at, (begin, dt))
-        rule = model.integrator
+        given = model, (pressing, damping, self._goal), first, load_at, (begin, dt)
+        rule, pushed = model.integrator, kept[PUSHES].any()
+        if pushed and not pressing.moving:
+            euler = _PressedSteps(*given, must=True)
+            after, solved = rule.continued(euler, own, dt)
+            if solved and not self._gains(state, after, euler):
+                return self._ended(after, euler.pressed), True
+        euler = _PressedSteps(*given)
         after, solved = rule.standing_in(euler, own, dt)
-        pressed, self._mean = euler.pressed, (after.coordinates, euler.given / dt)
-        after = rule.stood_in_for(own, after, dt)
-        return MotionState(after.coordinates, after.rates, after.memory | self._memory(pressed)), solved
+        self._mean = after.coordinates, euler.given / dt
+        after = rule.stood_in_for(own, after, dt, smooth=bool(solved and pushed and euler.stays))
+        return self._ended(after, euler.pressed), solved
+
+    def _ended(self, after: MotionState, pressed: Pressed) -> MotionState:
+        """The end of a step with what contacts press in."""
+        return MotionState(after.coordinates, after.rates, after.memory | self._memory(pressed))
+
+    def _gains(self, before: MotionState, after: MotionState, euler: _PressedSteps) -> bool:
+        """Whether a step has gained more energy than its load gave it, on colliders at rest."""
+        model, load = self._model, euler.load_on(after.coordinates)
+        moved = model.positions_at(after.coordinates) - model.positions_at(before.coordinates)
+        parts = [float(np.vdot(load, moved)), self.energy(before), -euler.pressed.energy]
+        for state, sign in ((before, 1.0), (after, -1.0)):
+            parts += [sign * model.elastic_energy(state), sign * model.kinetic_energy(state)]
+        return not sum(parts) >= -_NO_GAIN * sum(map(abs, parts))
