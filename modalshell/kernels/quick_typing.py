@@ -13,6 +13,9 @@ from typing import Any
 from numba.core import errors, ir, types, utils
 from numba.core.target_extension import get_local_target
 
+_unliteral: Any = types.unliteral
+_by_target: Any = utils.order_by_target_specificity
+_target: Any = get_local_target
 _PLAIN = frozenset(
     {types.Float, types.Integer, types.IntegerLiteral, types.Boolean, types.Array, types.UniTuple, types.Tuple}
 )
@@ -26,13 +29,13 @@ _taken: dict[Any, tuple[Any, bool]] = {}
 def _tried(rule: Any, literal: bool, args: tuple[Any, ...]) -> Any:
     """Signature by one rule, or None."""
     with suppress(errors.NumbaError):
-        return rule.apply(args if literal else tuple(types.unliteral(argument) for argument in args), {})
+        return rule.apply(args if literal else tuple(_unliteral(argument) for argument in args), {})
     return None
 
 
 def _ordered(function: Any, context: Any) -> Any:
     """Rules for a function's calls, in the order in which numba tries them."""
-    return utils.order_by_target_specificity(get_local_target(context), function.templates, fnkey=function.key[0])
+    return _by_target(_target(context), function.templates, fnkey=function.key[0])
 
 
 def quicker(found: Any) -> Any:
@@ -70,7 +73,7 @@ def flatter(found: Any) -> Any:
         elif kind is list or kind is tuple:
             parts = value
         else:
-            return found(self, value)  # type: ignore[no-any-return]
+            return found(self, value)
         names: list[Any] = []
         for part in parts:
             kind = type(part)
