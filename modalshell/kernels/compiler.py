@@ -36,7 +36,7 @@ _usable_thread_count()  # before numba reads it
 import numba  # noqa: E402
 from numba.core import event  # noqa: E402
 
-from modalshell.kernels import ahead, quick_options  # noqa: E402
+from modalshell.kernels import ahead, quick_options, quick_typing  # noqa: E402
 from modalshell.kernels.callees import folder_of, source_digest  # noqa: E402
 from modalshell.kernels.linked import LINKED  # noqa: E402
 from modalshell.kernels.turns import take_turns  # noqa: E402
@@ -124,6 +124,7 @@ Said outright, or a kernel would be compiled as whichever caller came first.
 """
 
 quick_options.apply()
+quick_typing.apply()
 notice = _Notice()
 event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
 
