@@ -2,7 +2,7 @@
 
 from modalshell.linalg.cholesky import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError, block_graph
 from modalshell.linalg.conjugate_gradients import Stop
-from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor
+from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor, block_products
 
 __all__ = [
     "BlockCholesky",
@@ -12,4 +12,5 @@ __all__ = [
     "ProfileFactor",
     "Stop",
     "block_graph",
+    "block_products",
 ]

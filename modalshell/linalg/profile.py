@@ -239,7 +239,7 @@ class ProfileAnalysis:
     @property
     def products(self) -> float:
         """Multiplications of a factorisation, those with zeros of the profile included."""
-        return float(1.5 * np.sum(self.strides.astype(np.float64) ** 2))
+        return _products(self.strides)
 
     def places(self, i: Index, j: Index) -> Index:
         """Where entries stand, from their rows and columns in the order of elimination; -1 above diagonal blocks."""
@@ -302,6 +302,15 @@ class ProfileFactor:
             solve(values, of.first, of.starts, own, pivots, vector)
             solution[:, k] = vector[of.position]
         return solution.reshape(np.shape(right_side))
+
+
+def block_products(order: Index, rows: Index, columns: Index) -> float:
+    """What :attr:`ProfileAnalysis.products` would be of 3 x 3 blocks, at ``rows`` and ``columns`` (e,), in an order."""
+    return _products(_layout(order, rows.astype(np.int64), columns.astype(np.int64), 3)[1])
+
+
+def _products(strides: Index) -> float:
+    return float(1.5 * np.sum(strides.astype(np.float64) ** 2))
 
 
 def _layout(order: Index, rows: Index, columns: Index, block: int) -> tuple[Index, Index]:

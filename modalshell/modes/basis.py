@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, overload
 
@@ -32,6 +32,7 @@ from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.resolution import unresolved_remark
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.modes.settled import settled_modes
 from modalshell.shell import Isotropic, Material, Sheet, Shell
 from modalshell.shell.elements import ENERGIES
@@ -328,11 +329,16 @@ def solve_modes(
     return found
 
 
-def model_basis(shell: Shell, count: int, backend: str | None = None) -> Basis:
-    """As :func:`solve_modes`, for a model: short waves are part of its shapes, and nothing is said of them."""
+def model_basis(
+    shell: Shell, count: int, backend: str | None = None, at_rest: Callable[[], RigidFreeSolver] | None = None
+) -> Basis:
+    """As :func:`solve_modes`, for a model: short waves are part of its shapes, and nothing is said of them.
+
+    ``at_rest`` gives the solver of the stiffness where a model keeps that.
+    """
     checked_kind("shell", shell, Shell)
     _checked_parts(shell, checked_count("count", count), backend)
-    found, whole = _solved(shell, count, None, backend)
+    found, whole = _solved(shell, count, None, backend, at_rest)
     _warn_of_cut(count, whole)
     return found
 
@@ -354,7 +360,11 @@ def lowest_modes(shell: Shell, count: int) -> tuple[Basis, int]:
 
 
 def _solved(
-    shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
+    shell: Shell,
+    count: int,
+    attachments: Sequence[Load | ArrayLike] | None,
+    backend: str | None,
+    at_rest: Callable[[], RigidFreeSolver] | None = None,
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
     shell.refuse_creases_in("a modal model")
@@ -365,7 +375,7 @@ def _solved(
         rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
         return Basis(shell, eigenvalues, modes, read_only(rotations), 0, residual, name), whole
     forces = attached_forces(shell, attachments)
-    eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)
+    eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend, at_rest)
     if forces.shape[1]:
         eigenvalues, free_modes = with_attachments(shell, eigenvalues, free_modes, forces, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -13,11 +13,12 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
+from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import told
-from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
@@ -33,7 +34,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.motion_check import touching_frames
 from modalshell.models.rotation_strain import RotationStrain
-from modalshell.models.warping import consistent_warping
+from modalshell.models.warping import ModalWarping, consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -152,14 +153,16 @@ class Auto(Model):
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
         rigid = 0 if self._free is None else 6 * len(self._free.parts)
-        self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count))
-        self.levels: list[Level] = [ModalLevel(consistent_warping(basis))]
+        self._at_rest = PerThread(partial(solver_at_rest, shell))
+        self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count), at_rest=self._at_rest)
+        self.levels: list[Level] = [ModalLevel(basis, consistent_warping, ModalWarping.name)]
         if self._free is None:
-            self.levels.append(ModalLevel(RotationStrain(basis)))
+            self.levels.append(ModalLevel(basis, RotationStrain, RotationStrain.name))
         if coarse is not None:
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
         self.levels.append(FullLevel(DiscreteShell(shell)))
-        self.level_names = tuple(level.model.name for level in self.levels)
+        self.level_names = tuple(level.name for level in self.levels)
+        self._about_origin: dict[int, Model] = {}
         self._unpacked: tuple[MotionState | None, tuple[int, MotionState] | None] = (None, None)
 
     # ---- statics
@@ -265,7 +268,7 @@ class Auto(Model):
     @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""
-        return LinearAnswers(self.basis)
+        return LinearAnswers(self.basis, self._at_rest)
 
     @cached_property
     def _quick_check(self) -> QuickCheck | None:
@@ -298,17 +301,19 @@ class Auto(Model):
 
     @cached_property
     def _templates(self) -> list[MotionState]:
-        return [level.model.start_motion() for level in self.levels]
+        modal = self.levels[0].model.start_motion()  # that of all levels of modes
+        return [modal if level.quadratic else level.model.start_motion() for level in self.levels]
 
     @cached_property
     def room(self) -> int:
         """Numbers of the largest state of a level."""
         return max(sum(part.size for part in template.arrays().values()) for template in self._templates)
 
-    @cached_property
-    def _centred(self) -> list[Model]:
-        """The levels' models about the origin, where their steppers' states are."""
-        return [level.model.centred()[0] for level in self.levels]
+    def _centred(self, level: int) -> Model:
+        """A level's model about the origin, where its stepper's states are."""
+        if level not in self._about_origin:
+            self._about_origin[level] = self.levels[level].model.centred()[0]
+        return self._about_origin[level]
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
@@ -366,17 +371,17 @@ class Auto(Model):
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of the level's own state."""
         level, inner = self.inner(state)
-        return self._centred[level].elastic_energy(inner)
+        return self._centred(level).elastic_energy(inner)
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J] of the level's own state."""
         level, inner = self.inner(state)
-        return self._centred[level].kinetic_energy(inner)
+        return self._centred(level).kinetic_energy(inner)
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """That of the level."""
         level, inner = self.inner(state)
-        return self._centred[level].fault(inner, positions)
+        return self._centred(level).fault(inner, positions)
 
     def account(self, state: MotionState) -> str:
         """How many steps each level took, and why it was left."""
@@ -391,7 +396,7 @@ class Auto(Model):
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse what any level refuses."""
         for level in self.levels:
-            level.model.check_step(dt, damping)
+            level.check_step(dt, damping)
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

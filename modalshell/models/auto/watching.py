@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -169,7 +170,8 @@ class Watch:
     def drifted(self, step: Step, memory: dict[str, Array]) -> float:
         """How far the motion is off [kg^(1/2) m] after a step by what has added up; see :mod:`.drift`."""
         if self._drift is not None:
-            memory["drift"] = self._drift.advanced(memory["drift"], step.frames[2], step.dt, self._power(step))
+            place = partial(self._coordinates, step.level, step.after, step.frames[2])
+            memory["drift"] = self._drift.advanced(memory["drift"], place, step.dt, self._power(step))
         return self.drift(memory)
 
     def drift(self, memory: dict[str, Array]) -> float:
@@ -196,6 +198,11 @@ class Watch:
         (x, v), rows, modes = motion, memory["drift"], self._model.basis.modes
         return x + (modes @ rows[0]).reshape(-1, 3), v + (modes @ rows[1]).reshape(-1, 3)
 
+    def _coordinates(self, level: int, inner: MotionState, x: Array) -> Array:
+        """Coordinates (m,) of a level's state at x (n, 3) [m]: of modes their own, as these need no projection."""
+        assert self._drift is not None
+        return inner.coordinates if self._model.levels[level].quadratic else self._drift.coordinates(x)
+
     def _power(self, step: Step) -> int:
         """Of the displacement, by which a level's errors grow."""
         return 3 if self._model.levels[step.level].quadratic else 1
@@ -207,7 +214,11 @@ class Watch:
         if self._drift is not None and even and step.level + 1 < len(self._model.levels):
             rows, found = memory["drift"], (step.frames, seen.corrected)
             first = memory["switches"][0] > 0.0 and not rows[3:].any()
-            memory["drift"] = self._drift.checked(rows, found, step.dt, self._power(step), first=first)
+            at = (
+                self._coordinates(step.level, step.inner, step.frames[1]),
+                self._coordinates(step.level, step.after, step.frames[2]),
+            )
+            memory["drift"] = self._drift.checked(rows, found, at, step.dt, self._power(step), first=first)
         return seen
 
     def _seen(self, step: Step, memory: dict[str, Array]) -> Seen:
