@@ -68,7 +68,8 @@ class LinearAnswers:
     """Compares the linear answers of a shell with those of its modes.
 
     The answer ``u = K^-1 f`` at rest has the modal part ``Phi Lambda^-1 Phi^T f = Phi Phi^T M u`` (theory 14, eq. 8).
-    The factorisation that the modes were found with serves all loads, and one solve all loads that are multiples of each other.
+    The factorisation that the modes were found with serves all loads, and one solve all that are multiples of each
+    other.
 
     Parameters
     ----------

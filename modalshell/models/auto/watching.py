@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -169,10 +168,13 @@ class Watch:
 
     def drifted(self, step: Step, memory: dict[str, Array]) -> float:
         """How far the motion is off [kg^(1/2) m] after a step by what has added up; see :mod:`.drift`."""
-        if self._drift is not None:
-            place = partial(self._coordinates, step.level, step.after, step.frames[2])
-            memory["drift"] = self._drift.advanced(memory["drift"], place, step.dt, self._power(step))
-        return self.drift(memory)
+        if self._drift is None:
+            return 0.0
+        rows, power = memory["drift"], self._power(step)
+        known = power == 3 or rows[3].any()
+        q = self._coordinates(step.level, step.after, step.frames[2]) if known else rows[4]
+        memory["drift"], off = self._drift.advanced(rows, q, step.dt, power)
+        return off
 
     def drift(self, memory: dict[str, Array]) -> float:
         """The same without a step."""
