@@ -2,15 +2,15 @@
 
 from modalshell.linalg.cholesky import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError, block_graph
 from modalshell.linalg.conjugate_gradients import Stop
-from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor, block_products
+from modalshell.linalg.profile import Profile, ProfileAnalysis, ProfileFactor
 
 __all__ = [
     "BlockCholesky",
     "CholeskyAnalysis",
     "NotPositiveDefiniteError",
+    "Profile",
     "ProfileAnalysis",
     "ProfileFactor",
     "Stop",
     "block_graph",
-    "block_products",
 ]

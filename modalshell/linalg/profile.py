@@ -180,9 +180,56 @@ def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-
             out[3 * i + d] += total_here
 
 
+class Profile:
+    """Storage of a symmetric pattern in an order of elimination.
+
+    Parameters
+    ----------
+    order : ndarray of int64, shape (k,)
+        The blocks in the order of elimination.
+    rows, columns : ndarray of int, shape (e,)
+        Where the pattern has entries, by blocks; there may be several of one place.
+    block : int
+        Unknowns of a block, 3 or 1.
+
+    Attributes
+    ----------
+    block, order : int, ndarray
+        The same.
+    size : int
+        Number of unknowns.
+    first, starts : ndarray of int64, shape (b,) and (b + 1,)
+        First column of every row of three unknowns, and where it begins in the storage.
+    strides : ndarray of int64, shape (b,)
+        Length of each of the three.
+    """
+
+    def __init__(self, order: Index, rows: Index, columns: Index, block: int = 3) -> None:
+        self.order, self.block, self.size = order, block, block * order.size
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        count = -(-self.size // 3)
+        first = 3 * np.arange(count, dtype=np.int64)
+        np.minimum.at(first, block * place[rows] // 3, block * place[columns] // 3 * 3)
+        self.first = first // LANES * LANES
+        ends = 3 * np.arange(1, count + 1) - self.first
+        self.strides = -(-ends // LANES) * LANES
+        self.starts = np.concatenate([[0], np.cumsum(3 * self.strides)])
+
+    @property
+    def products(self) -> float:
+        """Multiplications of a factorisation, those with zeros of the profile included."""
+        return float(1.5 * np.sum(self.strides.astype(np.float64) ** 2))
+
+    def places(self, i: Index, j: Index) -> Index:
+        """Where entries stand, from their rows and columns in the order of elimination; -1 above diagonal blocks."""
+        places = self.starts[i // 3] + i % 3 * self.strides[i // 3] + j - self.first[i // 3]
+        return np.asarray(np.where(j // 3 <= i // 3, places, -1))
+
+
 @final
-class ProfileAnalysis:
-    """Elimination order and storage of a symmetric pattern: the order of least profile among a few.
+class ProfileAnalysis(Profile):
+    """Elimination order and storage of a matrix: the order of least profile among a few.
 
     Parameters
     ----------
@@ -191,36 +238,16 @@ class ProfileAnalysis:
     points : ndarray, shape (N / 3, d), optional
         Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
         4.3].
-    order : ndarray of int64, shape (N / 3,), optional
-        The order of 3 x 3 blocks to take in place of all these.
-
-    Attributes
-    ----------
-    block : int
-        3 where the pattern consists of 3 x 3 blocks, else 1.
-    order : ndarray of int64, shape (N / block,)
-        The blocks in the order of elimination.
-    first, starts : ndarray of int64, shape (b,) and (b + 1,)
-        First column of every row of three unknowns, and where it begins in the storage.
-    strides : ndarray of int64, shape (b,)
-        Length of each of the three.
     """
 
-    def __init__(self, matrix: sps.csc_array, points: Array | None = None, *, order: Index | None = None) -> None:
-        self.size = matrix.shape[0]
-        self.block, graph = symmetric_block_graph(matrix)
-        if order is None:
-            order = np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
-        orders = [order]
-        for axis in () if points is None or self.block == 1 else points.T:
+    def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
+        block, graph = symmetric_block_graph(matrix)
+        orders = [np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)]
+        for axis in () if points is None or block == 1 else points.T:
             orders.append(np.argsort(axis, kind="stable").astype(np.int64))
         entries = sps.coo_array(graph)
-        rows, columns = entries.row.astype(np.int64), entries.col.astype(np.int64)
-        made = [_layout(order, rows, columns, self.block) for order in orders]
-        best = int(np.argmin([np.sum(strides**2) for _, strides in made]))
-        self.order = orders[best]
-        self.first, self.strides = made[best]
-        self.starts = np.concatenate([[0], np.cumsum(3 * self.strides)])
+        tried = [Profile(order, entries.row, entries.col, block) for order in orders]
+        vars(self).update(vars(min(tried, key=lambda one: one.products)))
         place = np.empty_like(self.order)
         place[self.order] = np.arange(self.order.size)
         self.position = (self.block * place[:, None] + np.arange(self.block)).ravel()
@@ -235,16 +262,6 @@ class ProfileAnalysis:
     def entries(self) -> int:
         """Stored numbers of a factor, and one that is not read."""
         return int(self.starts[-1]) + 1
-
-    @property
-    def products(self) -> float:
-        """Multiplications of a factorisation, those with zeros of the profile included."""
-        return _products(self.strides)
-
-    def places(self, i: Index, j: Index) -> Index:
-        """Where entries stand, from their rows and columns in the order of elimination; -1 above diagonal blocks."""
-        places = self.starts[i // 3] + i % 3 * self.strides[i // 3] + j - self.first[i // 3]
-        return np.asarray(np.where(j // 3 <= i // 3, places, -1))
 
     @functools.cached_property
     def _filled(self) -> tuple[Index, Index]:
@@ -302,24 +319,3 @@ class ProfileFactor:
             solve(values, of.first, of.starts, own, pivots, vector)
             solution[:, k] = vector[of.position]
         return solution.reshape(np.shape(right_side))
-
-
-def block_products(order: Index, rows: Index, columns: Index) -> float:
-    """What :attr:`ProfileAnalysis.products` would be of 3 x 3 blocks, at ``rows`` and ``columns`` (e,), in an order."""
-    return _products(_layout(order, rows.astype(np.int64), columns.astype(np.int64), 3)[1])
-
-
-def _products(strides: Index) -> float:
-    return float(1.5 * np.sum(strides.astype(np.float64) ** 2))
-
-
-def _layout(order: Index, rows: Index, columns: Index, block: int) -> tuple[Index, Index]:
-    """First column and row length of every block row of an order."""
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    count = -(-block * order.size // 3)
-    first = 3 * np.arange(count, dtype=np.int64)
-    np.minimum.at(first, block * place[rows] // 3, block * place[columns] // 3 * 3)
-    first = first // LANES * LANES
-    ends = 3 * np.arange(1, count + 1) - first
-    return first, -(-ends // LANES) * LANES

@@ -108,7 +108,7 @@ class Drift:
         return after, float(kernel.advance(rows, q, coefficients, self._stiffness, power == 3, _FARTHEST, after))
 
     def _at(self, dt: float) -> tuple[Array, Array]:
-        """Coefficients e11, e12, e21 and e22 (4, m) of :func:`.flow.flow`, and what frames lack of accelerations (m,)."""
+        """Coefficients e11 to e22 (4, m) of :func:`.flow.flow`, and what frames lack of accelerations (m,)."""
         known = self._flow
         if known is None or known[0] != dt:
             angle = np.minimum(np.sqrt(self._stiffness) * dt, _SEEN)

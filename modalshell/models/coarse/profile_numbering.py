@@ -9,14 +9,14 @@ import scipy.sparse as sps
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.typing import Array, Index
-from modalshell.linalg import ProfileAnalysis, block_products
+from modalshell.linalg import Profile
 from modalshell.shell import Shell
 
 
 class Numbering(NamedTuple):
     """Profile of vertices and fold shares, the block of every vertex (n,), -1 of held ones, and rows of shares (m,)."""
 
-    analysis: ProfileAnalysis
+    profile: Profile
     place: Index
     shares: Index
 
@@ -32,14 +32,11 @@ def numbering_of(shell: Shell) -> Numbering:
     count = pattern.shape[0] - 3 * free.size
     nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
     graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
-    entries = sps.coo_array(graph)
-    # An order's products are known without its analysis, which the best one alone is worth.
-    tried = [_by_threes(free.size, order) for order in _orders(graph, shell.rest_positions[free])]
-    products = [block_products(one.order, one.blocks[entries.row], one.blocks[entries.col]) for one in tried]
-    analysis, position = _analysed(graph, tried[int(np.argmin(products))])
+    found = [_by_threes(graph, free.size, order) for order in _orders(graph, shell.rest_positions[free])]
+    profile, position = min(found, key=lambda one: one[0].products)
     place = np.full(len(shell.mass), -1, dtype=np.int64)
     place[free] = position[: free.size] // 3
-    return Numbering(analysis, place, position[free.size :])
+    return Numbering(profile, place, position[free.size :])
 
 
 def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
@@ -52,34 +49,22 @@ def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
     return [_cuthill_mckee(graph), *sorted_along]
 
 
-class _Grouped(NamedTuple):
-    """Block of every node, the order of the blocks, and the shares of folds as they follow one another."""
-
-    blocks: Index
-    order: Index
-    shares: Index
-
-
-def _by_threes(vertices: int, order: Index) -> _Grouped:
-    """Blocks of an order in which shares go by threes, where the middle one of these is."""
-    place = np.empty(order.size, dtype=np.int64)
-    place[order] = np.arange(order.size)
+def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[Profile, Index]:
+    """Profile of an order in which shares stand where the first of three is, and the first row of every node."""
+    size = order.size
+    place = np.empty(size, dtype=np.int64)
+    place[order] = np.arange(size)
     shares = order[order >= vertices]
-    blocks = np.arange(order.size)
+    blocks = np.arange(size)
     blocks[shares] = vertices + np.arange(shares.size) // 3
-    middle = shares[np.minimum(np.arange(1, shares.size + 1, 3), shares.size - 1)]
-    return _Grouped(blocks, np.argsort(np.concatenate([place[:vertices], place[middle]]), kind="stable"), shares)
-
-
-def _analysed(graph: sps.csr_array, grouped: _Grouped) -> tuple[ProfileAnalysis, Index]:
-    """Profile of an order, and the first row of every node."""
-    blocks, order, shares = grouped
-    entries = sps.coo_array(graph)
-    pattern = _graph(blocks[entries.row], blocks[entries.col], order.size)
-    analysis = ProfileAnalysis(sps.csc_array(sps.kron(pattern, np.ones((3, 3)), format="csc")), order=order)
-    rows = 3 * np.argsort(analysis.order)[blocks]
+    where = np.concatenate(
+        [place[:vertices], place[shares[np.minimum(np.arange(1, shares.size + 1, 3), shares.size - 1)]]]
+    )
+    entries, sorted_blocks = sps.coo_array(graph), np.argsort(where, kind="stable")
+    profile = Profile(sorted_blocks, blocks[entries.row], blocks[entries.col])
+    rows = 3 * np.argsort(sorted_blocks)[blocks]
     rows[shares] += np.arange(shares.size) % 3
-    return analysis, rows
+    return profile, rows
 
 
 def _cuthill_mckee(graph: sps.csr_array) -> Index:

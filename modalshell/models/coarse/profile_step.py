@@ -17,7 +17,7 @@ from modalshell.core.cost import count_elements, count_factorisation, count_solv
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile, ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_elasticity import vertex_strides
 from modalshell.models.coarse.profile_folds import folds_of
@@ -43,7 +43,7 @@ class ProfileStep:
     ----------
     shell : Shell
         The shell.
-    analysis : ProfileAnalysis
+    profile : Profile
         Profile of the stiffness of its free unknowns, and of the energy's internal ones.
     place : ndarray of int64, shape (n,)
         Block of every vertex in the profile, -1 of held ones.
@@ -51,9 +51,9 @@ class ProfileStep:
         Its energy.
     """
 
-    def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
-        self._shell, self._analysis = shell, analysis
-        self._unknowns, self._products = analysis.size, analysis.products
+    def __init__(self, shell: Shell, profile: Profile, place: Index, elastic: Any) -> None:
+        self._shell = shell
+        self._unknowns, self._products = profile.size, profile.products
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
@@ -63,14 +63,14 @@ class ProfileStep:
             shell.mass.copy(),
             free,
             place[free],
-            analysis.first,
-            analysis.starts,
-            vertex_strides(analysis, place),
+            profile.first,
+            profile.starts,
+            vertex_strides(profile, place),
             elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))
         self._lanczos = PerThread(functools.partial(make_lanczos, self._body))
-        self._probe = np.zeros(3 * analysis.first.size)
+        self._probe = np.zeros(3 * profile.first.size)
         self._probe[(3 * place[shell.free][:, None] + np.arange(3)).ravel()] = probe(3 * shell.free.size)
 
     def __call__(
@@ -136,8 +136,8 @@ def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:
     found = _of_folds(shell, most) if isinstance(shell.material, Sheet) else _of_hinges(shell)
     if found is None or found[0].products > most:
         return None
-    analysis, place, elastic = found
-    return ProfileStep(shell, analysis, place, elastic())
+    profile, place, elastic = found
+    return ProfileStep(shell, profile, place, elastic())
 
 
 def quick_estimator(shell: Shell) -> ErrorEstimator:
@@ -154,7 +154,7 @@ def quick_check(shell: Shell, *, early: bool = False) -> QuickCheck | None:
     return None if step is None else functools.partial(step.check, early=early)
 
 
-def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
+def _of_hinges(shell: Shell) -> tuple[Profile, Index, Any] | None:
     """Profile, blocks of the vertices, and what makes the energy of a shell of discrete-shell energies."""
     if tuple(e.kernel for e in shell.elements) != KERNELS:
         return None
@@ -165,13 +165,13 @@ def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
     return analysis, place, functools.partial(hinges_of, shell, analysis, place)
 
 
-def _of_folds(shell: Shell, most: float) -> tuple[ProfileAnalysis, Index, Any] | None:
+def _of_folds(shell: Shell, most: float) -> tuple[Profile, Index, Any] | None:
     """The same of a shell of shell theory."""
     energy = shell.elastic_energy
     if not isinstance(energy, SplitFoldEnergy) or energy.further_elements or _is_dear(shell, most):
         return None
     numbering = numbering_of(shell)
-    return numbering.analysis, numbering.place, functools.partial(folds_of, shell, numbering)
+    return numbering.profile, numbering.place, functools.partial(folds_of, shell, numbering)
 
 
 def _is_dear(shell: Shell, most: float) -> bool:
