@@ -33,6 +33,7 @@ from modalshell.modes import Factor, Factoriser, lowest_eigenvalue
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import CLEAR, LITTLE_STEP, Margin, lowest_ratio
+from modalshell.statics.newton import Kept
 from modalshell.statics.potential import Potential
 
 LEAST_MARGIN = 0.3
@@ -41,7 +42,8 @@ LARGEST_BAR = 0.3
 """Bar above which two steps tell that the error is large, but not how large."""
 QuickCheck = Callable[[Array, Array], tuple[Array, float] | None]
 """Positions (n, 3) [m] after a bar's steps and the margin, from positions and load (n, 3), or None."""
-_STEPS = 2
+_STEPS, _CLOSE = 2, 1e-3
+"""Steps of a bar, and residual of the second one's equations where the first one's factor serves both."""
 _NOTHING = 1e-14
 """Displacement, in sizes of the shell, that is none."""
 _SLIGHT = 1e-3
@@ -311,12 +313,19 @@ class ErrorEstimator(Estimator):
     def _both_steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array], _Begun]:
         """The same, and where the second step began."""
         stresses: list[Array] | None = None
+        first: Kept | None = None
         for _ in range(_STEPS):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
             gradient, hessian = problem.linearise(x, geometric, stresses)
-            factor = problem.factor(hessian)
-            begun = _Begun(x, stresses, factor)
-            x, stresses, _ = problem.moved(x, problem.step(factor, gradient))
+            found = None
+            if first is not None and self._early:
+                found = problem.by_kept(first, x, hessian, gradient, _CLOSE)
+            if found is None:
+                factor = problem.factor(hessian)
+                found = problem.step(factor, gradient)
+            begun = _Begun(x, stresses, factor, first is not None and factor is first.factor)
+            first = first or Kept(factor, x)
+            x, stresses, _ = problem.moved(x, found)
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
@@ -337,7 +346,8 @@ class ErrorEstimator(Estimator):
     def _margin_before(self, begun: _Begun, x: Array) -> float | None:
         """The margin where a step to x (n, 3) began, under dead loads; None where that is long, or it is not clear.
 
-        The lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``.
+        The lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``. The factor of the first step, where that served
+        for both, is of ``K_1`` alone: to that it is ``1 + r``.
         """
         shell = self.shell
         short = self.length(x - begun.x) <= LITTLE_STEP * self.length(x - shell.rest_positions)
@@ -349,16 +359,22 @@ class ErrorEstimator(Estimator):
         def softening(values: Array) -> Array:
             return np.asarray(shell.unknowns.restrict(geometric @ shell.unknowns.prolong(values)))
 
-        margin = 1.0 / (1.0 - (lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value - 1.0))
+        margin = lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value
+        if not begun.unstressed:
+            margin = 1.0 / (2.0 - margin)
         return margin if margin > CLEAR else None
 
 
 class _Begun(NamedTuple):
-    """Positions (n, 3) [m] where a step began, the stresses that its Hessian took, and the factor of that."""
+    """Positions (n, 3) [m] where a step began, the stresses that its Hessian took, and the factor that solved it.
+
+    That is of the Hessian, or where that is ``unstressed``, of the first step's.
+    """
 
     x: Array
     stresses: list[Array] | None
     factor: Factor
+    unstressed: bool
 
 
 @final
