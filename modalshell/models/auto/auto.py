@@ -46,58 +46,45 @@ from modalshell.supports.constraints import Constraint
 class Auto(Model):
     """A model that switches itself by error bars, so as to stay within a given error of DS.
 
-    Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
-    the first, unless its modes lack more than half of ``error`` of the linear answer to the load
-    (:class:`modalshell.models.auto.answered.LinearAnswers`), or the bar of its statics under the load is void or beyond
-    30 %, before its first check beyond half of ``error``; that is looked at before steps of modal levels, again when
-    the load changes or has doubled. Every five steps of a modal level, and as soon as the displacement has grown by
-    half since the last check, its error bar under d'Alembert's load is found on the fine shell
-    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
-    at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
-    bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. Levels of DS take over from others after some short steps from rest without a load, as they
-    would throw off the stretch that modes have, and a coarse shell between its vertices. A bar and a margin that leave
-    room vouch for coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid
-    about rest (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load
-    that is known to come at first, and for vibrations as large as its answer; those that leave little room vouch for
-    states like their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less
-    takes from what is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest
-    where the bar's steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no
-    rung of modes does better: it stays. RSW hands back to the first level where two of its checks in a row find that
-    near, too. Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of
-    ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
-    in a row the nearest modal shape must be within 0.4 ``error``, at the ends of the swing, too, modal statics under
-    d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch
-    of DS, which bars alone cannot tell after a snap. Bars are of one instant; how errors of phase add up in a vibration
-    is followed by the modes (:mod:`modalshell.models.auto.drift`): DS goes on while that comes to half of ``error``.
+    It holds several models, its levels, cheapest first: MWTS with the consistent force, RSW, coarse DS where a coarse
+    shell is given, and DS. One of them takes each step. Theory 14 gives the reasons for these rules:
 
-    Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
-    Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
-    its correction is within a tenth of the last fine check's, and its bar and margin at their worst leave room. A fine
-    one, of statics first, decides else, as soon as the displacement has grown by half since, and each thirteenth time.
-    As a level the coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
+    * A motion begins on MWTS. It begins on DS where the modes lack more than half of ``error`` of the linear answer to
+      the load, or where MWTS at rest under that load would be wrong. Both are asked again when the load has doubled.
+    * A modal level is checked as it moves: an error bar of the frame under d'Alembert's load says how far it is from
+      DS, and a stability margin whether DS may snap. New states are checked every five steps, and at once when the
+      displacement has grown by half. A check that leaves room vouches for states like its own and somewhat larger
+      ones; these are checked after 40 steps, 80, 160 and so on.
+    * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
+      fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is left for good
+      where its own bar exceeds half of ``error``.
+    * A bar is of one instant. What small errors of stiffness add up to in a vibration is followed apart from bars, and
+      DS goes on while that comes to half of ``error``.
+    * DS tries to hand back to MWTS from time to time. It does where twice in a row the nearest shape of MWTS is within
+      0.4 ``error`` at the ends of the swing, too, has about its energy, would rest near it, and the margin exceeds
+      0.39: so a motion that has snapped stays where DS is, although bars alone would call MWTS right there.
+    * A level takes over at the positions and velocities of the last one; DS sheds the stretch of modes first, in some
+      short steps from rest.
 
-    A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
-    from whose own balance there DS is no further by a bar.
+    Checks of shells of up to about a thousand vertices are compiled. One of a larger shell takes as long as
+    hundreds of steps of MWTS: with ``coarse`` or ``triangles`` most are made on the coarse shell, as long as one on the
+    shell itself agrees within a tenth each thirteenth time. As a level the coarse shell is left out where its linear
+    answer misses more than ``error`` of the lowest mode, and with contacts.
 
-    With contacts bars are found with what touches, by the colliders where they are, and statics outside them; every
-    five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
-    that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
-    otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is. Steps in which a collider with friction, restitution or ``push_out``
-    touches are of DS, as modes take none. Coarse DS is left out, as fine vertices may enter a collider between its own.
+    A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
 
-    Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
-    Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
-    loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
-    flies elsewhere, which no bar says. Statics of such shells is that of DS.
+    With contacts bars take into account what touches, and modal levels are checked every five steps throughout.
+    Strikes that take more than a tenth of the swing (at 5 %) are foreseen and left to DS, and so are steps in which a
+    collider with friction, restitution or ``push_out`` touches. Frames in which something strikes are not judged.
+
+    Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
+    displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
 
     ``error`` is what is added to the error that steps of ``dt`` cost: a stiff panel in a wind whose modes have few
     steps a period is off whatever the level, and so are the first frames under a load, in which high vibrations begin.
 
-    Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
-    DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is;
-    with friction, or ``push_out``, that of DS from rest.
+    Statics is that of MWTS corrected by the two steps of its bar where that is at most half of ``error``; else that of
+    DS. With contacts MWTS is not corrected, and with friction or ``push_out``, as of free parts, DS answers.
 
     Parameters
     ----------

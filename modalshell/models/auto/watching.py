@@ -133,14 +133,15 @@ class Watch:
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
+        if memory["dead"] is dead:  # as it was in the step before
+            return
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
         if self._drift is not None and memory["drift"].shape[1] != self._model.count:
             memory["drift"] = self._drift.none()
-        if memory["dead"] is not dead:
-            if not np.array_equal(memory["dead"], dead):
-                self.forget(memory, sampled=True)
-            memory["dead"] = dead
+        if not np.array_equal(memory["dead"], dead):
+            self.forget(memory, sampled=True)
+        memory["dead"] = dead
 
     def forget(self, memory: dict[str, Array], *, sampled: bool = False) -> None:
         """Forget what is known of states, of full levels and if asked also how right the coarse shell is."""
