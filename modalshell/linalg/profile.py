@@ -180,6 +180,7 @@ def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-
             out[3 * i + d] += total_here
 
 
+@final
 class Profile:
     """Storage of a symmetric pattern in an order of elimination.
 
@@ -228,7 +229,7 @@ class Profile:
 
 
 @final
-class ProfileAnalysis(Profile):
+class ProfileAnalysis:
     """Elimination order and storage of a matrix: the order of least profile among a few.
 
     Parameters
@@ -238,6 +239,11 @@ class ProfileAnalysis(Profile):
     points : ndarray, shape (N / 3, d), optional
         Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
         4.3].
+
+    Attributes
+    ----------
+    profile : Profile
+        The storage.
     """
 
     def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
@@ -246,11 +252,12 @@ class ProfileAnalysis(Profile):
         for axis in () if points is None or block == 1 else points.T:
             orders.append(np.argsort(axis, kind="stable").astype(np.int64))
         entries = sps.coo_array(graph)
-        tried = [Profile(order, entries.row, entries.col, block) for order in orders]
-        vars(self).update(vars(min(tried, key=lambda one: one.products)))
-        place = np.empty_like(self.order)
-        place[self.order] = np.arange(self.order.size)
-        self.position = (self.block * place[:, None] + np.arange(self.block)).ravel()
+        rows, columns = entries.row.astype(np.int64), entries.col.astype(np.int64)
+        tried = [Profile(order, rows, columns, block) for order in orders]
+        self.profile = min(tried, key=lambda one: one.products)
+        place = np.empty_like(self.profile.order)
+        place[self.profile.order] = np.arange(place.size)
+        self.position = (block * place[:, None] + np.arange(block)).ravel()
         self._pattern = matrix.indptr.copy(), matrix.indices.copy()  # those of a shared matrix may be sorted later
 
     @classmethod
@@ -261,19 +268,25 @@ class ProfileAnalysis(Profile):
     @property
     def entries(self) -> int:
         """Stored numbers of a factor, and one that is not read."""
-        return int(self.starts[-1]) + 1
+        return int(self.profile.starts[-1]) + 1
+
+    @property
+    def products(self) -> float:
+        """Multiplications of a factorisation."""
+        return self.profile.products
 
     @functools.cached_property
     def _filled(self) -> tuple[Index, Index]:
         """Places of a matrix's entries, and of unknowns of their own that fill up the last block."""
-        starts, rows = self._pattern
+        (starts, rows), of = self._pattern, self.profile
         columns = np.repeat(self.position, np.diff(starts))
-        padded = np.arange(self.size, 3 * self.first.size)
-        return self.places(self.position[rows], columns), self.places(padded, padded)
+        padded = np.arange(of.size, 3 * of.first.size)
+        return of.places(self.position[rows], columns), of.places(padded, padded)
 
     def workspace(self) -> tuple[Array, Array]:
         """Room for the numbers of diagonal blocks and for pivots that :func:`factorise` fills."""
-        return np.empty((self.first.size, 3)), np.empty(3 * self.first.size + LANES)
+        count = self.profile.first.size
+        return np.empty((count, 3)), np.empty(3 * count + LANES)
 
     def factorise(self, matrix: sps.csc_array) -> ProfileFactor:
         """Factor of a matrix with this pattern, definite or not.
@@ -287,10 +300,11 @@ class ProfileAnalysis(Profile):
         values[places] = matrix.data  # what lies above the diagonal blocks goes to the last place of all
         values[padded] = 1.0
         rest = self.workspace()
-        negative = factorise(values, self.first, self.starts, *rest)
+        negative = factorise(values, self.profile.first, self.profile.starts, *rest)
         if negative < 0:
             unknown = int(np.flatnonzero(self.position == -1 - negative)[0])
-            raise SolverError(f"the matrix ({self.size} unknowns) has no factor: pivot {unknown} is zero or no number")
+            size = self.profile.size
+            raise SolverError(f"the matrix ({size} unknowns) has no factor: pivot {unknown} is zero or no number")
         return ProfileFactor(self, (values, *rest), negative)
 
 
@@ -310,12 +324,12 @@ class ProfileFactor:
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
-        of, (values, own, pivots) = self._analysis, self._factor
+        of, position, (values, own, pivots) = self._analysis.profile, self._analysis.position, self._factor
         columns = np.asarray(right_side, dtype=np.float64).reshape(of.size, -1)
         solution = np.empty_like(columns)
         for k in range(columns.shape[1]):
             vector = np.zeros(3 * of.first.size)
-            vector[of.position] = columns[:, k]
+            vector[position] = columns[:, k]
             solve(values, of.first, of.starts, own, pivots, vector)
-            solution[:, k] = vector[of.position]
+            solution[:, k] = vector[position]
         return solution.reshape(np.shape(right_side))

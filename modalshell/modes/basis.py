@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, overload
 
@@ -27,12 +27,11 @@ from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
 from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
-from modalshell.modes.eigenpairs import eigenpairs
+from modalshell.modes.eigenpairs import AtRest, eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.resolution import unresolved_remark
-from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.modes.settled import settled_modes
 from modalshell.shell import Isotropic, Material, Sheet, Shell
 from modalshell.shell.elements import ENERGIES
@@ -329,13 +328,8 @@ def solve_modes(
     return found
 
 
-def model_basis(
-    shell: Shell, count: int, backend: str | None = None, at_rest: Callable[[], RigidFreeSolver] | None = None
-) -> Basis:
-    """As :func:`solve_modes`, for a model: short waves are part of its shapes, and nothing is said of them.
-
-    ``at_rest`` gives the solver of the stiffness where a model keeps that.
-    """
+def model_basis(shell: Shell, count: int, backend: str | None = None, at_rest: AtRest = None) -> Basis:
+    """As :func:`solve_modes`, for a model, which may keep the solver: short waves are part of its shapes."""
     checked_kind("shell", shell, Shell)
     _checked_parts(shell, checked_count("count", count), backend)
     found, whole = _solved(shell, count, None, backend, at_rest)
@@ -364,7 +358,7 @@ def _solved(
     count: int,
     attachments: Sequence[Load | ArrayLike] | None,
     backend: str | None,
-    at_rest: Callable[[], RigidFreeSolver] | None = None,
+    at_rest: AtRest = None,
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
     shell.refuse_creases_in("a modal model")

@@ -46,9 +46,12 @@ _CROWD = 24
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
+AtRest = Callable[[], RigidFreeSolver] | None
+"""Gives the solver of the stiffness at rest, where that is kept."""
+
 
 def eigenpairs(
-    shell: Shell, count: int, backend: str | None = None, at_rest: Callable[[], RigidFreeSolver] | None = None
+    shell: Shell, count: int, backend: str | None = None, at_rest: AtRest = None
 ) -> tuple[Array, Array, int, float, str, int]:
     """The ``count`` lowest eigenpairs of the shell's free unknowns, rigid motions first.
 

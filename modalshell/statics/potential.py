@@ -245,8 +245,10 @@ class Potential(Problem[sps.csc_array]):
         self, x: Array, hessian: sps.csc_array, gradient: Array, kept: Kept | None, accuracy: float
     ) -> tuple[Factored, Array]:
         """Newton direction (N,), by the kept factor as long as that costs less than a new one; and the factor."""
-        if kept is not None and (found := self.by_kept(kept, x, hessian, gradient, accuracy)) is not None:
-            return kept.factor, found
+        if kept is not None and isinstance(kept.factor, Factor):
+            found = self._solution(kept.factor, hessian, gradient, accuracy, turned_axes(self.shell, kept.at, x))
+            if found is not None:
+                return kept.factor, found
         if self.is_step:
             of = self.factoriser_of(hessian)
             with self.costs.part("factorisation"):
@@ -254,12 +256,6 @@ class Potential(Problem[sps.csc_array]):
             if near is not None and (found := self._solution(near, hessian, gradient, accuracy)) is not None:
                 return self._condensed(near), found
         return super().direction(x, hessian, gradient, kept, accuracy)
-
-    def by_kept(self, kept: Kept, x: Array, hessian: sps.csc_array, gradient: Array, accuracy: float) -> Array | None:
-        """Newton direction (N,) by iterations with a kept factor; None where it does not serve."""
-        if not isinstance(kept.factor, Factor):
-            return None
-        return self._solution(kept.factor, hessian, gradient, accuracy, turned_axes(self.shell, kept.at, x))
 
     def _solution(
         self, factor: Factor, hessian: sps.csc_array, gradient: Array, accuracy: float, axes: Array | None = None

@@ -27,7 +27,8 @@ from modalshell.models.coarse.profile_numbering import numbering_of
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.statics.error_bar import ErrorEstimator, QuickCheck, probe
+from modalshell.statics.error_bar import ErrorEstimator, QuickCheck
+from modalshell.statics.margin import probe
 
 _PRODUCTS, _CHECKED = 4e7, 1e8
 """Multiplications of a factorisation above which sparse steps, which keep their factors, are quicker; and checks."""
@@ -159,10 +160,10 @@ def _of_hinges(shell: Shell) -> tuple[Profile, Index, Any] | None:
     if tuple(e.kernel for e in shell.elements) != KERNELS:
         return None
     free, points = shell.free, shell.rest_positions[shell.free]
-    analysis = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), points)
+    profile = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), points).profile
     place = np.full(len(shell.mass), -1, dtype=np.int64)
-    place[free[analysis.order]] = np.arange(free.size)
-    return analysis, place, functools.partial(hinges_of, shell, analysis, place)
+    place[free[profile.order]] = np.arange(free.size)
+    return profile, place, functools.partial(hinges_of, shell, profile, place)
 
 
 def _of_folds(shell: Shell, most: float) -> tuple[Profile, Index, Any] | None:
