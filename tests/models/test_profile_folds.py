@@ -194,7 +194,7 @@ def test_shares_by_threes_take_fewer_products_than_one_by_one(family):
     """On meshes without a grid an order found again for the threes took 1.4 times as many, and coarse shells 3."""
     sheet = ms.sheet(cells=(14, 14), family=family)
     plate = ms.Shell(sheet, ISOTROPIC, "x < 1e-6")
-    alone = ProfileAnalysis(plate.pattern.free_matrix(np.ones(plate.pattern.size)))
+    alone = ProfileAnalysis(plate.pattern.free_matrix(np.ones(plate.pattern.size))).profile
     assert alone.block == 1
     found = numbering_of(plate)
     assert found.profile.products < 0.9 * alone.products  # rows of one fill packed registers by less
