@@ -2,12 +2,13 @@
 
 from modalshell.linalg.cholesky import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError, block_graph
 from modalshell.linalg.conjugate_gradients import Stop
-from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor
+from modalshell.linalg.profile import Profile, ProfileAnalysis, ProfileFactor
 
 __all__ = [
     "BlockCholesky",
     "CholeskyAnalysis",
     "NotPositiveDefiniteError",
+    "Profile",
     "ProfileAnalysis",
     "ProfileFactor",
     "Stop",

@@ -181,60 +181,41 @@ def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-
 
 
 @final
-class ProfileAnalysis:
-    """Elimination order and storage of a symmetric pattern: the order of least profile among a few.
+class Profile:
+    """Storage of a symmetric pattern in an order of elimination.
 
     Parameters
     ----------
-    matrix : csc_array, shape (N, N)
-        A matrix with the pattern, both triangles stored.
-    points : ndarray, shape (N / 3, d), optional
-        Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
-        4.3].
-    order : ndarray of int64, shape (N / 3,), optional
-        The order of 3 x 3 blocks to take in place of all these.
+    order : ndarray of int64, shape (k,)
+        The blocks in the order of elimination.
+    rows, columns : ndarray of int, shape (e,)
+        Where the pattern has entries, by blocks; there may be several of one place.
+    block : int
+        Unknowns of a block, 3 or 1.
 
     Attributes
     ----------
-    block : int
-        3 where the pattern consists of 3 x 3 blocks, else 1.
-    order : ndarray of int64, shape (N / block,)
-        The blocks in the order of elimination.
+    block, order : int, ndarray
+        The same.
+    size : int
+        Number of unknowns.
     first, starts : ndarray of int64, shape (b,) and (b + 1,)
         First column of every row of three unknowns, and where it begins in the storage.
     strides : ndarray of int64, shape (b,)
         Length of each of the three.
     """
 
-    def __init__(self, matrix: sps.csc_array, points: Array | None = None, *, order: Index | None = None) -> None:
-        self.size = matrix.shape[0]
-        self.block, graph = symmetric_block_graph(matrix)
-        if order is None:
-            order = np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
-        orders = [order]
-        for axis in () if points is None or self.block == 1 else points.T:
-            orders.append(np.argsort(axis, kind="stable").astype(np.int64))
-        entries = sps.coo_array(graph)
-        rows, columns = entries.row.astype(np.int64), entries.col.astype(np.int64)
-        made = [_layout(order, rows, columns, self.block) for order in orders]
-        best = int(np.argmin([np.sum(strides**2) for _, strides in made]))
-        self.order = orders[best]
-        self.first, self.strides = made[best]
+    def __init__(self, order: Index, rows: Index, columns: Index, block: int = 3) -> None:
+        self.order, self.block, self.size = order, block, block * order.size
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        count = -(-self.size // 3)
+        first = 3 * np.arange(count, dtype=np.int64)
+        np.minimum.at(first, block * place[rows] // 3, block * place[columns] // 3 * 3)
+        self.first = first // LANES * LANES
+        ends = 3 * np.arange(1, count + 1) - self.first
+        self.strides = -(-ends // LANES) * LANES
         self.starts = np.concatenate([[0], np.cumsum(3 * self.strides)])
-        place = np.empty_like(self.order)
-        place[self.order] = np.arange(self.order.size)
-        self.position = (self.block * place[:, None] + np.arange(self.block)).ravel()
-        self._pattern = matrix.indptr.copy(), matrix.indices.copy()  # those of a shared matrix may be sorted later
-
-    @classmethod
-    def known(cls, matrix: sps.csc_array) -> ProfileAnalysis:
-        """The analysis of the pattern of ``matrix``, that of an earlier matrix where one had the same."""
-        return known_analysis("profile", matrix, lambda: cls(matrix))
-
-    @property
-    def entries(self) -> int:
-        """Stored numbers of a factor, and one that is not read."""
-        return int(self.starts[-1]) + 1
 
     @property
     def products(self) -> float:
@@ -246,17 +227,66 @@ class ProfileAnalysis:
         places = self.starts[i // 3] + i % 3 * self.strides[i // 3] + j - self.first[i // 3]
         return np.asarray(np.where(j // 3 <= i // 3, places, -1))
 
+
+@final
+class ProfileAnalysis:
+    """Elimination order and storage of a matrix: the order of least profile among a few.
+
+    Parameters
+    ----------
+    matrix : csc_array, shape (N, N)
+        A matrix with the pattern, both triangles stored.
+    points : ndarray, shape (N / 3, d), optional
+        Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
+        4.3].
+
+    Attributes
+    ----------
+    profile : Profile
+        The storage.
+    """
+
+    def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
+        block, graph = symmetric_block_graph(matrix)
+        orders = [np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)]
+        for axis in () if points is None or block == 1 else points.T:
+            orders.append(np.argsort(axis, kind="stable").astype(np.int64))
+        entries = sps.coo_array(graph)
+        rows, columns = entries.row.astype(np.int64), entries.col.astype(np.int64)
+        tried = [Profile(order, rows, columns, block) for order in orders]
+        self.profile = min(tried, key=lambda one: one.products)
+        place = np.empty_like(self.profile.order)
+        place[self.profile.order] = np.arange(place.size)
+        self.position = (block * place[:, None] + np.arange(block)).ravel()
+        self._pattern = matrix.indptr.copy(), matrix.indices.copy()  # those of a shared matrix may be sorted later
+
+    @classmethod
+    def known(cls, matrix: sps.csc_array) -> ProfileAnalysis:
+        """The analysis of the pattern of ``matrix``, that of an earlier matrix where one had the same."""
+        return known_analysis("profile", matrix, lambda: cls(matrix))
+
+    @property
+    def entries(self) -> int:
+        """Stored numbers of a factor, and one that is not read."""
+        return int(self.profile.starts[-1]) + 1
+
+    @property
+    def products(self) -> float:
+        """Multiplications of a factorisation."""
+        return self.profile.products
+
     @functools.cached_property
     def _filled(self) -> tuple[Index, Index]:
         """Places of a matrix's entries, and of unknowns of their own that fill up the last block."""
-        starts, rows = self._pattern
+        (starts, rows), of = self._pattern, self.profile
         columns = np.repeat(self.position, np.diff(starts))
-        padded = np.arange(self.size, 3 * self.first.size)
-        return self.places(self.position[rows], columns), self.places(padded, padded)
+        padded = np.arange(of.size, 3 * of.first.size)
+        return of.places(self.position[rows], columns), of.places(padded, padded)
 
     def workspace(self) -> tuple[Array, Array]:
         """Room for the numbers of diagonal blocks and for pivots that :func:`factorise` fills."""
-        return np.empty((self.first.size, 3)), np.empty(3 * self.first.size + LANES)
+        count = self.profile.first.size
+        return np.empty((count, 3)), np.empty(3 * count + LANES)
 
     def factorise(self, matrix: sps.csc_array) -> ProfileFactor:
         """Factor of a matrix with this pattern, definite or not.
@@ -267,10 +297,11 @@ class ProfileAnalysis:
         values[places] = matrix.data  # what lies above the diagonal blocks goes to the last place of all
         values[padded] = 1.0
         rest = self.workspace()
-        negative = factorise(values, self.first, self.starts, *rest)
+        negative = factorise(values, self.profile.first, self.profile.starts, *rest)
         if negative < 0:
             unknown = int(np.flatnonzero(self.position == -1 - negative)[0])
-            raise SolverError(f"the matrix ({self.size} unknowns) has no factor: pivot {unknown} is zero or no number")
+            size = self.profile.size
+            raise SolverError(f"the matrix ({size} unknowns) has no factor: pivot {unknown} is zero or no number")
         return ProfileFactor(self, (values, *rest), negative)
 
 
@@ -290,24 +321,12 @@ class ProfileFactor:
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
-        of, (values, own, pivots) = self._analysis, self._factor
+        of, position, (values, own, pivots) = self._analysis.profile, self._analysis.position, self._factor
         columns = np.asarray(right_side, dtype=np.float64).reshape(of.size, -1)
         solution = np.empty_like(columns)
         for k in range(columns.shape[1]):
             vector = np.zeros(3 * of.first.size)
-            vector[of.position] = columns[:, k]
+            vector[position] = columns[:, k]
             solve(values, of.first, of.starts, own, pivots, vector)
-            solution[:, k] = vector[of.position]
+            solution[:, k] = vector[position]
         return solution.reshape(np.shape(right_side))
-
-
-def _layout(order: Index, rows: Index, columns: Index, block: int) -> tuple[Index, Index]:
-    """First column and row length of every block row of an order."""
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
-    count = -(-block * order.size // 3)
-    first = 3 * np.arange(count, dtype=np.int64)
-    np.minimum.at(first, block * place[rows] // 3, block * place[columns] // 3 * 3)
-    first = first // LANES * LANES
-    ends = 3 * np.arange(1, count + 1) - first
-    return first, -(-ends // LANES) * LANES

@@ -27,7 +27,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
 from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
-from modalshell.modes.eigenpairs import eigenpairs
+from modalshell.modes.eigenpairs import AtRest, eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
@@ -328,11 +328,11 @@ def solve_modes(
     return found
 
 
-def model_basis(shell: Shell, count: int, backend: str | None = None) -> Basis:
-    """As :func:`solve_modes`, for a model: short waves are part of its shapes, and nothing is said of them."""
+def model_basis(shell: Shell, count: int, backend: str | None = None, at_rest: AtRest = None) -> Basis:
+    """As :func:`solve_modes`, for a model, which may keep the solver: short waves are part of its shapes."""
     checked_kind("shell", shell, Shell)
     _checked_parts(shell, checked_count("count", count), backend)
-    found, whole = _solved(shell, count, None, backend)
+    found, whole = _solved(shell, count, None, backend, at_rest)
     _warn_of_cut(count, whole)
     return found
 
@@ -354,7 +354,11 @@ def lowest_modes(shell: Shell, count: int) -> tuple[Basis, int]:
 
 
 def _solved(
-    shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
+    shell: Shell,
+    count: int,
+    attachments: Sequence[Load | ArrayLike] | None,
+    backend: str | None,
+    at_rest: AtRest = None,
 ) -> tuple[Basis, int]:
     """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
     shell.refuse_creases_in("a modal model")
@@ -365,7 +369,7 @@ def _solved(
         rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
         return Basis(shell, eigenvalues, modes, read_only(rotations), 0, residual, name), whole
     forces = attached_forces(shell, attachments)
-    eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)
+    eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend, at_rest)
     if forces.shape[1]:
         eigenvalues, free_modes = with_attachments(shell, eigenvalues, free_modes, forces, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))

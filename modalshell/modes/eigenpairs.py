@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
@@ -44,9 +46,16 @@ _CROWD = 24
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
+AtRest = Callable[[], RigidFreeSolver] | None
+"""Gives the solver of the stiffness at rest, where that is kept."""
 
-def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str, int]:
+
+def eigenpairs(
+    shell: Shell, count: int, backend: str | None = None, at_rest: AtRest = None
+) -> tuple[Array, Array, int, float, str, int]:
     """The ``count`` lowest eigenpairs of the shell's free unknowns, rigid motions first.
+
+    ``at_rest`` gives the solver of the stiffness where that is kept; another one is made and let go.
 
     Returns
     -------
@@ -87,7 +96,11 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             values, vectors = dense_pairs(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
-            solver = RigidFreeSolver(shell.pattern.free_matrix(stiffness()), rigid, mass, backend)
+            solver = (
+                at_rest()
+                if at_rest is not None
+                else RigidFreeSolver(shell.pattern.free_matrix(stiffness()), rigid, mass, backend)
+            )
             name = solver.factor.backend
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver

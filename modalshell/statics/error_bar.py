@@ -21,7 +21,7 @@ import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 import scipy.sparse as sps
@@ -31,8 +31,9 @@ from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, lowest_eigenvalue
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.statics.early_margin import Begun
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.margin import CLEAR, LITTLE_STEP, Margin, lowest_ratio
+from modalshell.statics.margin import LITTLE_STEP, Margin, lowest_ratio, probe
 from modalshell.statics.potential import Potential
 
 LEAST_MARGIN = 0.3
@@ -291,7 +292,7 @@ class ErrorEstimator(Estimator):
     def __init__(self, shell: Shell, compiled: QuickCheck | None = None, *, early: bool = False) -> None:
         super().__init__(shell)
         self._compiled, self._early = compiled, early
-        self._taken: tuple[Array, list[Array], _Begun] | None = None
+        self._taken: tuple[Array, list[Array], Begun] | None = None
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """By compiled code where that serves."""
@@ -300,7 +301,8 @@ class ErrorEstimator(Estimator):
         if found is None and self._early and live is None:
             problem = self.problem(load)
             corrected, stresses, begun = self._both_steps(problem, x)
-            margin = self._margin_before(begun, corrected)
+            ways = self.length(corrected - begun.x), self.length(corrected - self.shell.rest_positions)
+            margin = begun.margin(self.shell, *ways)
             found = corrected, self.margin(problem, corrected, stresses).value if margin is None else margin
         return super()._found(x, load, live) if found is None else found
 
@@ -308,18 +310,24 @@ class ErrorEstimator(Estimator):
         """Positions (n, 3) [m] and predicted stresses after two steps; SolverError where they leave all numbers."""
         return self._both_steps(problem, x)[:2]
 
-    def _both_steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array], _Begun]:
+    def _both_steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array], Begun]:
         """The same, and where the second step began."""
         stresses: list[Array] | None = None
+        begun: Begun | None = None
         for _ in range(_STEPS):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
             gradient, hessian = problem.linearise(x, geometric, stresses)
-            factor = problem.factor(hessian)
-            begun = _Begun(x, stresses, factor)
-            x, stresses, _ = problem.moved(x, problem.step(factor, gradient))
+            found = begun.direction(self.shell, x, hessian, gradient) if begun is not None and self._early else None
+            if begun is not None and found is not None:
+                begun = Begun(x, stresses, begun.factor, unstressed=True)
+            else:
+                factor = problem.factor(hessian)
+                begun, found = Begun(x, stresses, factor), problem.step(factor, gradient)
+            x, stresses, _ = problem.moved(x, found)
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
+        assert begun is not None
         self._taken = x, stresses, begun
         return self._taken
 
@@ -333,32 +341,6 @@ class ErrorEstimator(Estimator):
         gradient, hessian = problem.linearise(end, MIXED, stresses)
         further = problem.moved(end, problem.step(problem.factor(hessian), gradient))[0]
         return 0.0 if abs(self.length(further - x) - off) <= _ALIKE * off else first + second
-
-    def _margin_before(self, begun: _Begun, x: Array) -> float | None:
-        """The margin where a step to x (n, 3) began, under dead loads; None where that is long, or it is not clear.
-
-        The lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``.
-        """
-        shell = self.shell
-        short = self.length(x - begun.x) <= LITTLE_STEP * self.length(x - shell.rest_positions)
-        if not (short and begun.factor.is_definite()):
-            return None
-        stressed = shell.hessian(begun.x, MIXED, begun.stresses)
-        geometric = shell.pattern.matrix(stressed - shell.hessian(begun.x, GAUSS_NEWTON))
-
-        def softening(values: Array) -> Array:
-            return np.asarray(shell.unknowns.restrict(geometric @ shell.unknowns.prolong(values)))
-
-        margin = 1.0 / (1.0 - (lowest_ratio(begun.factor.solve, softening, probe(shell.unknowns.count)).value - 1.0))
-        return margin if margin > CLEAR else None
-
-
-class _Begun(NamedTuple):
-    """Positions (n, 3) [m] where a step began, the stresses that its Hessian took, and the factor of that."""
-
-    x: Array
-    stresses: list[Array] | None
-    factor: Factor
 
 
 @final
@@ -385,11 +367,6 @@ class LastStep:
     stressed: Array
     direction: Array
     factor: Factor = field(repr=False)
-
-
-def probe(count: int) -> Array:
-    """Forces (N,) on unknowns from which the iterations for the margin start: any, but always the same."""
-    return np.random.default_rng(0).standard_normal(count)
 
 
 def _allowed(shell: Shell, positions: Array) -> Array:

@@ -73,3 +73,8 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
         tridiagonal[step, count] = tridiagonal[count, step] = beside
         vectors[count], images[count] = following / beside, image / beside
     return Margin(1.0 + lowest, shapes[:, 0] @ vectors[:count], count)
+
+
+def probe(count: int) -> Array:
+    """Forces (N,) on unknowns from which the iterations for the margin start: any, but always the same."""
+    return np.random.default_rng(0).standard_normal(count)

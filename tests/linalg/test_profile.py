@@ -58,7 +58,7 @@ def test_the_order_along_a_strip_is_taken_where_it_is_best():
     points = mesh.vertices[mesh.vertices[:, 0] >= 0.06]
     ordered = ProfileAnalysis(matrix, points)
     assert ordered.entries < ProfileAnalysis(matrix).entries
-    assert ordered.strides.max() < 60
+    assert ordered.profile.strides.max() < 60
 
 
 @settings(max_examples=40, deadline=None)

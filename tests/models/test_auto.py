@@ -1,5 +1,7 @@
 """The model that switches itself: it holds the error asked for, says what it did, and resumes to the same bits."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scenes import stiff_beam_text, stopped_and_resumed
@@ -11,7 +13,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
 from modalshell.models.auto import loads_ahead
 from modalshell.models.auto.account import energy_change
-from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import HeldCheck
 from modalshell.models.auto.levels import FullLevel
 from modalshell.models.auto.trusted import KnownStates
@@ -325,7 +327,7 @@ def test_a_rung_that_errs_alike_is_passed_by(monkeypatch):
 
 def test_linear_answers_lack_what_no_mode_moves(beam):
     basis = ms.solve_modes(beam, 6)
-    answers = LinearAnswers(basis)
+    answers = LinearAnswers(basis, partial(solver_at_rest, beam))
     mass = np.repeat(beam.mass, 3)
     own = mass * (basis.modes @ (basis.eigenvalues * [1.0, 2.0, 0.0, 0.5, 0.0, 1.0]))
     whole, missing = answers.of(own.reshape(-1, 3))

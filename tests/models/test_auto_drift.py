@@ -45,10 +45,12 @@ def test_a_wrong_stiffness_adds_up_as_it_does_in_an_oscillator(basis, ratio):
     found, rows = [], drift.none()
     for k in range(2, times.size):
         frame = tuple(rest + q * mode for q in level[k - 2 : k + 1])
-        rows = drift.advanced(rows, frame[2], dt, 1)
+        rows, off = drift.advanced(rows, drift.coordinates(frame[2]), dt, 1)
+        assert off == pytest.approx(drift.size(rows))
         if k == 2:
             at = held(rest, frame, dt, omega, 2.0 * ratio * omega, OFF)
-            rows = drift.checked(rows, (frame, at), dt, 1, first=False)
+            places = drift.coordinates(frame[1]), drift.coordinates(frame[2])
+            rows = drift.checked(rows, (frame, at), places, dt, 1, first=False)
         found.append(drift.size(rows))
     off = np.abs(exact - level)[2:]
     envelope, told = (
@@ -66,7 +68,8 @@ def test_frames_of_the_right_stiffness_add_nothing_up_however_few_there_are(basi
     frames = tuple(rest + q * mode for q in 1e-3 * np.cos(omega * dt * np.arange(3)))
     corrected = held(rest, frames, dt, omega, 0.0)
     assert np.abs(corrected - frames[1]).max() > 0.02 * np.abs(frames[1] - rest).max()
-    rows = drift.checked(drift.none(), (frames, corrected), dt, 1, first=False)
+    places = drift.coordinates(frames[1]), drift.coordinates(frames[2])
+    rows = drift.checked(drift.none(), (frames, corrected), places, dt, 1, first=False)
     assert np.abs(rows[3]).max() < 1e-9
 
 

@@ -5,6 +5,8 @@ import pytest
 
 import modalshell as ms
 from modalshell.loads import Loading
+from modalshell.models.reduction.poisson import PoissonFit
+from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.motion.stepping import Motion
 
 DT = 1.0 / 60.0
@@ -61,3 +63,15 @@ def test_a_motion_that_goes_back_to_a_snapshot_goes_on_with_the_same_bits(beam):
     first = advanced(motion, 25)
     motion.restore(snapshot)
     assert np.array_equal(advanced(motion, 25), first)
+
+
+def test_what_the_cheapest_rung_does_not_want_is_not_made(beam, monkeypatch):
+    """No fit of RSW, and one factor of the stiffness at rest for the modes and for the linear answers."""
+    factors, found = [], RigidFreeSolver.__init__
+    monkeypatch.setattr(PoissonFit, "__init__", None)
+    monkeypatch.setattr(RigidFreeSolver, "__init__", lambda *given: (factors.append(1), found(*given))[1])
+    auto = ms.Auto(beam, 6)
+    run = ms.simulate(auto, duration=0.2, dt=DT, gravity=(0.0, 0.26, -0.97))
+    assert set(run.levels) == {"MWTS"}
+    assert len(factors) == 1
+    assert auto.equilibrium(gravity=(0.0, 0.026, -0.097)).message.startswith("MWTS")

@@ -9,6 +9,7 @@ from modalshell.models.auto.at_rest import AtRest
 from modalshell.models.auto.auto import Auto
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.warping import consistent_warping
+from modalshell.modes import Factoriser
 from modalshell.motion.stepping import Motion
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 
@@ -91,6 +92,21 @@ def test_a_margin_is_found_by_the_second_factor_where_that_step_is_short(fine, s
         early = estimator.bar(x, force)
     assert work.factorisations == factors
     assert np.array_equal(early.corrected, whole.corrected)
+    assert early.margin == pytest.approx(whole.margin, abs=0.01)
+
+
+def test_one_factor_serves_both_steps_and_the_margin_of_a_large_shell(fine):
+    """Those of small shells have no iterations with a factor near by: here they get that of large ones."""
+    basis = ms.solve_modes(fine, 8)
+    force = force_of(fine, basis, 0.1)
+    x = ms.ModalWarping(basis).equilibrium(force=force).positions
+    whole, estimator = ErrorEstimator(fine).bar(x, force), ErrorEstimator(fine, early=True)
+    estimator._factoriser = Factoriser("cholesky")
+    with counted() as work:
+        early = estimator.bar(x, force)
+    assert work.factorisations == 1
+    assert whole.displacement > 1e-3
+    assert early.displacement == pytest.approx(whole.displacement, rel=0.03)  # residuals of a tenth serve here
     assert early.margin == pytest.approx(whole.margin, abs=0.01)
 
 

@@ -60,7 +60,7 @@ SHELLS = {
 def profile_hessian(shell, x):
     """Hessian by free positions (N, N), in the order of the vertices: assembled in a profile, shares condensed."""
     step = profile_step(shell)
-    body, own, analysis = step._body, make_room(step._body).elastic, step._analysis
+    body, own, profile = step._body, make_room(step._body).elastic, numbering_of(shell).profile
     folds, values = body.elastic, body.elastic.shares.copy()
     own.points[: len(x)] = x
     fold_angles(own.points, folds.hinges, folds.angles, own.angles, own.slopes)
@@ -75,7 +75,7 @@ def profile_hessian(shell, x):
     rows, columns = np.indices((size, size))
     there = (columns // 3 <= rows // 3) & (columns >= body.first[rows // 3])
     whole = np.zeros((size, size))
-    whole[there] = values[analysis.places(rows[there], columns[there])]
+    whole[there] = values[profile.places(rows[there], columns[there])]
     lower = np.tril(whole)
     whole = lower + np.tril(lower, -1).T
     positions = (3 * body.rows[np.argsort(body.free)][:, None] + np.arange(3)).ravel()
@@ -194,10 +194,10 @@ def test_shares_by_threes_take_fewer_products_than_one_by_one(family):
     """On meshes without a grid an order found again for the threes took 1.4 times as many, and coarse shells 3."""
     sheet = ms.sheet(cells=(14, 14), family=family)
     plate = ms.Shell(sheet, ISOTROPIC, "x < 1e-6")
-    alone = ProfileAnalysis(plate.pattern.free_matrix(np.ones(plate.pattern.size)))
+    alone = ProfileAnalysis(plate.pattern.free_matrix(np.ones(plate.pattern.size))).profile
     assert alone.block == 1
     found = numbering_of(plate)
-    assert found.analysis.products < 0.9 * alone.products  # rows of one fill packed registers by less
+    assert found.profile.products < 0.9 * alone.products  # rows of one fill packed registers by less
     rows = np.concatenate([(3 * found.place[plate.free][:, None] + np.arange(3)).ravel(), found.shares])
     assert np.unique(rows).size == rows.size == alone.size
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, final
 
 import numpy as np
 
-from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.modes import Basis
 from modalshell.modes.rigid import RigidFreeSolver
@@ -70,19 +68,21 @@ class LinearAnswers:
     """Compares the linear answers of a shell with those of its modes.
 
     The answer ``u = K^-1 f`` at rest has the modal part ``Phi Lambda^-1 Phi^T f = Phi Phi^T M u`` (theory 14, eq. 8).
-    One factorisation serves all loads, and one solve all loads that are multiples of each other.
+    The factorisation that the modes were found with serves all loads, and one solve all that are multiples of each
+    other.
 
     Parameters
     ----------
     basis : Basis
         Modes of a shell. Of parts without supports the balanced share of loads counts, and displacements without
         rigid ones.
+    at_rest : callable
+        Gives the solver of the stiffness at rest; see :func:`solver_at_rest`.
     """
 
-    def __init__(self, basis: Basis) -> None:
-        self._basis, shell = basis, basis.shell
-        self._solver = PerThread(partial(solver_at_rest, shell))
-        self._mass = np.repeat(shell.mass, 3)
+    def __init__(self, basis: Basis, at_rest: Callable[[], RigidFreeSolver]) -> None:
+        self._basis, self._solver = basis, at_rest
+        self._mass = np.repeat(basis.shell.mass, 3)
 
     def of(self, force: Array) -> Answer:
         """The answer to forces (n, 3) [N]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -13,11 +13,12 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_kind, checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
+from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import told
-from modalshell.models.auto.answered import LinearAnswers
+from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
@@ -33,7 +34,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.motion_check import touching_frames
 from modalshell.models.rotation_strain import RotationStrain
-from modalshell.models.warping import consistent_warping
+from modalshell.models.warping import ModalWarping, consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -45,58 +46,45 @@ from modalshell.supports.constraints import Constraint
 class Auto(Model):
     """A model that switches itself by error bars, so as to stay within a given error of DS.
 
-    Levels are MWTS with the consistent force, RSW, coarse DS where a coarse shell is given, and DS. Motion begins on
-    the first, unless its modes lack more than half of ``error`` of the linear answer to the load
-    (:class:`modalshell.models.auto.answered.LinearAnswers`), or the bar of its statics under the load is void or beyond
-    30 %, before its first check beyond half of ``error``; that is looked at before steps of modal levels, again when
-    the load changes or has doubled. Every five steps of a modal level, and as soon as the displacement has grown by
-    half since the last check, its error bar under d'Alembert's load is found on the fine shell
-    (:class:`modalshell.models.motion_check.MotionCheck`): where it exceeds half of ``error`` the next level takes over
-    at the modal positions and velocities (RSW only if its own statics under that load comes within as much of where the
-    bar's steps lead); where the stability margin has failed DS, as modal rungs err alike there and coarse DS snaps
-    under another load. Levels of DS take over from others after some short steps from rest without a load, as they
-    would throw off the stretch that modes have, and a coarse shell between its vertices. A bar and a margin that leave
-    room vouch for coordinates, rates and factors of the loads up to a factor on those seen, 1.25 to 2, in an ellipsoid
-    about rest (:class:`modalshell.models.auto.trusted.KnownStates`), and so do those of statics, of the largest load
-    that is known to come at first, and for vibrations as large as its answer; those that leave little room vouch for
-    states like their own. Such states are checked again after 40 steps, 80, 160 and so on; a check that leaves less
-    takes from what is known what is as large. Where displacements are nearly those of linear modes, and MWTS would rest
-    where the bar's steps lead, a large bar is of the step's, or of a load that has hardly moved the shell yet, and no
-    rung of modes does better: it stays. RSW hands back to the first level where two of its checks in a row find that
-    near, too. Coarse DS is left for DS where its margin fails, and for good where its own bar exceeds half of
-    ``error``. Full levels try to hand back to the first from time to time, more seldom where that has not lasted: twice
-    in a row the nearest modal shape must be within 0.4 ``error``, at the ends of the swing, too, modal statics under
-    d'Alembert's load must come back to within that, and the margin must exceed 0.39. So the motion stays on the branch
-    of DS, which bars alone cannot tell after a snap. Bars are of one instant; how errors of phase add up in a vibration
-    is followed by the modes (:mod:`modalshell.models.auto.drift`): DS goes on while that comes to half of ``error``.
+    It holds several models, its levels, cheapest first: MWTS with the consistent force, RSW, coarse DS where a coarse
+    shell is given, and DS. One of them takes each step. Theory 14 gives the reasons for these rules:
 
-    Of shells too large for compiled checks (about a thousand vertices) each takes as long as hundreds of steps by MWTS.
-    Where a coarse shell is given, modal states are checked on it (:mod:`modalshell.models.auto.sampled`), as long as
-    its correction is within a tenth of the last fine check's, and its bar and margin at their worst leave room. A fine
-    one, of statics first, decides else, as soon as the displacement has grown by half since, and each thirteenth time.
-    As a level the coarse shell is left out where its linear answer misses more than ``error`` of the lowest mode.
+    * A motion begins on MWTS. It begins on DS where the modes lack more than half of ``error`` of the linear answer to
+      the load, or where MWTS at rest under that load would be wrong. Both are asked again when the load has doubled.
+    * A modal level is checked as it moves: an error bar of the frame under d'Alembert's load says how far it is from
+      DS, and a stability margin whether DS may snap. New states are checked every five steps, and at once when the
+      displacement has grown by half. A check that leaves room vouches for states like its own and somewhat larger
+      ones; these are checked after 40 steps, 80, 160 and so on.
+    * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
+      fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is left for good
+      where its own bar exceeds half of ``error``.
+    * A bar is of one instant. What small errors of stiffness add up to in a vibration is followed apart from bars, and
+      DS goes on while that comes to half of ``error``.
+    * DS tries to hand back to MWTS from time to time. It does where twice in a row the nearest shape of MWTS is within
+      0.4 ``error`` at the ends of the swing, too, has about its energy, would rest near it, and the margin exceeds
+      0.39: so a motion that has snapped stays where DS is, although bars alone would call MWTS right there.
+    * A level takes over at the positions and velocities of the last one; DS sheds the stretch of modes first, in some
+      short steps from rest.
 
-    A start away from rest begins on the first level that holds it: whose shapes come within 0.4 ``error`` of it, and
-    from whose own balance there DS is no further by a bar.
+    Checks of shells of up to about a thousand vertices are compiled. One of a larger shell takes as long as
+    hundreds of steps of MWTS: with ``coarse`` or ``triangles`` most are made on the coarse shell, as long as one on the
+    shell itself agrees within a tenth each thirteenth time. As a level the coarse shell is left out where its linear
+    answer misses more than ``error`` of the lowest mode, and with contacts.
 
-    With contacts bars are found with what touches, by the colliders where they are, and statics outside them; every
-    five steps of modal levels, as what touches decides, too. A frame that something strikes in is not judged. A strike
-    that takes more than a tenth of the swing (at 5 %) is foreseen in the step before, and left to DS: modes go on
-    otherwise after it. Levels take over outside the colliders, those of modes by shapes pressed out as at rest, unless
-    these are far from where the motion is. Steps in which a collider with friction, restitution or ``push_out``
-    touches are of DS, as modes take none. Coarse DS is left out, as fine vertices may enter a collider between its own.
+    A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
 
-    Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on.
-    Displacements are bends then, found after the rigid motion that fits best, of at least 1e-7 of the shell's size, and
-    loads what bends a shape that moves with its frame. Every three steps of MWTS are checked, as another shape soon
-    flies elsewhere, which no bar says. Statics of such shells is that of DS.
+    With contacts bars take into account what touches, and modal levels are checked every five steps throughout.
+    Strikes that take more than a tenth of the swing (at 5 %) are foreseen and left to DS, and so are steps in which a
+    collider with friction, restitution or ``push_out`` touches. Frames in which something strikes are not judged.
+
+    Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
+    displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
 
     ``error`` is what is added to the error that steps of ``dt`` cost: a stiff panel in a wind whose modes have few
     steps a period is off whatever the level, and so are the first frames under a load, in which high vibrations begin.
 
-    Statics is that of MWTS where its bar is at most half of ``error``, corrected by the bar's two steps; else that of
-    DS: from the corrected answer where the bar holds, from rest elsewhere. With contacts it is that of MWTS as it is;
-    with friction, or ``push_out``, that of DS from rest.
+    Statics is that of MWTS corrected by the two steps of its bar where that is at most half of ``error``; else that of
+    DS. With contacts MWTS is not corrected, and with friction or ``push_out``, as of free parts, DS answers.
 
     Parameters
     ----------
@@ -152,14 +140,16 @@ class Auto(Model):
         if coarse is None and triangles is not None:
             coarse = coarse_shell(shell, checked_count("triangles", triangles, at_least=4))
         rigid = 0 if self._free is None else 6 * len(self._free.parts)
-        self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count))
-        self.levels: list[Level] = [ModalLevel(consistent_warping(basis))]
+        self._at_rest = PerThread(partial(solver_at_rest, shell))
+        self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count), at_rest=self._at_rest)
+        self.levels: list[Level] = [ModalLevel(basis, consistent_warping, ModalWarping.name)]
         if self._free is None:
-            self.levels.append(ModalLevel(RotationStrain(basis)))
+            self.levels.append(ModalLevel(basis, RotationStrain, RotationStrain.name))
         if coarse is not None:
             self.levels.append(CoarseLevel(CoarseDiscreteShell(shell, coarse)))
         self.levels.append(FullLevel(DiscreteShell(shell)))
-        self.level_names = tuple(level.model.name for level in self.levels)
+        self.level_names = tuple(level.name for level in self.levels)
+        self._about_origin: dict[int, Model] = {}
         self._unpacked: tuple[MotionState | None, tuple[int, MotionState] | None] = (None, None)
 
     # ---- statics
@@ -265,7 +255,7 @@ class Auto(Model):
     @cached_property
     def answers(self) -> LinearAnswers:
         """Linear answers to loads, of the shell and of its modes."""
-        return LinearAnswers(self.basis)
+        return LinearAnswers(self.basis, self._at_rest)
 
     @cached_property
     def _quick_check(self) -> QuickCheck | None:
@@ -298,17 +288,19 @@ class Auto(Model):
 
     @cached_property
     def _templates(self) -> list[MotionState]:
-        return [level.model.start_motion() for level in self.levels]
+        modal = self.levels[0].model.start_motion()  # that of all levels of modes
+        return [modal if level.quadratic else level.model.start_motion() for level in self.levels]
 
     @cached_property
     def room(self) -> int:
         """Numbers of the largest state of a level."""
         return max(sum(part.size for part in template.arrays().values()) for template in self._templates)
 
-    @cached_property
-    def _centred(self) -> list[Model]:
-        """The levels' models about the origin, where their steppers' states are."""
-        return [level.model.centred()[0] for level in self.levels]
+    def _centred(self, level: int) -> Model:
+        """A level's model about the origin, where its stepper's states are."""
+        if level not in self._about_origin:
+            self._about_origin[level] = self.levels[level].model.centred()[0]
+        return self._about_origin[level]
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest: on the first level in the rest shape, at other positions on the most exact one."""
@@ -366,17 +358,17 @@ class Auto(Model):
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of the level's own state."""
         level, inner = self.inner(state)
-        return self._centred[level].elastic_energy(inner)
+        return self._centred(level).elastic_energy(inner)
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J] of the level's own state."""
         level, inner = self.inner(state)
-        return self._centred[level].kinetic_energy(inner)
+        return self._centred(level).kinetic_energy(inner)
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """That of the level."""
         level, inner = self.inner(state)
-        return self._centred[level].fault(inner, positions)
+        return self._centred(level).fault(inner, positions)
 
     def account(self, state: MotionState) -> str:
         """How many steps each level took, and why it was left."""
@@ -391,7 +383,7 @@ class Auto(Model):
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse what any level refuses."""
         for level in self.levels:
-            level.model.check_step(dt, damping)
+            level.check_step(dt, damping)
 
 
 def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:

@@ -8,9 +8,9 @@ its coordinates grow as
 
 about rest. Accelerations that a check takes of three frames at intervals h lack a share of vibrations of each mode,
 ``1 - sinc^2(omega h / 2)``, which is no error of the level: what that makes of s is taken out. Between checks s is that
-of the last one, times a power of the share c of its coordinates that the motion has: c^3 where a level errs by its
-geometry, as levels of modes do, c where it errs at rest, as those of a coarse shell do. Of DS s is zero, and what has
-added up goes on.
+of the last one, times a power of the share c of its coordinates that the motion has, those of a level of modes being
+its own: c^3 where a level errs by its geometry, as levels of modes do, c where it errs at rest, as those of a coarse
+shell do. Of DS s is zero, and what has added up goes on.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.modal.flow import Flow, flow
+from modalshell.integrators.modal.flow import flow
+from modalshell.models.auto import drift_kernel as kernel
 from modalshell.modes import Basis
 from modalshell.shell.damping import Damping
 
@@ -49,7 +50,7 @@ class Drift:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
         self._rest = basis.shell.rest_positions
-        self._flow: tuple[float, Flow, Array] | None = None
+        self._flow: tuple[float, Array, Array] | None = None
 
     def none(self) -> Array:
         """The rows where nothing is known yet."""
@@ -65,24 +66,31 @@ class Drift:
         return np.asarray(self._projection @ (x - self._rest).ravel())
 
     def checked(
-        self, rows: Array, seen: tuple[tuple[Array, Array, Array], Array], dt: float, power: int, *, first: bool
+        self,
+        rows: Array,
+        seen: tuple[tuple[Array, Array, Array], Array],
+        at: tuple[Array, Array],
+        dt: float,
+        power: int,
+        *,
+        first: bool,
     ) -> Array:
         """The same after a check of the middle one of three frames (n, 3) [m], and where that leads (n, 3): ``seen``.
 
-        What it finds otherwise than was taken has not come at once: errors stay as far from s as they were. But the
-        first one after a switch finds what the level has brought: errors stay as they were.
+        ``at`` are the coordinates (m,) of the last two frames. What the check finds otherwise than was taken has not
+        come at once: errors stay as far from s as they were. But the first one after a switch finds what the level has
+        brought: errors stay as they were.
         """
-        (before, x, after), corrected = seen
+        ((before, x, after), corrected), (middle, end) = seen, at
         with np.errstate(over="ignore", invalid="ignore"):
             bent = self._projection @ (before - 2.0 * x + after).ravel()
             missing = self._projection @ (corrected - x).ravel() - self._at(dt)[1] * bent
         missing[self._stiffness * dt**2 > _SEEN**2] = 0.0
         if not np.isfinite(missing).all():
             missing = np.zeros_like(missing)
-        at = self.coordinates(x)
-        present = self._share(at, after) ** power * missing
+        present = kernel.share_of(middle, end, _FARTHEST) ** power * missing
         error = rows[0] if first else rows[0] + present - rows[2]
-        return np.vstack([error, rows[1], present, missing, at])
+        return np.stack([error, rows[1], present, missing, middle])
 
     @staticmethod
     def share(rows: Array) -> float:
@@ -91,29 +99,22 @@ class Drift:
         size = float(present @ present)
         return max(0.0, min(1.0, float(error @ present) / size)) if size > 0.0 else 0.0
 
-    def advanced(self, rows: Array, x: Array, dt: float, power: int) -> Array:
-        """The same after a step of ``dt`` [s] to positions x (n, 3) [m], by a level that errs with a power of c."""
-        if not rows[:4].any():
-            return rows
-        error, rate, _, missing, seen = rows
-        present = self._share(seen, x) ** power * missing
-        c, gap = self._at(dt)[0], error - present
-        return np.vstack([present + c.e11 * gap + c.e12 * rate, c.e21 * gap + c.e22 * rate, present, missing, seen])
+    def advanced(self, rows: Array, q: Array, dt: float, power: int) -> tuple[Array, float]:
+        """The same after a step of ``dt`` [s] to coordinates q (m,), by a level that errs with a power of c; and size.
 
-    def _share(self, seen: Array, x: Array) -> float:
-        """The share c of the coordinates of a check (m,) that positions x (n, 3) [m] have; none of such of nothing."""
-        size = float(seen @ seen)
-        share = float(seen @ self.coordinates(x)) / size if size > 0.0 else 0.0
-        return max(-_FARTHEST, min(_FARTHEST, share)) if math.isfinite(share) else 0.0
+        Where no check has found anything, as of DS, q may be any.
+        """
+        after, coefficients = np.empty_like(rows), self._at(dt)[0]
+        return after, float(kernel.advance(rows, q, coefficients, self._stiffness, power == 3, _FARTHEST, after))
 
-    def _at(self, dt: float) -> tuple[Flow, Array]:
-        """What a step does to errors (see :func:`.flow.flow`), and what frames lack of a mode's second difference."""
+    def _at(self, dt: float) -> tuple[Array, Array]:
+        """Coefficients e11 to e22 (4, m) of :func:`.flow.flow`, and what frames lack of accelerations (m,)."""
         known = self._flow
         if known is None or known[0] != dt:
             angle = np.minimum(np.sqrt(self._stiffness) * dt, _SEEN)
             slow = np.maximum(angle, _SLOW)  # of slower ones the difference cancels, and the limit serves
             lacking = (1.0 / np.sinc(slow / (2.0 * np.pi)) ** 2 - 1.0) / slow**2
-            known = self._flow = dt, flow(self._stiffness, self._damp, dt), lacking
+            known = self._flow = dt, np.stack(flow(self._stiffness, self._damp, dt)[:4]), lacking
         return known[1:]
 
     def size(self, rows: Array) -> float:

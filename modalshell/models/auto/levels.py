@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar, final
@@ -20,6 +21,8 @@ from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD, Stepper
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.modes import Basis
+from modalshell.shell.damping import Damping
 
 _FITS = 12
 """Gauss-Newton steps of a fit."""
@@ -32,12 +35,19 @@ class Level(ABC):
     ----------
     model : Model
         The model.
+    name : str
+        Its name.
     quadratic : bool
         Whether its elastic energy is quadratic about rest, so that it knows no snap.
     """
 
     model: Model
+    name: str
     quadratic: ClassVar[bool] = False
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Raise OptionError if the model cannot step by ``dt``, or with this ``damping``."""
+        self.model.check_step(dt, damping)
 
     @property
     def still(self) -> Model:
@@ -88,7 +98,7 @@ class FullLevel(Level):
     model: DiscreteShell
 
     def __init__(self, model: DiscreteShell) -> None:
-        self.model = model
+        self.model, self.name = model, model.name
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
@@ -121,7 +131,7 @@ class CoarseLevel(Level):
     model: CoarseDiscreteShell
 
     def __init__(self, model: CoarseDiscreteShell) -> None:
-        self.model = model
+        self.model, self.name = model, model.name
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with the sampled velocities."""
@@ -133,23 +143,41 @@ class CoarseLevel(Level):
 
 @final
 class ModalLevel(Level):
-    """A modal model: coordinates are fitted to the positions, rates to the velocities, in the norm of the mass."""
+    """A modal model: coordinates are fitted to the positions, rates to the velocities, in the norm of the mass.
+
+    Parameters
+    ----------
+    basis : Basis
+        Its modes.
+    make : callable
+        Makes the model of them, at first use.
+    name : str
+        The model's name.
+    """
 
     quadratic = True
 
-    def __init__(self, model: ModalModel) -> None:
-        self.model = model
-        self._every = np.arange(len(model.shell.mass))
-        self._still = model
-        if model.frames is not None:
-            basis, r = model.basis, model.basis.rigid_modes
-            parts = {name: getattr(basis, name)[..., r:] for name in ("eigenvalues", "modes", "rotations")}
-            self._still = model.on_basis(replace(basis, rigid_modes=0, **parts))
+    def __init__(self, basis: Basis, make: Callable[[Basis], ModalModel], name: str) -> None:
+        self._basis, self._make, self.name = basis, make, name
+        self._every = np.arange(len(basis.shell.mass))
 
-    @property
+    @cached_property
+    def model(self) -> ModalModel:  # type: ignore[override]
+        """The model, made where it is wanted: of most motions the first one alone is."""
+        return self._make(self._basis)
+
+    @cached_property
     def still(self) -> ModalModel:
         """The model itself, with free parts that without rigid modes."""
-        return self._still
+        if self.model.frames is None:
+            return self.model
+        basis, r = self._basis, self._basis.rigid_modes
+        parts = {name: getattr(basis, name)[..., r:] for name in ("eigenvalues", "modes", "rotations")}
+        return self.model.on_basis(replace(basis, rigid_modes=0, **parts))
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Raise OptionError if modes cannot step with a damping."""
+        damping.of_modes(self._basis.eigenvalues)
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State whose shape is the nearest to x, by Gauss-Newton from the projection of the displacement."""

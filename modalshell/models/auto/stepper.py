@@ -136,7 +136,8 @@ class AutoStepper(LeveledStepper):
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
-        if self._levels[level].quadratic and self._check.touches_rough(stepper.positions(after, time), time):
+        rough = self._check.contacts and self._levels[level].quadratic
+        if rough and self._check.touches_rough(stepper.positions(after, time), time):
             leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
             stepper = self._stepper(level)

@@ -133,14 +133,15 @@ class Watch:
 
     def fit(self, memory: dict[str, Array], dead: Array) -> None:
         """Make room for what is known of states, and forget it where it is of other loads than these."""
+        if memory["dead"] is dead:  # as it was in the step before
+            return
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
         if self._drift is not None and memory["drift"].shape[1] != self._model.count:
             memory["drift"] = self._drift.none()
-        if memory["dead"] is not dead:
-            if not np.array_equal(memory["dead"], dead):
-                self.forget(memory, sampled=True)
-            memory["dead"] = dead
+        if not np.array_equal(memory["dead"], dead):
+            self.forget(memory, sampled=True)
+        memory["dead"] = dead
 
     def forget(self, memory: dict[str, Array], *, sampled: bool = False) -> None:
         """Forget what is known of states, of full levels and if asked also how right the coarse shell is."""
@@ -168,9 +169,13 @@ class Watch:
 
     def drifted(self, step: Step, memory: dict[str, Array]) -> float:
         """How far the motion is off [kg^(1/2) m] after a step by what has added up; see :mod:`.drift`."""
-        if self._drift is not None:
-            memory["drift"] = self._drift.advanced(memory["drift"], step.frames[2], step.dt, self._power(step))
-        return self.drift(memory)
+        if self._drift is None:
+            return 0.0
+        rows, power = memory["drift"], self._power(step)
+        known = power == 3 or rows[3].any()
+        q = self._coordinates(step.level, step.after, step.frames[2]) if known else rows[4]
+        memory["drift"], off = self._drift.advanced(rows, q, step.dt, power)
+        return off
 
     def drift(self, memory: dict[str, Array]) -> float:
         """The same without a step."""
@@ -196,6 +201,11 @@ class Watch:
         (x, v), rows, modes = motion, memory["drift"], self._model.basis.modes
         return x + (modes @ rows[0]).reshape(-1, 3), v + (modes @ rows[1]).reshape(-1, 3)
 
+    def _coordinates(self, level: int, inner: MotionState, x: Array) -> Array:
+        """Coordinates (m,) of a level's state at x (n, 3) [m]: of modes their own, as these need no projection."""
+        assert self._drift is not None
+        return inner.coordinates if self._model.levels[level].quadratic else self._drift.coordinates(x)
+
     def _power(self, step: Step) -> int:
         """Of the displacement, by which a level's errors grow."""
         return 3 if self._model.levels[step.level].quadratic else 1
@@ -207,7 +217,11 @@ class Watch:
         if self._drift is not None and even and step.level + 1 < len(self._model.levels):
             rows, found = memory["drift"], (step.frames, seen.corrected)
             first = memory["switches"][0] > 0.0 and not rows[3:].any()
-            memory["drift"] = self._drift.checked(rows, found, step.dt, self._power(step), first=first)
+            at = (
+                self._coordinates(step.level, step.inner, step.frames[1]),
+                self._coordinates(step.level, step.after, step.frames[2]),
+            )
+            memory["drift"] = self._drift.checked(rows, found, at, step.dt, self._power(step), first=first)
         return seen
 
     def _seen(self, step: Step, memory: dict[str, Array]) -> Seen:

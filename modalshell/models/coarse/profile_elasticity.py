@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.core.typing import Array, Index
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile
 
 
 def energy(elastic: Any, room: Any, x: Array) -> float:
@@ -38,10 +38,10 @@ def predict(elastic: Any, room: Any, x: Array) -> None:
     elastic.predict(room, x)
 
 
-def block_places(analysis: ProfileAnalysis, rows: Index, columns: Index) -> Index:
+def block_places(profile: Profile, rows: Index, columns: Index) -> Index:
     """Where blocks begin in the profile; -1 above the diagonal, and for rows or columns that have none (-1)."""
     rows, columns = np.broadcast_arrays(rows, columns)
     slots = np.full(rows.shape, -1)
     kept = (columns >= 0) & (columns <= rows)
-    slots[kept] = analysis.places(3 * rows[kept], 3 * columns[kept])
+    slots[kept] = profile.places(3 * rows[kept], 3 * columns[kept])
     return slots

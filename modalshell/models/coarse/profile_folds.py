@@ -15,7 +15,7 @@ import scipy.sparse as sps
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile
 from modalshell.linalg.columns import ColumnFactor
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
@@ -152,7 +152,7 @@ class FoldRoom(NamedTuple):
 def folds_of(shell: Shell, numbering: Numbering) -> Folds:
     """The energy of a shell of shell theory without further energies or planes of symmetry."""
     forms = shell.elastic_energy.constant_forms()  # type: ignore[attr-defined]
-    analysis, count = numbering.analysis, len(shell.mass)
+    profile, count = numbering.profile, len(shell.mass)
     ghosts = np.array(forms.points[count:])
     place = np.concatenate([numbering.place, np.full(len(ghosts) + 1, -1)])  # the last, of vertex -1, is no vertex
     of, hinged = place[forms.folds.stencils], place[forms.hinges]
@@ -166,7 +166,7 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
         np.array(folds.shares),
         np.array(folds.share_index, dtype=np.int64),
         np.array(folds.moments),
-        block_places(analysis, of[:, :, None], of[:, None, :]),
+        block_places(profile, of[:, :, None], of[:, None, :]),
         *_share_places(numbering, folds.share_index, of),
         _share_factor(forms.shares.factor),
     )
@@ -177,10 +177,10 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
         tension.indptr.astype(np.int64),
         tension.indices.astype(np.int64),
         np.array(tension.data),
-        block_places(analysis, ends[:, :, None], ends[:, None, :]),
-        _membrane_blocks(analysis, tension, ends),
+        block_places(profile, ends[:, :, None], ends[:, None, :]),
+        _membrane_blocks(profile, tension, ends),
     )
-    slots = block_places(analysis, hinged[:, :, None], hinged[:, None, :])
+    slots = block_places(profile, hinged[:, :, None], hinged[:, None, :])
     hinges, angles = np.array(forms.hinges, dtype=np.int64), np.array(forms.angles)
     shares = _share_stiffness(numbering, forms.shares.stiffness)
     return Folds(ghosts, hinges, angles, slots, bending, membrane, np.arange(count), shares)
@@ -197,44 +197,44 @@ def _share_factor(factor: ColumnFactor | None) -> ColumnFactor:
 
 def _share_places(numbering: Numbering, share_index: Index, of: Index) -> tuple[Index, Index]:
     """Where couplings (B, 5, 8) of shares to vertices of blocks ``of`` (B, 8) begin, and how far entries are apart."""
-    analysis = numbering.analysis
+    profile = numbering.profile
     rows = np.append(numbering.shares, -1)[share_index][:, :, None]
     rows, blocks = np.broadcast_arrays(rows, of[:, None, :])
     slots, steps = np.full(rows.shape, -1), np.zeros(rows.shape, dtype=np.int64)
     there = (rows >= 0) & (blocks >= 0)
     before = there & (rows // 3 > blocks)  # vertices that are eliminated before the share
-    slots[before], steps[before] = analysis.places(rows[before], 3 * blocks[before]), 1
+    slots[before], steps[before] = profile.places(rows[before], 3 * blocks[before]), 1
     after = there & ~before
-    slots[after], steps[after] = analysis.places(3 * blocks[after], rows[after]), analysis.strides[blocks[after]]
+    slots[after], steps[after] = profile.places(3 * blocks[after], rows[after]), profile.strides[blocks[after]]
     return slots, steps
 
 
 def _share_stiffness(numbering: Numbering, stiffness: sps.csr_array) -> Array:
     """The profile with the shares' own stiffness, and ones for the unknowns that fill up their last three."""
-    analysis, entries = numbering.analysis, sps.coo_array(stiffness)
-    values = np.zeros(analysis.starts[-1])
-    own = np.ones(analysis.size, dtype=bool)
+    profile, entries = numbering.profile, sps.coo_array(stiffness)
+    values = np.zeros(profile.starts[-1])
+    own = np.ones(profile.size, dtype=bool)
     own[(3 * numbering.place[numbering.place >= 0][:, None] + np.arange(3)).ravel()] = False
     own[numbering.shares] = False
     padded = np.flatnonzero(own)
-    values[analysis.places(padded, padded)] = 1.0
-    places = analysis.places(numbering.shares[entries.row], numbering.shares[entries.col])
+    values[profile.places(padded, padded)] = 1.0
+    places = profile.places(numbering.shares[entries.row], numbering.shares[entries.col])
     values[places[places >= 0]] = entries.data[places >= 0]
     return values
 
 
-def _membrane_blocks(analysis: ProfileAnalysis, tension: sps.csr_array, ends: Index) -> Blocks:
+def _membrane_blocks(profile: Profile, tension: sps.csr_array, ends: Index) -> Blocks:
     """Blocks of ``sum s_u s_v Q_pq d_p d_q^T`` over the ends u, v of edges p, q, of signs s; ends (E, 2) by block."""
     entries = sps.coo_array(tension)
     p, q = entries.row.astype(np.int64), entries.col.astype(np.int64)
     rows, columns = np.broadcast_arrays(ends[p][:, :, None], ends[q][:, None, :])
     factors = entries.data[:, None, None] * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    slots = block_places(analysis, rows, columns)
+    slots = block_places(profile, rows, columns)
     kept = slots >= 0
     of = np.broadcast_to(np.arange(p.size)[:, None, None], slots.shape)[kept]
     order = np.argsort(slots[kept], kind="stable")
     found, starts = np.unique(slots[kept][order], return_index=True)
-    strides = analysis.strides[rows[kept][order][starts]]
+    strides = profile.strides[rows[kept][order][starts]]
     starts = np.append(starts, order.size).astype(np.int64)
     return Blocks(found, strides, starts, p[of][order], q[of][order], factors[kept][order])
 

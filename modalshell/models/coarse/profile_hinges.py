@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
@@ -67,13 +67,13 @@ class Stresses(NamedTuple):
         """Forget the measures; none are known."""
 
 
-def hinges_of(shell: Shell, analysis: ProfileAnalysis, place: Index) -> Hinges:
+def hinges_of(shell: Shell, profile: Profile, place: Index) -> Hinges:
     """The energies of a shell whose vertices have the blocks ``place`` (n,) of a profile, -1 of held ones."""
 
     def elements(index: int) -> Elements:
         given = shell.elements[index]
         of = place[given.stencils]
-        slots = block_places(analysis, of[:, :, None], of[:, None, :])
+        slots = block_places(profile, of[:, :, None], of[:, None, :])
         return Elements(given.stencils.copy(), given.rest.copy(), given.weight.copy(), slots)
 
     # Writeable copies: kernels are compiled for one kind of argument alone.

@@ -9,14 +9,14 @@ import scipy.sparse as sps
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.core.typing import Array, Index
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile
 from modalshell.shell import Shell
 
 
 class Numbering(NamedTuple):
     """Profile of vertices and fold shares, the block of every vertex (n,), -1 of held ones, and rows of shares (m,)."""
 
-    analysis: ProfileAnalysis
+    profile: Profile
     place: Index
     shares: Index
 
@@ -33,10 +33,10 @@ def numbering_of(shell: Shell) -> Numbering:
     nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
     graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
     found = [_by_threes(graph, free.size, order) for order in _orders(graph, shell.rest_positions[free])]
-    analysis, position = min(found, key=lambda one: one[0].products)
+    profile, position = min(found, key=lambda one: one[0].products)
     place = np.full(len(shell.mass), -1, dtype=np.int64)
     place[free] = position[: free.size] // 3
-    return Numbering(analysis, place, position[free.size :])
+    return Numbering(profile, place, position[free.size :])
 
 
 def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
@@ -49,7 +49,7 @@ def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
     return [_cuthill_mckee(graph), *sorted_along]
 
 
-def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[ProfileAnalysis, Index]:
+def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[Profile, Index]:
     """Profile of an order in which shares stand where the first of three is, and the first row of every node."""
     size = order.size
     place = np.empty(size, dtype=np.int64)
@@ -60,13 +60,11 @@ def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[Profi
     where = np.concatenate(
         [place[:vertices], place[shares[np.minimum(np.arange(1, shares.size + 1, 3), shares.size - 1)]]]
     )
-    entries = sps.coo_array(graph)
-    grouped = _graph(blocks[entries.row], blocks[entries.col], where.size)
-    pattern = sps.csc_array(sps.kron(grouped, np.ones((3, 3)), format="csc"))
-    analysis = ProfileAnalysis(pattern, order=np.argsort(where, kind="stable"))
-    rows = 3 * np.argsort(analysis.order)[blocks]
+    entries, sorted_blocks = sps.coo_array(graph), np.argsort(where, kind="stable")
+    profile = Profile(sorted_blocks, blocks[entries.row], blocks[entries.col])
+    rows = 3 * np.argsort(sorted_blocks)[blocks]
     rows[shares] += np.arange(shares.size) % 3
-    return analysis, rows
+    return profile, rows
 
 
 def _cuthill_mckee(graph: sps.csr_array) -> Index:

@@ -17,7 +17,7 @@ from modalshell.core.cost import count_elements, count_factorisation, count_solv
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
-from modalshell.linalg import ProfileAnalysis
+from modalshell.linalg import Profile, ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_folds import folds_of
 from modalshell.models.coarse.profile_hinges import KERNELS, hinges_of
@@ -26,7 +26,8 @@ from modalshell.models.coarse.profile_numbering import numbering_of
 from modalshell.shell import Sheet, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.statics.error_bar import ErrorEstimator, QuickCheck, probe
+from modalshell.statics.error_bar import ErrorEstimator, QuickCheck
+from modalshell.statics.margin import probe
 
 _PRODUCTS, _CHECKED = 4e7, 1e8
 """Multiplications of a factorisation above which sparse steps, which keep their factors, are quicker; and checks."""
@@ -38,13 +39,13 @@ _STRAIGHT = 12
 class ProfileStep:
     """Steps of implicit Euler and error bars of one shell without further energies; see :func:`profile_step`.
 
-    ``analysis`` is the profile of the stiffness of its free unknowns, and of the energy's internal ones; ``place`` (n,)
-    is the block of every vertex in it, -1 of held ones.
+    ``profile`` is that of the stiffness of its free unknowns, and of the energy's internal ones; ``place`` (n,) is the
+    block of every vertex in it, -1 of held ones.
     """
 
-    def __init__(self, shell: Shell, analysis: ProfileAnalysis, place: Index, elastic: Any) -> None:
-        self._shell, self._analysis = shell, analysis
-        self._unknowns, self._products = analysis.size, analysis.products
+    def __init__(self, shell: Shell, profile: Profile, place: Index, elastic: Any) -> None:
+        self._shell = shell
+        self._unknowns, self._products = profile.size, profile.products
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
         self._body = Body(
@@ -54,14 +55,14 @@ class ProfileStep:
             shell.mass.copy(),
             free,
             place[free],
-            analysis.first,
-            analysis.starts,
-            np.where(place >= 0, analysis.strides[place], 0),
+            profile.first,
+            profile.starts,
+            np.where(place >= 0, profile.strides[place], 0),
             elastic,
         )
         self._room = PerThread(functools.partial(make_room, self._body))
         self._lanczos = PerThread(functools.partial(make_lanczos, self._body))
-        self._probe = np.zeros(3 * analysis.first.size)
+        self._probe = np.zeros(3 * profile.first.size)
         self._probe[(3 * place[shell.free][:, None] + np.arange(3)).ravel()] = probe(3 * shell.free.size)
 
     def __call__(
@@ -127,8 +128,8 @@ def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:
     found = _of_folds(shell, most) if isinstance(shell.material, Sheet) else _of_hinges(shell)
     if found is None or found[0].products > most:
         return None
-    analysis, place, elastic = found
-    return ProfileStep(shell, analysis, place, elastic())
+    profile, place, elastic = found
+    return ProfileStep(shell, profile, place, elastic())
 
 
 def quick_estimator(shell: Shell) -> ErrorEstimator:
@@ -145,24 +146,24 @@ def quick_check(shell: Shell, *, early: bool = False) -> QuickCheck | None:
     return None if step is None else functools.partial(step.check, early=early)
 
 
-def _of_hinges(shell: Shell) -> tuple[ProfileAnalysis, Index, Any] | None:
+def _of_hinges(shell: Shell) -> tuple[Profile, Index, Any] | None:
     """Profile, blocks of the vertices, and what makes the energy of a shell of discrete-shell energies."""
     if tuple(e.kernel for e in shell.elements) != KERNELS:
         return None
     free, points = shell.free, shell.rest_positions[shell.free]
-    analysis = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), points)
+    profile = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), points).profile
     place = np.full(len(shell.mass), -1, dtype=np.int64)
-    place[free[analysis.order]] = np.arange(free.size)
-    return analysis, place, functools.partial(hinges_of, shell, analysis, place)
+    place[free[profile.order]] = np.arange(free.size)
+    return profile, place, functools.partial(hinges_of, shell, profile, place)
 
 
-def _of_folds(shell: Shell, most: float) -> tuple[ProfileAnalysis, Index, Any] | None:
+def _of_folds(shell: Shell, most: float) -> tuple[Profile, Index, Any] | None:
     """The same of a shell of shell theory."""
     energy = shell.elastic_energy
     if not isinstance(energy, SplitFoldEnergy) or energy.further_elements or _is_dear(shell, most):
         return None
     numbering = numbering_of(shell)
-    return numbering.analysis, numbering.place, functools.partial(folds_of, shell, numbering)
+    return numbering.profile, numbering.place, functools.partial(folds_of, shell, numbering)
 
 
 def _is_dear(shell: Shell, most: float) -> bool:
