@@ -101,3 +101,23 @@ def test_colliders_that_move_or_have_no_form_have_no_frames_at_rest(shell, model
             one.advance()
         assert one.touched().touches.any()
         assert not resting(one)
+
+
+@pytest.mark.parametrize("name", ["lma", "mwts", "rsw", "reduced", "md-rom"])
+def test_a_motion_from_where_the_model_rests_stays_there(shell, models, name):
+    """Positions beyond the modes are pressed in anew: without that such a start counted as one inside the body."""
+    model = models.get(name) or ms.ModalDerivatives(shell, count=4)
+    contacts = [TABLE] if name == "md-rom" else list(BODIES)
+    given = {"gravity": GRAVITY, "contacts": contacts}
+    rests = model.equilibrium(**given)
+    run = ms.simulate(model, duration=0.2, dt=1 / 60, start=rests.positions, **given)
+    far = 1e-3 if name == "md-rom" else 3e-5  # its vectors hold a part of what is beyond them
+    np.testing.assert_allclose(run.positions, np.broadcast_to(rests.positions, run.positions.shape), atol=far, rtol=0.0)
+    assert np.array_equal(run.in_contact[1:], np.broadcast_to(rests.in_contact, run.in_contact[1:].shape))
+    np.testing.assert_allclose(run.contact_forces[-1].sum(axis=0), rests.contact_forces.sum(axis=0), rtol=2e-2)
+    assert run.deepest.max() <= 1e-9
+    inside = rests.positions - 0.01 * np.eye(3)[2]
+    with pytest.raises(ms.OptionError, match="inside contact"):
+        ms.simulate(
+            model, duration=0.2, dt=1 / 60, start=np.where(shell.clamped[:, None], rests.positions, inside), **given
+        )

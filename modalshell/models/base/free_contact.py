@@ -81,6 +81,7 @@ class _Pace:
 class FreeContactMotion(ModalPressedMotion):
     """What follows each step of a modal model with free parts and contacts."""
 
+    holds = False
     _struck: tuple[Array | None, Array | float] = None, 0.0  # coordinates of a rebound, and its forces (r,) [N]
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:

@@ -276,7 +276,9 @@ class ModalStepper(ContactStepper):
             own, mass = positions - self.origin, self.model.shell.mass[:, None]
             off, moved = (mass * (own - x) ** 2 for x in (self.own_positions(state), self.model.shell.rest_positions))
             self._off_start = float(np.sqrt(off.sum() / max(moved.sum(), 1e-300)))
-        return state if self._contacts is None else self._contacts.begin(state)
+        if self._contacts is None:
+            return state
+        return self._contacts.begin(state, None if positions is None else positions - self.origin)
 
     @property
     def note(self) -> str:

@@ -25,7 +25,7 @@ from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
-from modalshell.models.base.pressed_motion import BEYOND, LOCAL, PressedMotion
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
@@ -150,8 +150,6 @@ def _settle(
     return None, change, count
 
 
-TAKEN = "derivatives_at"
-"""Name in a state's memory of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
 REST, REST_PUSHES = "rests_at", "rest_pushes"
 """Names in a state's memory of the coordinates (m,) and contact forces (r,) [N] of the last whole frame; infinite where
 the shell did not rest."""
@@ -343,17 +341,10 @@ class ModalContactMotion(ModalPressedMotion):
 
     def entered(self, state: MotionState, time: float) -> MotionState:
         """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
-        pressing, q, clear = self._pressing, state.coordinates, self.clear(state)
+        pressing = self._pressing
         pressing.at(time)
-        base = pressing.positions(q)
-        gaps = pressing.gaps(base)
-        if not pressing.touched(gaps):
-            return clear
-        memory = clear.memory
-        kept = memory[LOCAL], memory[PUSHES], memory.get(TAKEN)
-        pressed = pressing.press(q, 1.0 / self._model.basis.eigenvalues, (q, q, base), gaps, kept)
-        taken = {} if pressed.at is None else {TAKEN: pressed.at}
-        return MotionState(pressed.q, state.rates, memory | self._memory(pressed) | taken)
+        touches = pressing.touched(pressing.gaps(pressing.positions(state.coordinates)))
+        return self.pressed(state) if touches else self.clear(state)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array

@@ -20,6 +20,10 @@ from modalshell.models.base.setup import MotionSetup
 
 LOCAL, BEYOND = "local", "beyond"
 """Names in a state's memory of the displacement (n, 3) [m] beyond the modes, and of its elastic energy (1,) [J]."""
+TAKEN = "derivatives_at"
+"""Name of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
+_STIFF = 1e-6
+"""Softness of modes by which a start stays as it is, but for what is beyond them."""
 
 
 class PressedMotion(ABC):
@@ -27,6 +31,9 @@ class PressedMotion(ABC):
 
     OptionError for contacts that the model cannot take, and colliders that move too fast.
     """
+
+    holds = True
+    """Whether the supports hold the shell."""
 
     def __init__(self, model: Any, setup: MotionSetup) -> None:
         given, rest = checked_contacts(setup.contacts, setup.supports), model.shell.rest_positions
@@ -45,11 +52,25 @@ class PressedMotion(ABC):
         return {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
 
     def begin(self, state: MotionState, positions: Array | None = None) -> MotionState:
-        """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these."""
-        for x in (positions, self._model.positions(state)):
-            if x is not None:
-                self._pressing.touching.refuse_inside(x)
-        return self.clear(state)
+        """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these.
+
+        Of positions outside, what the modes lack is pressed in: such are a model's own answers with contacts.
+        """
+        touching, begun = self._pressing.touching, self.clear(state)
+        if positions is not None:
+            touching.refuse_inside(positions)
+            if self.holds and touching.inside(self._model.positions(state), touching.vertices):
+                begun = self.pressed(state, _STIFF)
+        touching.refuse_inside(self._model.positions(begun) + self.local(begun))
+        return begun
+
+    def pressed(self, state: MotionState, softness: float = 1.0) -> MotionState:
+        """A state with its shape led out of the colliders as at rest, by modes of a ``softness`` times their own."""
+        pressing, q, memory = self._pressing, state.coordinates, self.clear(state).memory
+        base, kept = pressing.positions(q), (memory[LOCAL], memory[PUSHES], memory.get(TAKEN))
+        found = pressing.press(q, softness / self._model.basis.eigenvalues, (q, q, base), pressing.gaps(base), kept)
+        taken = {TAKEN: found.at} if TAKEN in memory and found.at is not None else {}
+        return MotionState(found.q, state.rates, memory | self._memory(found) | taken)
 
     def clear(self, state: MotionState) -> MotionState:
         """The end of a step that nothing touches."""
