@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def swung(strip: ms.Shell, model: ms.Model, seconds: float = 0.6) -> float:
     contacts = [ms.Contact(ms.Cylinder((0.9, -1.0, -0.05), (0.9, 1.0, -0.05), 0.05))]
     full = isinstance(model, ms.DiscreteShell)
     lying = model.equilibrium(gravity=GRAVITY, contacts=contacts).positions if full else None
-    pulled = {"gravity": (0.0, 0.0, -6.9), "start": lying, "contacts": contacts}
+    pulled: dict[str, Any] = {"gravity": (0.0, 0.0, -6.9), "start": lying, "contacts": contacts}
     run = ms.simulate(model, duration=seconds, dt=1 / 120, **pulled)
     heights = run.positions[:, abs(strip.rest_positions[:, 0] - 0.5) < 1e-6, 2].mean(axis=1)
     return float(np.ptp(heights[-24:]) / np.ptp(heights[:24]))

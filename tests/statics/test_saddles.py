@@ -142,9 +142,7 @@ def test_coordinates_that_a_follower_couples_to_flutter_are_not_stable(share):
     shell = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "x < 1e-6")
     loading = shell.loading(loads=[ms.FollowerForce("x > 1 - 1e-6", (-1.0, 0.0, 0.0))])
     rest = mesh.vertices
-    answer = Equilibrium(
-        rest, ms.Outcome.CONVERGED, "", 0, 0.0, None, conservative=False, loading=loading
-    )
+    answer = Equilibrium(rest, ms.Outcome.CONVERGED, "", 0, 0.0, None, conservative=False, loading=loading)
     matrix = answer.load_matrix(shell.pattern).toarray()
     row, column = np.unravel_index(np.abs(matrix).argmax(), matrix.shape)
     moved, pushed = np.zeros((2, len(matrix), 2))

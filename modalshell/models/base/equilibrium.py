@@ -23,6 +23,7 @@ from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import REAL, LiveLoads
 
+
 @final
 @short_repr
 @dataclass(frozen=True)
