@@ -10,17 +10,16 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
-from numba.core import errors, ir, types, utils
-from numba.core.target_extension import get_local_target
+from numba.core import errors, ir, target_extension, types, utils
 
 _unliteral: Any = types.unliteral
-_by_target: Any = utils.order_by_target_specificity
-_target: Any = get_local_target
+_by_target: Any = getattr(utils, "order_by_target_specificity", None)
+_target: Any = getattr(target_extension, "get_local_target", None)
 _PLAIN = frozenset(
     {types.Float, types.Integer, types.IntegerLiteral, types.Boolean, types.Array, types.UniTuple, types.Tuple}
 )
 """Kinds of arguments of which equal ones are taken by the same rules."""
-_WORDS = frozenset({str, int, float, bool, type(None), type(abs), ir.Loc, type(ir.UNDEFINED)})
+_WORDS = frozenset({str, int, float, bool, type(None), type(abs), ir.Loc, type(getattr(ir, "UNDEFINED", None))})
 """What a statement holds that names nothing."""
 _taken: dict[Any, tuple[Any, bool]] = {}
 """The rule that took a call, and whether it took constants for such."""
@@ -88,6 +87,8 @@ def flatter(found: Any) -> Any:
 
 def apply(calls: Any = types.Function, statements: Any = ir.Inst) -> None:
     """Let numba search so; other versions of numba, which search otherwise, are left alone."""
+    if _by_target is None or _target is None:
+        return
     with suppress(AttributeError):
         search, names = calls.get_call_type, statements._rec_list_vars
         calls.get_call_type = quicker(search)

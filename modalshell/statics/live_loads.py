@@ -16,7 +16,7 @@ from modalshell.shell.pattern import SparsePattern
 
 _LOWEST = 6
 """Eigenvalues of an unsymmetric Hessian that are looked at."""
-_REAL = 1e-6
+REAL = 1e-6
 """Imaginary part, as a share of an eigenvalue, that rounding explains."""
 
 
@@ -116,4 +116,4 @@ def oscillates(factor: Factor, mass: Array) -> bool:
         found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
     except spla.ArpackError:
         return False
-    return bool((found.real > 0.0).all() and (np.abs(found.imag) <= _REAL * np.abs(found)).all())
+    return bool((found.real > 0.0).all() and (np.abs(found.imag) <= REAL * np.abs(found)).all())

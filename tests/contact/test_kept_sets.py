@@ -184,3 +184,29 @@ def test_modal_models_and_modal_derivatives_keep_their_swing_on_a_cylinder(strip
     if name != "MWTS":  # its modal force has no potential
         whole, touches = run.energies.sum(axis=1), run.in_contact.any(axis=1)
         assert np.diff(whole)[touches[1:]].max() <= 2e-9 * np.ptp(run.energies[:, 2])
+
+
+@pytest.mark.by_default("RSW")
+@pytest.mark.parametrize("name", ["RSW", "MD-ROM"])
+def test_what_steps_gain_is_given_back_and_not_damped(name):
+    """Steps gain 1e-4 of what moves in half of a swing: implicit Euler stood in there, and a third of it was left."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), clamped="x < 1e-6")
+    if name == "RSW":
+        model = ms.RotationStrain(ms.solve_modes(shell, count=6))
+    else:
+        model = ms.ModalDerivatives(shell, count=4, integrator="sdirk2")
+    table, (heavy, light) = [ms.Contact(ms.Plane((0, 0, 1), -0.15))], (shell.loading((0, 0, -g)) for g in (13.0, 9.81))
+    down = Motion(model, heavy, dt=1 / 60, damping=(16.0, 0.0), contacts=table)
+    for _ in range(120):
+        down.advance()
+    motion = Motion(model, light, dt=1 / 120, contacts=table)
+    motion.restore(down.snapshot())
+    middle, heights, energies = np.argmin(np.abs(mesh.vertices - (0.5, 0.0, 0.0)).sum(axis=1)), [], []
+    for _ in range(144):
+        motion.advance()
+        heights.append(motion.positions()[middle, 2])
+        energies.append(motion.energies())
+    assert motion.unconverged == 0
+    assert np.ptp(heights[-48:]) > 0.97 * np.ptp(heights[:48])
+    assert np.diff(np.sum(energies, axis=1)).max() <= 1e-9 * np.ptp(energies, axis=0)[2]

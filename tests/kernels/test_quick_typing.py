@@ -107,3 +107,20 @@ def test_what_searches_otherwise_is_left_alone():
     quick_typing.apply(Kept, Kept)
     assert Kept.get_call_type is before
     assert types.Function.get_call_type is not BaseFunction.get_call_type
+
+
+@pytest.mark.parametrize("name", ["_by_target", "_target"])
+def test_numba_without_a_name_that_is_its_own_is_left_alone(monkeypatch, name):
+    """The package did not import with it: the names are private, and were asked for as the file was read."""
+
+    class Kept:
+        def get_call_type(self):
+            return self
+
+        _rec_list_vars = get_call_type
+
+    before = Kept.get_call_type
+    monkeypatch.setattr(quick_typing, name, None)
+    quick_typing.apply(Kept, Kept)
+    assert Kept.get_call_type is before
+    assert Kept._rec_list_vars is before

@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 
 import modalshell as ms
+from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.modes import lowest_tangent_eigenvalue
 
 SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "v_beam_stiff.toml"
@@ -132,3 +133,21 @@ def test_reduced_models_tell_a_saddle_of_a_turning_frame(kind, speed):
         assert answer.outcome is ms.Outcome.UNSTABLE
         assert "in balance at a saddle" in answer.message
         assert ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -0.05), loads=[turning]).stable
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_coordinates_that_a_follower_couples_to_flutter_are_not_stable(share):
+    """Of 2 + i a and 2 - i a the real part is positive: a reduced model called that stable, and DS flutter."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(4, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "x < 1e-6")
+    loading = shell.loading(loads=[ms.FollowerForce("x > 1 - 1e-6", (-1.0, 0.0, 0.0))])
+    rest = mesh.vertices
+    answer = Equilibrium(rest, ms.Outcome.CONVERGED, "", 0, 0.0, None, conservative=False, loading=loading)
+    matrix = answer.load_matrix(shell.pattern).toarray()
+    row, column = np.unravel_index(np.abs(matrix).argmax(), matrix.shape)
+    moved, pushed = np.zeros((2, len(matrix), 2))
+    moved[column], pushed[row] = 1.0, (1.0, -1.0)
+    coupling = share * matrix[row, column]
+    hessian = np.diag([2.0 - coupling, 2.0 + coupling])
+    found = answer.lowest_eigenvalue(hessian, shell.pattern, lambda: (moved, share * pushed))
+    assert (found > 0.0) is (share == 0.0)

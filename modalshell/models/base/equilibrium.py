@@ -21,7 +21,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.shell import CreaseState
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
-from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.live_loads import REAL, LiveLoads
 
 
 @final
@@ -129,12 +129,15 @@ class Equilibrium(Drawn):
         """Lowest eigenvalue [1/s^2] of a Hessian (m, m) by coordinates of unit mass, and of the load's stiffness.
 
         ``moves`` finds what takes rates of coordinates to velocities (3n, m), and loads, turned around, to forces on
-        coordinates (3n, m). Of loads without a potential it is the lowest real part.
+        coordinates (3n, m). Of loads without a potential it is 0 where one is complex: there the shell flutters.
         """
         if (resisting := self.load_matrix(pattern)) is None:
             return float(scipy.linalg.eigvalsh(hessian, subset_by_index=(0, 0))[0])
         moved, pushed = moves()
-        return float(scipy.linalg.eigvals(hessian + pushed.T @ (resisting @ moved)).real.min())
+        values = scipy.linalg.eigvals(hessian + pushed.T @ (resisting @ moved))
+        lowest = float(values.real.min())
+        flutters = not self.conservative and bool((np.abs(values.imag) > REAL * np.abs(values)).any())
+        return min(lowest, 0.0) if flutters else lowest
 
     @property
     def converged(self) -> bool:

@@ -34,8 +34,6 @@ _PROBLEMS = 40
 """Quadratic problems in a row at most."""
 _SETTLED = 1e-8
 """Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
-_NO_GAIN = 1e-12
-"""Energy that is none, as a share of the energies of a step."""
 _FAINT = 1e-6
 """Amplitude, as a share of the shell's size, of a swing in the lowest mode below which implicit Euler ends it."""
 _LENGTHS = 16
@@ -282,7 +280,7 @@ class ModalContactMotion(ModalPressedMotion):
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
 
-        None where it would gain energy, too, if the force has a potential.
+        None where it would gain more than little energy, too, if the force has a potential.
         """
         model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
         q, v, part, rest = before.coordinates, before.rates, GAMMA * dt, (1.0 - GAMMA) * dt
@@ -301,21 +299,18 @@ class ModalContactMotion(ModalPressedMotion):
         end = self._part((middle, faster), pushed, part, half)
         if end is None or end.positions is None:
             return None, None
-        after = MotionState(end.q, (end.q - middle) / part, self._kept(before, end))
-        if model.conservative and self._gains(before, after, float(np.vdot(load, end.positions - base))):
-            return None, None
+        ended = (end.q - middle) / part
+        after = MotionState(end.q, ended, self._kept(before, end))
+        if model.conservative:
+            slower = self.slower(before, after, float(np.vdot(load, end.positions - base)))
+            if slower is None:
+                return None, None
+            after = MotionState(end.q, slower * ended, after.memory)
         self._ended = None if end.gaps is None else (end.q, end.gaps)
         memory = after.memory | model.integrator.stood_in_for(before, after, pushed, dt).memory
-        bend = dt / (1.0 - GAMMA) * ((after.rates - faster) - (w - v)) / part
+        bend = dt / (1.0 - GAMMA) * ((ended - faster) - (w - v)) / part
         memory[COST] = np.array([(SDIRK2.error_constant * dt) ** 2 * (bend @ bend), *memory[COST][1:]])
         return MotionState(after.coordinates, after.rates, memory), end.positions
-
-    def _gains(self, before: MotionState, after: MotionState, work: float) -> bool:
-        """Whether a step has gained more energy than the ``work`` [J] of its load."""
-        model, parts = self._model, [-work]
-        for state, sign in ((after, 1.0), (before, -1.0)):
-            parts += [sign * one(state) for one in (model.kinetic_energy, model.elastic_energy, self.energy)]
-        return not sum(parts) <= _NO_GAIN * sum(map(abs, parts))
 
     def _part(self, begin: tuple[Array, Array], force: Array, dt: float, at: Pressed) -> Pressed | None:
         """Where a step of implicit Euler ends that presses on what is pressed ``at`` its beginning, else None."""

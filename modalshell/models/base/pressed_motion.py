@@ -18,6 +18,10 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.models.base.setup import MotionSetup
 
+_NO_GAIN = 1e-12
+"""Energy that is none, as a share of the energies of a step."""
+_SLOWED = 1e-2
+"""Share of the kinetic energy up to which a step gives back by slower rates what it has gained."""
 LOCAL, BEYOND = "local", "beyond"
 """Names in a state's memory of the displacement (n, 3) [m] beyond the modes, and of its elastic energy (1,) [J]."""
 TAKEN = "derivatives_at"
@@ -75,6 +79,20 @@ class PressedMotion(ABC):
     def clear(self, state: MotionState) -> MotionState:
         """The end of a step that nothing touches."""
         return MotionState(state.coordinates, state.rates, state.memory | self._none)
+
+    def slower(self, before: MotionState, after: MotionState, work: float) -> float | None:
+        """Factor of the rates that gives back what a step has gained beyond the ``work`` [J] of its load.
+
+        None where that is more than little. A rule of order two gains and loses some of that order in turn; implicit
+        Euler in the place of every step that gains would damp as nobody has asked for.
+        """
+        model, parts = self._model, [-work]
+        for state, sign in ((after, 1.0), (before, -1.0)):
+            parts += [sign * one(state) for one in (model.kinetic_energy, model.elastic_energy, self.energy)]
+        gained, moving = sum(parts), parts[1]
+        if gained <= _NO_GAIN * sum(map(abs, parts)):
+            return 1.0
+        return float(np.sqrt(1.0 - gained / moving)) if gained <= _SLOWED * moving else None
 
     def local(self, state: MotionState) -> Array:
         """Displacement (n, 3) [m] of a state beyond the modes."""

@@ -37,8 +37,6 @@ from modalshell.statics.verdict import verdict
 
 _MOST = 40
 """Steps at most."""
-_NO_GAIN = 1e-12
-"""Energy that is none, as a share of the energies of a step."""
 
 
 class Settled(NamedTuple):
@@ -228,9 +226,9 @@ class _PressedSteps(LoadedSteps):
 class ReducedContactMotion(PressedMotion):
     """Takes the steps of a model linear in its coordinates with contacts: the model's own where nothing touches.
 
-    On colliders at rest the rule goes on as long as what touches stays as it is, and energy is not gained. Elsewhere
-    implicit Euler stands in for it, and its end is the least of its potential outside the colliders. ``goal`` is the
-    residual of a step.
+    On colliders at rest the rule goes on as long as what touches stays as it is, and little energy is gained, which
+    slower rates give back. Elsewhere implicit Euler stands in for it, and its end is the least of its potential outside
+    the colliders. ``goal`` is the residual of a step.
     """
 
     note = ""
@@ -265,8 +263,10 @@ class ReducedContactMotion(PressedMotion):
         if pushed and not pressing.moving:
             euler = _PressedSteps(*given, must=True)
             after, solved = rule.continued(euler, own, dt)
-            if solved and not self._gains(state, after, euler):
-                return self._ended(after, euler.pressed), True
+            after = self._ended(after, euler.pressed)
+            slower = self._slowed(state, after, euler) if solved else None
+            if slower is not None:
+                return slower, True
         euler = _PressedSteps(*given)
         after, solved = rule.standing_in(euler, own, dt)
         self._mean = after.coordinates, euler.given / dt
@@ -277,11 +277,13 @@ class ReducedContactMotion(PressedMotion):
         """The end of a step with what contacts press in."""
         return MotionState(after.coordinates, after.rates, after.memory | self._memory(pressed))
 
-    def _gains(self, before: MotionState, after: MotionState, euler: _PressedSteps) -> bool:
-        """Whether a step has gained more energy than its load gave it, on colliders at rest."""
+    def _slowed(self, before: MotionState, after: MotionState, euler: _PressedSteps) -> MotionState | None:
+        """The end of a step on colliders at rest without what it has gained; None where that is more than little."""
         model, load = self._model, euler.load_on(after.coordinates)
         moved = model.positions_at(after.coordinates) - model.positions_at(before.coordinates)
-        parts = [float(np.vdot(load, moved)), self.energy(before), -euler.pressed.energy]
-        for state, sign in ((before, 1.0), (after, -1.0)):
-            parts += [sign * model.elastic_energy(state), sign * model.kinetic_energy(state)]
-        return not sum(parts) >= -_NO_GAIN * sum(map(abs, parts))
+        slower = self.slower(before, after, float(np.vdot(load, moved)))
+        if slower is None or slower == 1.0:
+            return after if slower else None
+        less, memory = (slower - 1.0) * after.rates, after.memory
+        gains = {name: memory[name] + less for name in ("gain", "middle_gain") if name in memory}
+        return MotionState(after.coordinates, after.rates + less, memory | gains)
