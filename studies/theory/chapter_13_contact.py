@@ -37,7 +37,7 @@ def lost(rate: int = 240, height: float = 0.05) -> float:
 
 
 def swung(strip: ms.Shell, model: ms.Model, seconds: float = 0.6, *, lies: bool = True) -> float:
-    """Swing that a strip, which ``lies`` on a cylinder, has left after some time in 120 steps a second, over its first."""
+    """Swing that a strip, which ``lies`` on a cylinder, has left in 120 steps a second, over its first."""
     contacts = [ms.Contact(ms.Cylinder((0.9, -1.0, -0.05), (0.9, 1.0, -0.05), 0.05))]
     lying = model.equilibrium(gravity=GRAVITY, contacts=contacts).positions if lies else None
     run = ms.simulate(model, duration=seconds, dt=1 / 120, gravity=(0.0, 0.0, -6.9), start=lying, contacts=contacts)
