@@ -336,10 +336,8 @@ class ModalContactMotion(ModalPressedMotion):
 
     def entered(self, state: MotionState, time: float) -> MotionState:
         """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
-        pressing = self._pressing
-        pressing.at(time)
-        touches = pressing.touched(pressing.gaps(pressing.positions(state.coordinates)))
-        return self.pressed(state) if touches else self.clear(state)
+        self._pressing.at(time)
+        return self.pressed(state)
 
     def follow(
         self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array

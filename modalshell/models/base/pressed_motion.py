@@ -70,9 +70,13 @@ class PressedMotion(ABC):
 
     def pressed(self, state: MotionState, softness: float = 1.0) -> MotionState:
         """A state with its shape led out of the colliders as at rest, by modes of a ``softness`` times their own."""
-        pressing, q, memory = self._pressing, state.coordinates, self.clear(state).memory
-        base, kept = pressing.positions(q), (memory[LOCAL], memory[PUSHES], memory.get(TAKEN))
-        found = pressing.press(q, softness / self._model.basis.eigenvalues, (q, q, base), pressing.gaps(base), kept)
+        pressing, q, clear = self._pressing, state.coordinates, self.clear(state)
+        base, memory = pressing.positions(q), clear.memory
+        gaps = pressing.gaps(base)
+        if not pressing.touched(gaps):
+            return clear
+        kept = memory[LOCAL], memory[PUSHES], memory.get(TAKEN)
+        found = pressing.press(q, softness / self._model.basis.eigenvalues, (q, q, base), gaps, kept)
         taken = {TAKEN: found.at} if TAKEN in memory and found.at is not None else {}
         return MotionState(found.q, state.rates, memory | self._memory(found) | taken)
 
