@@ -26,21 +26,14 @@ _ITERATIONS = 12
 @final
 @dataclass(frozen=True)
 class KnownEquilibrium:
-    """A stable equilibrium with its derivatives, from the one factor of its Hessian that also shows it to be stable.
-
-    Attributes
-    ----------
-    state : Equilibrium
-        The model's answer.
-    rates : ndarray, shape (n, 3, k)
-        Derivatives of its positions by parameters, as :meth:`FullModel.sensitivity` has them.
-    rounding : float
-        Estimate of the residual that rounding leaves.
-    """
+    """A stable equilibrium with its derivatives, from the one factor of its Hessian that also shows it to be stable."""
 
     state: Equilibrium
+    """The model's answer."""
     rates: Array
+    """Derivatives of its positions by parameters, as :meth:`FullModel.sensitivity` has them. Shape (n, 3, k)."""
     rounding: float
+    """Estimate of the residual that rounding leaves."""
 
     @classmethod
     def of(cls, body: FullModel, state: Equilibrium, names: Sequence[str]) -> KnownEquilibrium:

@@ -128,19 +128,13 @@ def softening(basis: ms.Basis, gravity: Array) -> float:
 @final
 @dataclass(frozen=True)
 class Timing:
-    """Duration, time step and damping of a motion.
-
-    Attributes
-    ----------
-    duration, dt : float
-        Of the motion and of a step [s].
-    damping : tuple of float
-        Rayleigh factors of mass [1/s] and stiffness [s].
-    """
+    """Duration, time step and damping of a motion."""
 
     duration: float
     dt: float
+    """Of the motion and of a step [s]."""
     damping: tuple[float, float]
+    """Rayleigh factors of mass [1/s] and stiffness [s]."""
 
     @classmethod
     def of_sag(cls, size: float, gravity: Array) -> Timing:

@@ -38,21 +38,14 @@ NEXT_TO_SNAP = 0.005
 @final
 @dataclass(frozen=True)
 class Marks:
-    """Load factors of what happens along a path of equilibria.
-
-    Attributes
-    ----------
-    bifurcation : float or None
-        Bifurcation at which the path from rest becomes unstable, before any limit point.
-    limit : float or None
-        Limit point at which the stable states end: of the path, or of the branch that leaves it at the bifurcation.
-    stable_again : float or None
-        Load factor at which the path becomes stable again.
-    """
+    """Load factors of what happens along a path of equilibria."""
 
     bifurcation: float | None = None
+    """Bifurcation at which the path from rest becomes unstable, before any limit point."""
     limit: float | None = None
+    """Limit point at which the stable states end: of the path, or of the branch that leaves it at the bifurcation."""
     stable_again: float | None = None
+    """Load factor at which the path becomes stable again."""
     smooth: bool = True
     """Whether stable states continue to the path's end."""
 

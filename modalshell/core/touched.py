@@ -19,21 +19,13 @@ TOUCHED = "contact_forces", "in_contact", "deepest", "self_contact"
 
 
 class TouchedFrame(NamedTuple):
-    """Contacts of one frame.
-
-    Attributes
-    ----------
-    forces : ndarray, shape (n, 3)
-        Force of the colliders on every vertex [N], friction left out.
-    touches : ndarray of bool, shape (n,)
-        Vertices that are pushed.
-    deepest : float
-        Depth of the deepest vertex [m], at least 0.
-    self_contact : float
-        Smallest distance [m] of parts in self-contact, at most its gap; NaN without self-contact.
-    """
+    """Contacts of one frame."""
 
     forces: Array
+    """Force of the colliders on every vertex [N], friction left out; shape (n, 3)."""
     touches: NDArray[np.bool_]
+    """Vertices that are pushed; shape (n,)."""
     deepest: float
+    """Depth of the deepest vertex [m], at least 0."""
     self_contact: float = np.nan
+    """Smallest distance [m] of parts in self-contact, at most its gap; NaN without self-contact."""

@@ -22,27 +22,18 @@ _PARALLEL = 1e-9
 
 
 class Rules(NamedTuple):
-    """Weighted steering vectors of each rule, (N, 3) each; a boid turns towards their sum.
-
-    Attributes
-    ----------
-    separation : ndarray
-        Away from the neighbours: sum of ``offset (1 / distance - 1 / neighbour distance)``, zero at that distance.
-    alignment : ndarray
-        Mean of the neighbours' directions; zero without neighbours.
-    cohesion : ndarray
-        Unit vector to the mean position of the neighbours and of the flock position, which counts as one more.
-    target : ndarray
-        Unit vector to the target.
-    bounds : ndarray
-        Back into the box: the distance outside it along each axis over the neighbour distance.
-    """
+    """Weighted steering vectors of each rule, (N, 3) each; a boid turns towards their sum."""
 
     separation: Array
+    """Away from the neighbours: sum of ``offset (1 / distance - 1 / neighbour distance)``, zero at that distance."""
     alignment: Array
+    """Mean of the neighbours' directions; zero without neighbours."""
     cohesion: Array
+    """Unit vector to the mean position of the neighbours and of the flock position, which counts as one more."""
     target: Array
+    """Unit vector to the target."""
     bounds: Array
+    """Back into the box: the distance outside it along each axis over the neighbour distance."""
 
     @property
     def direction(self) -> Array:

@@ -16,24 +16,17 @@ Search = Literal["grid", "all_pairs"]
 
 
 class Neighbourhood(NamedTuple):
-    """Sums over each boid's neighbours.
-
-    Attributes
-    ----------
-    separation : ndarray, shape (N, 3)
-        Sum of ``offset (1 / distance - 1 / neighbour distance)``, the offset from the neighbour to the boid.
-    directions : ndarray, shape (N, 3)
-        Sum of the neighbours' directions.
-    positions : ndarray, shape (N, 3)
-        Sum of their positions [m].
-    counts : ndarray, shape (N,)
-        Their number.
-    """
+    """Sums over each boid's neighbours."""
 
     separation: Array
+    """Sum of ``offset (1 / distance - 1 / neighbour distance)``, the offset from the neighbour to the boid; shape
+    (N, 3)."""
     directions: Array
+    """Sum of the neighbours' directions; shape (N, 3)."""
     positions: Array
+    """Sum of their positions [m]; shape (N, 3)."""
     counts: Array
+    """Their number; shape (N,)."""
 
 
 def gather(

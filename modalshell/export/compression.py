@@ -25,36 +25,24 @@ _LEVELS = 32767
 @final
 @dataclass(frozen=True)
 class CompressedMotion(ReadOnlyArrays):
-    """Frames ``rest + sum_k amplitudes[f, k] shapes[k]``, whatever model made them and however its supports moved.
-
-    Attributes
-    ----------
-    times : ndarray, shape (F,)
-        [s].
-    rest_positions : ndarray of float32, shape (n, 3)
-        [m].
-    faces : ndarray of uint32, shape (T, 3)
-        Triangles.
-    shapes : ndarray of int16, shape (K, n, 3)
-        Displacements of the shapes in units of ``scales``.
-    scales : ndarray, shape (K,)
-        [m].
-    amplitudes : ndarray of float32, shape (F, K)
-        Of the shapes in each frame.
-    error : float
-        Largest distance of a vertex from its place in the motion that was compressed [m].
-    units : UnitSystem
-        Units of the motion.
-    """
+    """Frames ``rest + sum_k amplitudes[f, k] shapes[k]``, whatever model made them and however its supports moved."""
 
     times: Array
+    """[s]; shape (F,)."""
     rest_positions: NDArray[np.float32]
+    """[m]; shape (n, 3)."""
     faces: NDArray[np.uint32]
+    """Triangles; shape (T, 3)."""
     shapes: NDArray[np.int16]
+    """Displacements of the shapes in units of ``scales``; shape (K, n, 3)."""
     scales: Array
+    """[m]; shape (K,)."""
     amplitudes: NDArray[np.float32]
+    """Of the shapes in each frame; shape (F, K)."""
     error: float
+    """Largest distance of a vertex from its place in the motion that was compressed [m]."""
     units: UnitSystem = SI
+    """Units of the motion."""
 
     def __post_init__(self) -> None:
         for name in ("times", "rest_positions", "faces", "shapes", "scales", "amplitudes"):

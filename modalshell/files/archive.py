@@ -28,21 +28,14 @@ UNITS = ("units", "unit_system")
 
 
 class Field(NamedTuple):
-    """An array of an archive.
-
-    Attributes
-    ----------
-    kinds : str
-        Letters of its NumPy kinds: "f", "fiu", "iu", "U" or "b".
-    shape : tuple of int or str, optional
-        Letters stand for the same number in every array; None for any shape.
-    unit : str, optional
-        Unit in SI, "" of a plain number; None where it needs none.
-    """
+    """An array of an archive."""
 
     kinds: str
+    """Letters of its NumPy kinds: "f", "fiu", "iu", "U" or "b"."""
     shape: tuple[int | str, ...] | None = ()
+    """Letters stand for the same number in every array; None for any shape."""
     unit: str | None = None
+    """Unit in SI, "" of a plain number; None where it needs none."""
 
 
 @contextmanager
@@ -84,27 +77,18 @@ def check_arrays(
 @final
 @dataclass(frozen=True)
 class Archive:
-    """A kind of archive.
-
-    Attributes
-    ----------
-    kind : str
-        Its name for messages: "a clip".
-    mark : str
-        Name of the array that holds the version, and tells the kind.
-    fields : mapping
-        Its arrays by name.
-    most : float
-        Largest number that they may hold.
-    version : int
-        Version that is written and read.
-    """
+    """A kind of archive."""
 
     kind: str
+    """Its name for messages: "a clip"."""
     mark: str
+    """Name of the array that holds the version, and tells the kind."""
     fields: Mapping[str, Field] = field(default_factory=dict)
+    """Its arrays by name."""
     most: float = LARGEST_FLOAT
+    """Largest number that they may hold."""
     version: int = 1
+    """Version that is written and read."""
 
     def arrays(
         self, values: Mapping[str, ArrayLike], units: UnitSystem = SI, further: Mapping[str, Field] | None = None

@@ -10,21 +10,14 @@ from modalshell.core.registry import Registry
 
 
 class Integrator(ABC):
-    """A rule that steps a motion; one with a key, ``class Rule(ModalIntegrator, key="rule")``, is known by it.
-
-    Attributes
-    ----------
-    key : str
-        As written in ``integrator=`` and in scenes.
-    name : str
-        For tables and messages.
-    known : Registry
-        Every rule of the same kind by its key.
-    """
+    """A rule that steps a motion; one with a key, ``class Rule(ModalIntegrator, key="rule")``, is known by it."""
 
     key: ClassVar[str]
+    """As written in ``integrator=`` and in scenes."""
     name: ClassVar[str]
+    """For tables and messages."""
     known: ClassVar[Registry[type[Any]]]
+    """Every rule of the same kind by its key."""
 
     def __init_subclass__(cls, *, key: str = "", alias: str = "") -> None:
         if key:

@@ -71,18 +71,12 @@ def turn_keeping(moments: Array, impulse: Array, guess: Array) -> tuple[Array, b
 @final
 @dataclass(frozen=True, eq=False)
 class FreePart:
-    """A connected part without supports.
-
-    Attributes
-    ----------
-    vertices : ndarray of int, or slice
-        Its vertices.
-    mass : ndarray, shape (k,)
-        Their masses [kg].
-    """
+    """A connected part without supports."""
 
     vertices: Index | slice
+    """Its vertices."""
     mass: Array
+    """Their masses [kg]; shape (k,)."""
 
     @cached_property
     def total(self) -> float:
@@ -109,26 +103,18 @@ def _anchored(shell: Shell, part: Index | slice) -> bool:
 
 
 class RigidMove(NamedTuple):
-    """A turn about a centre that moves, and a change of velocity and spin.
-
-    Attributes
-    ----------
-    centre, velocity : ndarray, shape (3,)
-        Where the centre was [m], and its velocity [m/s].
-    turn : ndarray, shape (3, 3)
-        Rotation about it.
-    new_centre, new_velocity : ndarray, shape (3,)
-        Where it belongs, and its velocity.
-    spin : ndarray, shape (3,)
-        Angular velocity to add [rad/s].
-    """
+    """A turn about a centre that moves, and a change of velocity and spin."""
 
     centre: Array
     velocity: Array
+    """Where the centre was [m], and its velocity [m/s]; shape (3,)."""
     turn: Array
+    """Rotation about it; shape (3, 3)."""
     new_centre: Array
     new_velocity: Array
+    """Where it belongs, and its velocity; shape (3,)."""
     spin: Array
+    """Angular velocity to add [rad/s]; shape (3,)."""
 
 
 @final

@@ -36,19 +36,13 @@ Found = tuple[Array, dict[str, Array]]
 @final
 @dataclass
 class MotionState:
-    """State of a model in motion.
-
-    Attributes
-    ----------
-    coordinates, rates : ndarray
-        In the model's own unknowns.
-    memory : dict of ndarray
-        What the model's rule keeps from its last step, by name: vectors in the unknowns' shape, and flags (1,).
-    """
+    """State of a model in motion."""
 
     coordinates: Array
     rates: Array
+    """In the model's own unknowns."""
     memory: dict[str, Array] = field(default_factory=dict)
+    """What the model's rule keeps from its last step, by name: vectors in the unknowns' shape, and flags (1,)."""
 
     @classmethod
     def late(cls, coordinates: Array, memory: dict[str, Array], find: Callable[[], Found]) -> MotionState:

@@ -239,28 +239,19 @@ def distances(starts: Index, neighbours: Index, vertex: int) -> Index:
 
 
 class Panels(NamedTuple):
-    """Column-major panels of a factor: where each begins, its columns and its rows, in blocks.
-
-    Attributes
-    ----------
-    block : int
-        Unknowns of a block.
-    first : ndarray of int64, shape (p + 1,)
-        First column of each panel.
-    row_starts, row_ends : ndarray of int64, shape (p,)
-        Where the rows of each begin and end in ``rows``.
-    rows : ndarray of int64
-        Rows of all supernodes.
-    begins : ndarray of int64, shape (p + 1,)
-        Where the numbers of each panel begin.
-    """
+    """Column-major panels of a factor: where each begins, its columns and its rows, in blocks."""
 
     block: int
+    """Unknowns of a block."""
     first: Index
+    """First column of each panel; shape (p + 1,)."""
     row_starts: Index
     row_ends: Index
+    """Where the rows of each begin and end in ``rows``; shape (p,)."""
     rows: Index
+    """Rows of all supernodes."""
     begins: Index
+    """Where the numbers of each panel begin; shape (p + 1,)."""
 
 
 @njit

@@ -14,23 +14,16 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 class ColumnFactor(NamedTuple):
-    """A factor ``A = P^T L D L^T P``.
-
-    Attributes
-    ----------
-    starts, rows, values : ndarray
-        L below its unit diagonal, in compressed columns.
-    pivots : ndarray, shape (N,)
-        Diagonal of D.
-    order : ndarray of int, shape (N,)
-        Unknown that each row of L stands for.
-    """
+    """A factor ``A = P^T L D L^T P``."""
 
     starts: NDArray[np.int32]
     rows: NDArray[np.int32]
     values: Array
+    """L below its unit diagonal, in compressed columns."""
     pivots: Array
+    """Diagonal of D; shape (N,)."""
     order: NDArray[np.int32]
+    """Unknown that each row of L stands for; shape (N,)."""
 
 
 def column_factor(factor: Any) -> ColumnFactor | None:

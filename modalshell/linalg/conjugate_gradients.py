@@ -21,24 +21,16 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "ns
 
 
 class Stop(NamedTuple):
-    """When conjugate gradients end.
-
-    Attributes
-    ----------
-    accuracy : float
-        Norm of the residual over that of the right side.
-    most : int
-        Iterations at most.
-    serves : float
-        Accuracy that serves at the last of them.
-    judged : int
-        Iterations after which their rate tells whether they will get half the way to the accuracy, in digits.
-    """
+    """When conjugate gradients end."""
 
     accuracy: float
+    """Norm of the residual over that of the right side."""
     most: int
+    """Iterations at most."""
     serves: float
+    """Accuracy that serves at the last of them."""
     judged: int
+    """Iterations after which their rate tells whether they will get half the way to the accuracy, in digits."""
 
 
 class Rows(NamedTuple):
@@ -50,30 +42,21 @@ class Rows(NamedTuple):
 
 
 class Preconditioner(NamedTuple):
-    """A factor of a matrix near by.
-
-    Attributes
-    ----------
-    values : ndarray
-        Its panels, in either precision.
-    panels : Panels
-        Where these are.
-    order : ndarray, shape (N,)
-        Unknowns in the order of elimination.
-    height : int
-        Rows of the highest panel.
-    flips : ndarray of int64
-        Its negative pivots: none.
-    axes : ndarray, shape (3, f, 3)
-        Where each axis has turned to, since its matrix, with the vertices whose positions are the first unknowns.
-    """
+    """A factor of a matrix near by."""
 
     values: Any
+    """Its panels, in either precision."""
     panels: Panels
+    """Where these are."""
     order: Any
+    """Unknowns in the order of elimination; shape (N,)."""
     height: int
+    """Rows of the highest panel."""
     flips: Any
+    """Its negative pivots: none."""
     axes: Any
+    """Where each axis has turned to, since its matrix, with the vertices whose positions are the first unknowns; shape
+    (3, f, 3)."""
 
 
 @njit(**_options)

@@ -18,33 +18,22 @@ PANEL = 96
 
 
 class Supernodes(NamedTuple):
-    """Columns, rows, tree and panels of a factor's supernodes, in blocks.
-
-    Attributes
-    ----------
-    block : int
-        Unknowns of a block.
-    first : ndarray of int64, shape (s + 1,)
-        First column of each supernode.
-    row_starts : ndarray of int64, shape (s + 1,)
-        Where the rows of each begin, its own columns first.
-    relative : ndarray of int64
-        Where each of these rows stands among those of the parent.
-    parent : ndarray of int64, shape (s,)
-        The supernode that takes the update of each, -1 at roots.
-    first_panel : ndarray of int64, shape (s + 1,)
-        First panel of each.
-    panels : ndarray of int64, shape (p + 1,)
-        Where the numbers of each panel begin.
-    """
+    """Columns, rows, tree and panels of a factor's supernodes, in blocks."""
 
     block: int
+    """Unknowns of a block."""
     first: Index
+    """First column of each supernode; shape (s + 1,)."""
     row_starts: Index
+    """Where the rows of each begin, its own columns first; shape (s + 1,)."""
     relative: Index
+    """Where each of these rows stands among those of the parent."""
     parent: Index
+    """The supernode that takes the update of each, -1 at roots; shape (s,)."""
     first_panel: Index
+    """First panel of each; shape (s + 1,)."""
     panels: Index
+    """Where the numbers of each panel begin; shape (p + 1,)."""
 
 
 class Entries(NamedTuple):

@@ -25,22 +25,15 @@ Forces = Callable[[Corners, Corners, float, Index], Corners]
 @final
 @dataclass(frozen=True, eq=False)
 class SurfaceForm:
-    """A load on triangles in numbers, from which kernels make its forces: see :class:`modalshell.Wind`.
-
-    Attributes
-    ----------
-    pressure : float
-        Along the normals [Pa].
-    by_normal, by_tangent : float
-        Half the density of the air times the coefficients of its velocity across and along [kg/m^3].
-    velocity : ndarray, shape (3,), or callable, or None
-        Of the air [m/s]: everywhere, or ``velocity(points, time)``.
-    """
+    """A load on triangles in numbers, from which kernels make its forces: see :class:`modalshell.Wind`."""
 
     pressure: float = 0.0
+    """Along the normals [Pa]."""
     by_normal: float = 0.0
     by_tangent: float = 0.0
+    """Half the density of the air times the coefficients of its velocity across and along [kg/m^3]."""
     velocity: Array | Callable[[Array, float], Array] | None = None
+    """Of the air [m/s]: everywhere, or ``velocity(points, time)``. Shape (3,)."""
 
     @property
     def sizes(self) -> Array:
@@ -60,82 +53,55 @@ class SurfaceForm:
 @final
 @dataclass(frozen=True, eq=False)
 class TurningForm:
-    """Numeric data of a load on corners of triangles that rotates with them.
-
-    Attributes
-    ----------
-    weights : ndarray, shape (E, 3)
-        Weight of each corner in the force.
-    vector : ndarray, shape (3,), optional
-        The force [N] on the shape at rest; by default a unit normal.
-    """
+    """Numeric data of a load on corners of triangles that rotates with them."""
 
     weights: Array
+    """Weight of each corner in the force; shape (E, 3)."""
     vector: Array | None = None
+    """The force [N] on the shape at rest; by default a unit normal. Shape (3,)."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class BodyForm:
-    """A load by mass that is linear in positions and velocities, in numbers: ``m (c - X x - V v)``.
-
-    Attributes
-    ----------
-    mass : ndarray, shape (n,)
-        Of the vertices [kg].
-    constant : ndarray, shape (3,)
-        c [m/s^2].
-    by_position, by_velocity : ndarray, shape (3, 3)
-        X [1/s^2] and V [1/s].
-    """
+    """A load by mass that is linear in positions and velocities, in numbers: ``m (c - X x - V v)``."""
 
     mass: Array
+    """Of the vertices [kg]; shape (n,)."""
     constant: Array
+    """c [m/s^2]; shape (3,)."""
     by_position: Array
     by_velocity: Array
+    """X [1/s^2] and V [1/s]; shape (3, 3)."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class AppliedLoad:
-    """Forces on the corners of elements, which follow the corners' positions and velocities, and the time.
-
-    Attributes
-    ----------
-    stencils : ndarray of int64, shape (E, k)
-        Vertices of each element.
-    forces : callable
-        Forces (E, k, 3) [N] of corners (E, k, 3) [m], velocities (E, k, 3) [m/s], the time [s] and the elements'
-        numbers (E,); it must take complex corners and velocities, from which its derivatives come.
-    energy : callable, optional
-        Potential [J] of positions (n, 3) [m]; None for a load without a potential.
-    held : ndarray of int64
-        Vertices that must be held for the potential to be one.
-    by_position, by_velocity : bool
-        What the forces depend on.
-    factor : callable, optional
-        Factor on the forces at a time [s].
-    form : SurfaceForm, TurningForm or BodyForm, optional
-        The load in numbers, if it is of such a form; elements of a :class:`BodyForm` are the vertices, one by one.
-    constant : ndarray, shape (n, 3), optional
-        Its forces [N], if they depend only on the factor.
-    times : tuple of float
-        Times [s] at one of which the factor is at its largest, as far as that is known.
-    bends : tuple of float
-        Times [s] between which the factor is straight, or a product of straight ones, as far as that is known.
-    """
+    """Forces on the corners of elements, which follow the corners' positions and velocities, and the time."""
 
     stencils: Index
+    """Vertices of each element; shape (E, k)."""
     forces: Forces
+    """Forces (E, k, 3) [N] of corners (E, k, 3) [m], velocities (E, k, 3) [m/s], the time [s] and the elements' numbers
+    (E,); it must take complex corners and velocities, from which its derivatives come."""
     energy: Callable[[Array], float] | None = None
+    """Potential [J] of positions (n, 3) [m]; None for a load without a potential."""
     held: Index | None = None
+    """Vertices that must be held for the potential to be one."""
     by_position: bool = True
     by_velocity: bool = False
+    """What the forces depend on."""
     factor: Callable[[float], float] | None = None
+    """Factor on the forces at a time [s]."""
     form: SurfaceForm | TurningForm | BodyForm | None = None
+    """The load in numbers, if it is of such a form; elements of a :class:`BodyForm` are the vertices, one by one."""
     constant: Array | None = None
+    """Its forces [N], if they depend only on the factor; shape (n, 3)."""
     times: tuple[float, ...] = (0.0,)
+    """Times [s] at one of which the factor is at its largest, as far as that is known."""
     bends: tuple[float, ...] = ()
+    """Times [s] between which the factor is straight, or a product of straight ones, as far as that is known."""
 
     @property
     def is_dead(self) -> bool:

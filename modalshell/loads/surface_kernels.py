@@ -20,41 +20,30 @@ APART, LINEAR, TURNED = 0, 1, 2
 
 
 class Points(NamedTuple):
-    """Where loads are taken: each of k points stands for an area.
-
-    Attributes
-    ----------
-    kinds : ndarray of int64, shape (k, 2)
-        SURFACE, TURNING or BODY, and the number of the load.
-    faces : ndarray of int64, shape (k, 3)
-        The triangle that each is on.
-    sizes : ndarray, shape (k, 3)
-        For SURFACE the pressure, and half the density times the coefficients of wind across and along, each times the
-        number of triangles that one stands for; for TURNING the force in the triangle's frame; for BODY first the mass.
-    air : ndarray, shape (k, 3)
-        For SURFACE the velocity of the air, for BODY where its centre is from the triangle's.
-    bodies : ndarray, shape (loads, 3, 7)
-        For BODY the c, X and V of forces ``m (c - X x - V v)``.
-    factors : ndarray, shape (loads,)
-        Factors on the loads at the time.
-    rest : ndarray, shape (k, 3)
-        Forces without their factors on the shell at rest, which are known better elsewhere and are taken off.
-    forces : ndarray, shape (k, 3)
-        Receives the forces.
-    modes, turns : ndarray, shape (k, 3, m)
-        Modes and modal rotations of the area around.
-    """
+    """Where loads are taken: each of k points stands for an area."""
 
     kinds: Index
+    """SURFACE, TURNING or BODY, and the number of the load; shape (k, 2)."""
     faces: Index
+    """The triangle that each is on; shape (k, 3)."""
     sizes: Array
+    """For SURFACE the pressure, and half the density times the coefficients of wind across and along, each times the
+    number of triangles that one stands for; for TURNING the force in the triangle's frame; for BODY first the mass.
+    Shape (k, 3)."""
     air: Array
+    """For SURFACE the velocity of the air, for BODY where its centre is from the triangle's; shape (k, 3)."""
     bodies: Array
+    """For BODY the c, X and V of forces ``m (c - X x - V v)``; shape (loads, 3, 7)."""
     factors: Array
+    """Factors on the loads at the time; shape (loads,)."""
     rest: Array
+    """Forces without their factors on the shell at rest, which are known better elsewhere and are taken off; shape
+    (k, 3)."""
     forces: Array
+    """Receives the forces; shape (k, 3)."""
     modes: Array
     turns: Array
+    """Modes and modal rotations of the area around; shape (k, 3, m)."""
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)

@@ -18,22 +18,16 @@ _COINCIDENT = 1e-6
 
 
 class Joints(NamedTuple):
-    """Edges with any number of triangles, which are their wings.
-
-    Attributes
-    ----------
-    edges : (J,) int
-        The edges, ascending.
-    starts : (J + 1,) int
-        First of each edge's wings in the list of them all.
-    wings : (W,) int
-        Half-edges ``3 * face + corner`` of the wings, edge by edge: the triangle runs along the edge from this corner
-        to the next. The first wing of each edge is that to which its hinges refer: one of the two that lie flattest.
-    """
+    """Edges with any number of triangles, which are their wings."""
 
     edges: IntArray
+    """The edges, ascending; shape (J,)."""
     starts: IntArray
+    """First of each edge's wings in the list of them all; shape (J + 1,)."""
     wings: IntArray
+    """Half-edges ``3 * face + corner`` of the wings, edge by edge: the triangle runs along the edge from this corner to
+    the next. The first wing of each edge is that to which its hinges refer: one of the two that lie flattest. Shape
+    (W,)."""
 
     @property
     def hinge_wings(self) -> tuple[IntArray, IntArray]:

@@ -25,21 +25,14 @@ _SMALL = 1e-3
 @short_repr
 @dataclass(frozen=True)
 class Polygons:
-    """Vertices and polygons as a file or a user gives them.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Positions.
-    corners : ndarray of int64
-        Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file.
-    sizes : ndarray of int64
-        Number of corners of each polygon, three or more.
-    """
+    """Vertices and polygons as a file or a user gives them."""
 
     vertices: FloatArray
+    """Positions; shape (n, 3)."""
     corners: IntArray
+    """Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file."""
     sizes: IntArray
+    """Number of corners of each polygon, three or more."""
 
     @classmethod
     def of_lists(cls, vertices: Sequence[Sequence[float]] | FloatArray, polygons: Sequence[Sequence[int]]) -> Polygons:

@@ -15,30 +15,20 @@ from modalshell.mesh.winding import faces_to_flip, flips_and_tears
 
 
 class Sheets(NamedTuple):
-    """Triangles cut apart.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float
-        The vertices as they were, followed by new ones.
-    faces : (T, 3) int
-        The triangles, wound alike.
-    split_edges : int
-        Edges that had three or more faces.
-    split_vertices : int
-        Vertices that were added.
-    cut_edges : int
-        Edges along which a one-sided surface was cut open.
-    flipped : int
-        Triangles that were flipped.
-    """
+    """Triangles cut apart."""
 
     vertices: FloatArray
+    """The vertices as they were, followed by new ones; shape (n, 3)."""
     faces: IntArray
+    """The triangles, wound alike; shape (T, 3)."""
     split_edges: int
+    """Edges that had three or more faces."""
     split_vertices: int
+    """Vertices that were added."""
     cut_edges: int
+    """Edges along which a one-sided surface was cut open."""
     flipped: int
+    """Triangles that were flipped."""
 
 
 def touching_apart(vertices: FloatArray, faces: IntArray) -> Sheets:

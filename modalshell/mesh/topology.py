@@ -18,24 +18,16 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class HalfEdges:
-    """Half-edges of a triangle list, in the order face by face: (f0, f1), (f1, f2), (f2, f0).
-
-    Attributes
-    ----------
-    edges : (E, 2) int
-        Undirected edges, the smaller vertex first, in lexicographic order.
-    face_edges : (T, 3) int
-        Index into `edges` of each face's three half-edges.
-    counts : (E,) int
-        Number of faces at each edge.
-    forward : (T, 3) bool
-        Whether the face runs along the edge from its smaller to its larger vertex.
-    """
+    """Half-edges of a triangle list, in the order face by face: (f0, f1), (f1, f2), (f2, f0)."""
 
     edges: IntArray
+    """Undirected edges, the smaller vertex first, in lexicographic order; shape (E, 2)."""
     face_edges: IntArray
+    """Index into `edges` of each face's three half-edges; shape (T, 3)."""
     counts: IntArray
+    """Number of faces at each edge; shape (E,)."""
     forward: BoolArray
+    """Whether the face runs along the edge from its smaller to its larger vertex; shape (T, 3)."""
 
 
 def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:

@@ -41,20 +41,14 @@ class ReducedWarp(NamedTuple):
     """The rotation-strain warp in reduced form: ``u = Phi q + U M (F(q) - I - L q)``, F of T sampled triangles.
 
     F = exp([w]) (I + S) of a triangle has six numbers, in its own frame; L q is the part that is linear in q.
-
-    Attributes
-    ----------
-    shapes : ndarray, shape (3n, r)
-        U [m].
-    amounts : ndarray, shape (6 T, r)
-        Transposed M: the six numbers of all triangles one after another.
-    turns : ndarray, shape (6 T, m)
-        Turn w and strain S (aa, bb, ab) of the triangles in every mode.
     """
 
     shapes: Array
+    """U [m]; shape (3n, r)."""
     amounts: Array
+    """Transposed M: the six numbers of all triangles one after another. Shape (6 T, r)."""
     turns: Array
+    """Turn w and strain S (aa, bb, ab) of the triangles in every mode; shape (6 T, m)."""
 
 
 @final

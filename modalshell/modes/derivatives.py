@@ -73,18 +73,12 @@ class BasisSensitivity:
 @final
 @dataclass(frozen=True)
 class SpanSlope:
-    """Derivative of a basis up to a turn of its modes among themselves, which needs no gaps between them.
-
-    Attributes
-    ----------
-    modes : ndarray, shape (3n, m)
-        Of mass-orthonormal vectors that span what the modes span.
-    stiffness : ndarray, shape (m, m)
-        Of the stiffness on these vectors.
-    """
+    """Derivative of a basis up to a turn of its modes among themselves, which needs no gaps between them."""
 
     modes: Array
+    """Of mass-orthonormal vectors that span what the modes span; shape (3n, m)."""
     stiffness: Array
+    """Of the stiffness on these vectors; shape (m, m)."""
 
 
 def span_slope(basis: VibrationModes, name: str) -> SpanSlope:

@@ -38,18 +38,12 @@ Use = Literal["solve", "axes", "refactor"]
 
 
 class Factor(ABC):
-    """A factorised symmetric matrix.
-
-    Attributes
-    ----------
-    backend : str
-        Name of the library that holds the factor.
-    solves_a_factorisation : float
-        Solves that take the time of another factorisation, about; 0 where the factor is not worth keeping.
-    """
+    """A factorised symmetric matrix."""
 
     backend: str
+    """Name of the library that holds the factor."""
     solves_a_factorisation: float = 0.0
+    """Solves that take the time of another factorisation, about; 0 where the factor is not worth keeping."""
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""

@@ -48,18 +48,12 @@ _AIM = 0.05
 @final
 @dataclass(frozen=True)
 class Tolerance:
-    """Error that the steps of a motion may make.
-
-    Attributes
-    ----------
-    share : float
-        Of the shell's size.
-    span : float
-        Time [s] over which errors add up to that.
-    """
+    """Error that the steps of a motion may make."""
 
     share: float
+    """Of the shell's size."""
     span: float
+    """Time [s] over which errors add up to that."""
 
     def __post_init__(self) -> None:
         checked_number("tolerance", self.share, at_least=1e-9, at_most=1.0)

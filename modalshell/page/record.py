@@ -22,24 +22,16 @@ _TONE_ERROR = 0.01
 @final
 @dataclass(frozen=True)
 class Tones:
-    """The field that colours a motion.
-
-    Attributes
-    ----------
-    values : ndarray, shape (F, n)
-        At the vertices, in each frame.
-    label : str
-        Its name with its unit.
-    range : (float, float)
-        Values at the ends of the colour map.
-    colormap : str
-        Matplotlib's name of the colour map.
-    """
+    """The field that colours a motion."""
 
     values: Array
+    """At the vertices, in each frame; shape (F, n)."""
     label: str
+    """Its name with its unit."""
     range: tuple[float, float]
+    """Values at the ends of the colour map."""
     colormap: str
+    """Matplotlib's name of the colour map."""
 
 
 def recorded(

@@ -17,28 +17,18 @@ _MARGIN = 0.06
 
 @dataclass(frozen=True)
 class Camera:
-    """
-    A camera that looks along minus its third axis.
-
-    Attributes
-    ----------
-    axes : ndarray, shape (3, 3)
-        Rows: unit vectors to the right, up and from target to camera.
-    center : ndarray, shape (3,)
-        Target point in these axes [m].
-    distance : float
-        From target to camera [m].
-    slope : float
-        Tangent of half the vertical view angle.
-    aspect : float
-        Width over height of the picture.
-    """
+    """A camera that looks along minus its third axis."""
 
     axes: NDArray[np.float64]
+    """Rows: unit vectors to the right, up and from target to camera. Shape (3, 3)."""
     center: NDArray[np.float64]
+    """Target point in these axes [m]; shape (3,)."""
     distance: float
+    """From target to camera [m]."""
     slope: float
+    """Tangent of half the vertical view angle."""
     aspect: float
+    """Width over height of the picture."""
 
     @property
     def target(self) -> NDArray[np.float64]:

@@ -17,34 +17,22 @@ Entry = tuple[str, NDArray[np.float64], float]
 
 @dataclass
 class Page:
-    """
-    A page of equal cells under text that never reaches into them.
-
-    Attributes
-    ----------
-    size : tuple of int
-        Width and height [pixels].
-    captions : list of tuple
-        Title and subtitle of each cell.
-    columns : int
-        Cells in a row.
-    title : str, optional
-        Text at the top of the page.
-    legend : sequence of tuple
-        Label, colour and opacity of each entry.
-    bar : ScalarColors, optional
-        Colour bar on the right.
-    bar_label : str, optional
-        Its title.
-    """
+    """A page of equal cells under text that never reaches into them."""
 
     size: tuple[int, int]
+    """Width and height [pixels]."""
     captions: list[tuple[str | None, str | None]]
+    """Title and subtitle of each cell."""
     columns: int
+    """Cells in a row."""
     title: str | None = None
+    """Text at the top of the page."""
     legend: Sequence[Entry] = ()
+    """Label, colour and opacity of each entry."""
     bar: ScalarColors | None = None
+    """Colour bar on the right."""
     bar_label: str | None = None
+    """Its title."""
 
     def __post_init__(self) -> None:
         """Measure the text and lay out the page."""

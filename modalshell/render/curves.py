@@ -60,37 +60,26 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes.
-
-    Attributes
-    ----------
-    curves : sequence of Curve
-        What is drawn.
-    title, x_label, y_label : str
-        Texts.
-    log, log_x : bool
-        Whether the y axis, or the x axis, is logarithmic.
-    band : (float, float), optional
-        Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break).
-    x_ticks : mapping of float to str, optional
-        The only ticks of the x axis, and their texts.
-    lines : sequence of Line
-        Vertical lines.
-    legend_inside : bool, optional
-        Whether the legend stands within the axes; by default where there are few curves.
-    """
+    """One pair of axes."""
 
     curves: Sequence[Curve]
+    """What is drawn."""
     title: str
     x_label: str
     y_label: str
+    """Texts."""
     log: bool = False
     log_x: bool = False
+    """Whether the y axis, or the x axis, is logarithmic."""
     band: tuple[float, float] | None = None
+    """Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break)."""
     band_label: str = ""
     x_ticks: Mapping[float, str] | None = None
+    """The only ticks of the x axis, and their texts."""
     lines: Sequence[Line] = ()
+    """Vertical lines."""
     legend_inside: bool | None = None
+    """Whether the legend stands within the axes; by default where there are few curves."""
 
 
 def draw_curves(

@@ -21,53 +21,36 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A line over a map, in pieces: it crosses each row at some column values, or nowhere.
-
-    Attributes
-    ----------
-    at : sequence of sequence of float
-        For each row, the column values at which it is crossed.
-    label : str
-        For the legend.
-    style, color : str
-        Line style and colour of matplotlib.
-    """
+    """A line over a map, in pieces: it crosses each row at some column values, or nowhere."""
 
     at: Sequence[Sequence[float]]
+    """For each row, the column values at which it is crossed."""
     label: str
+    """For the legend."""
     style: Style = "-"
     color: str = "black"
+    """Line style and colour of matplotlib."""
 
 
 @dataclass(frozen=True)
 class MapPanel:
-    """One map.
-
-    Attributes
-    ----------
-    x, y : array_like
-        Parameter values of the columns (X,) and the rows (Y,).
-    classes : sequence of sequence of str
-        Name of the class of each cell, Y rows of X.
-    title, x_label, y_label : str
-        Texts; without an x label the columns have no tick labels, either.
-    x_scale : {"linear", "log", "even"}
-        Whether columns are spaced by difference, by ratio, or evenly whatever their values.
-    x_ticks : mapping of float to str, optional
-        The only ticks of the x axis, and their texts.
-    boundaries : sequence of Boundary
-        Lines over the map.
-    """
+    """One map."""
 
     x: ArrayLike
     y: ArrayLike
+    """Parameter values of the columns (X,) and the rows (Y,)."""
     classes: Sequence[Sequence[str]]
+    """Name of the class of each cell, Y rows of X."""
     title: str
     x_label: str
     y_label: str
+    """Texts; without an x label the columns have no tick labels, either."""
     x_scale: Literal["linear", "log", "even"] = "linear"
+    """Whether columns are spaced by difference, by ratio, or evenly whatever their values."""
     boundaries: Sequence[Boundary] = ()
+    """Lines over the map."""
     x_ticks: Mapping[float, str] | None = None
+    """The only ticks of the x axis, and their texts."""
 
 
 def draw_maps(

@@ -25,15 +25,10 @@ MESH_LINE_WIDTH = 0.6
 
 
 class Painter(Protocol):
-    """Draws surfaces into images of one size.
-
-    Attributes
-    ----------
-    threaded : bool
-        Whether another thread than the one that made it may draw, and others of its kind at the same time.
-    """
+    """Draws surfaces into images of one size."""
 
     threaded: bool
+    """Whether another thread than the one that made it may draw, and others of its kind at the same time."""
 
     def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
         """Replace everything shown."""

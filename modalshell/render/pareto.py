@@ -41,23 +41,16 @@ class Mark:
 
 @dataclass(frozen=True)
 class ParetoPanel:
-    """One pair of logarithmic axes.
-
-    Attributes
-    ----------
-    marks : sequence of Mark
-        The points.
-    title, x_label, y_label : str
-        Texts.
-    truth : Mark, optional
-        Cost and name of the truth, whose error is zero: drawn as a line.
-    """
+    """One pair of logarithmic axes."""
 
     marks: Sequence[Mark]
+    """The points."""
     title: str
     x_label: str = "milliseconds per frame"
     y_label: str = "displacement error [%]"
+    """Texts."""
     truth: Mark | None = None
+    """Cost and name of the truth, whose error is zero: drawn as a line."""
 
 
 def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int | None = None) -> Path:

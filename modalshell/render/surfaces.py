@@ -56,23 +56,15 @@ def scalar_colors(
 
 @dataclass(frozen=True)
 class EdgeTable:
-    """
-    Undirected edges of a triangle set.
-
-    Attributes
-    ----------
-    edges : ndarray of int, shape (E, 2)
-        Vertex indices.
-    left, right : ndarray of int, shape (E,)
-        Two of the faces at each edge, the same face twice at the border.
-    drawn : ndarray of bool, shape (E,)
-        Border edges and creases, which belong to the outline from every side.
-    """
+    """Undirected edges of a triangle set."""
 
     edges: NDArray[np.int64]
+    """Vertex indices; shape (E, 2)."""
     left: NDArray[np.int64]
     right: NDArray[np.int64]
+    """Two of the faces at each edge, the same face twice at the border; shape (E,)."""
     drawn: NDArray[np.bool_]
+    """Border edges and creases, which belong to the outline from every side; shape (E,)."""
 
     @classmethod
     def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> EdgeTable:
@@ -97,22 +89,14 @@ class EdgeTable:
 
 @dataclass(frozen=True)
 class Sides:
-    """
-    How the faces of a surface lie to a camera.
-
-    Attributes
-    ----------
-    flat : ndarray, shape (T, 3)
-        Unit normals of the faces; zero for a face without area.
-    smooth : ndarray, shape (n, 3)
-        Unit normals at the vertices, averaged over faces by area.
-    seen : ndarray of int, shape (T,)
-        1 for a face that looks towards the camera, -1 for one that is turned away.
-    """
+    """How the faces of a surface lie to a camera."""
 
     flat: NDArray[np.float64]
+    """Unit normals of the faces; zero for a face without area. Shape (T, 3)."""
     smooth: NDArray[np.float64]
+    """Unit normals at the vertices, averaged over faces by area; shape (n, 3)."""
     seen: NDArray[np.int64]
+    """1 for a face that looks towards the camera, -1 for one that is turned away; shape (T,)."""
 
     @classmethod
     def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> Sides:

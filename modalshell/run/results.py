@@ -60,39 +60,26 @@ DISPLACEMENT = "displacement"
 @final
 @dataclass(frozen=True)
 class Look:
-    """How films and pictures of a motion look.
-
-    Attributes
-    ----------
-    rate : float, optional
-        Stored frames shown a second; real speed without it.
-    color : str, optional
-        Field of the trajectory that colours them, or "displacement".
-    camera : tuple of float
-        Direction from the shell to the camera.
-    turntable : bool
-        Whether the shell turns once about the vertical in a film.
-    still : float, optional
-        Time of a picture [s]; the end without it.
-    title : str
-        Of a picture; the name of its file without it.
-    model : str
-        Name of the model, for the corner of a film.
-    style : str
-        "stage": films have a ground, a shadow, and the model and the time in a corner; "plain": the shell alone.
-    follow : bool
-        Whether the camera of a film moves with the middle of the shell.
-    """
+    """How films and pictures of a motion look."""
 
     rate: float | None = None
+    """Stored frames shown a second; real speed without it."""
     color: str | None = None
+    """Field of the trajectory that colours them, or "displacement"."""
     camera: tuple[float, float, float] = DEFAULT_CAMERA
+    """Direction from the shell to the camera."""
     turntable: bool = False
+    """Whether the shell turns once about the vertical in a film."""
     still: float | None = None
+    """Time of a picture [s]; the end without it."""
     title: str = ""
+    """Of a picture; the name of its file without it."""
     model: str = ""
+    """Name of the model, for the corner of a film."""
     style: Literal["stage", "plain"] = "stage"
+    """Whether films have a ground, a shadow, and the model and the time in a corner, or show the shell alone."""
     follow: bool = False
+    """Whether the camera of a film moves with the middle of the shell."""
 
     def plain(self) -> dict[str, Any]:
         """The attributes as JSON has them; films of before this key was there are not made again."""

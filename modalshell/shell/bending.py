@@ -34,24 +34,16 @@ _MEASURED_DEPTH = 5
 
 @dataclass(frozen=True)
 class BendingConstants:
-    """What ``k_f`` is multiplied by in the bending energy per area at unit curvature.
-
-    Attributes
-    ----------
-    wide : float
-        c: no curvature across (a plate held across).
-    narrow : float
-        b: curvature across and twist free (a narrow strip).
-    across : float
-        As ``wide`` for bending across the direction; NaN where the mesh has no direction or is too coarse to measure.
-    ends : tuple of float
-        As ``narrow``, measured on a flat strip clamped at either end; empty where no end could be measured.
-    """
+    """What ``k_f`` is multiplied by in the bending energy per area at unit curvature."""
 
     wide: float
+    """c: no curvature across (a plate held across)."""
     narrow: float
+    """b: curvature across and twist free (a narrow strip)."""
     across: float = np.nan
+    """As ``wide`` for bending across the direction; NaN where the mesh has no direction or is too coarse to measure."""
     ends: tuple[float, ...] = ()
+    """As ``narrow``, measured on a flat strip clamped at either end; empty where no end could be measured."""
 
 
 def hinge_weights(mesh: TriangleMesh) -> Array:

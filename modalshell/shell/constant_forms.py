@@ -14,39 +14,25 @@ from modalshell.shell.split_folds import SplitFolds
 
 @final
 class ConstantForms(NamedTuple):
-    """Constant quadratic forms of fold angles and of half squared edge lengths.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n + g, 3)
-        Vertices at rest [m], then ghosts.
-    hinges : ndarray of int64, shape (H, 4)
-        Hinges of the folds, on the points.
-    angles : ndarray, shape (H,)
-        Fold angles at rest [rad].
-    shares : FoldShares
-        Second derivatives by fold angles [N m], and fold shares at the minimum.
-    folds : SplitFolds
-        Their pairs of triangles.
-    edges : ndarray of int64, shape (E, 2)
-        Edges of the mesh.
-    half_squares : ndarray, shape (E,)
-        Half their squared lengths at rest [m^2].
-    membrane : list of MembraneElements
-        Elements of the membrane.
-    tension : csr_array, shape (E, E)
-        Their sum [N/m^3].
-    factor : float
-        Of the energy, in which damping may take part; see :meth:`ElasticEnergy.damped`.
-    """
+    """Constant quadratic forms of fold angles and of half squared edge lengths."""
 
     points: Array
+    """Vertices at rest [m], then ghosts; shape (n + g, 3)."""
     hinges: Index
+    """Hinges of the folds, on the points; shape (H, 4)."""
     angles: Array
+    """Fold angles at rest [rad]; shape (H,)."""
     shares: FoldShares
+    """Second derivatives by fold angles [N m], and fold shares at the minimum."""
     folds: SplitFolds
+    """Their pairs of triangles."""
     edges: Index
+    """Edges of the mesh; shape (E, 2)."""
     half_squares: Array
+    """Half their squared lengths at rest [m^2]; shape (E,)."""
     membrane: list[MembraneElements]
+    """Elements of the membrane."""
     tension: sps.csr_array
+    """Their sum [N/m^3]; shape (E, E)."""
     factor: float
+    """Of the energy, in which damping may take part; see :meth:`ElasticEnergy.damped`."""

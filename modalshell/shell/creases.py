@@ -157,24 +157,16 @@ class _Slip(NamedTuple):
 @final
 @dataclass(frozen=True, eq=False)
 class CreaseSet(ReadOnlyArrays):
-    """The creases of a shell.
-
-    Attributes
-    ----------
-    hinges : ndarray of int64, shape (C,)
-        Their hinges among those of the mesh.
-    limits : ndarray, shape (C,)
-        Couple at which each yields, ``l M_y`` [N m].
-    hardening : ndarray, shape (C,)
-        ``l H`` [N m/rad].
-    count : int
-        Number of hinges of the mesh.
-    """
+    """The creases of a shell."""
 
     hinges: Index
+    """Their hinges among those of the mesh; shape (C,)."""
     limits: Array
+    """Couple at which each yields, ``l M_y`` [N m]; shape (C,)."""
     hardening: Array
+    """``l H`` [N m/rad]; shape (C,)."""
     count: int
+    """Number of hinges of the mesh."""
 
     @classmethod
     def of(cls, creases: Sequence[Crease], mesh: TriangleMesh, at_rest: TriangleMesh) -> Self | None:

@@ -21,18 +21,12 @@ GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 
 @final
 class Part(NamedTuple):
-    """A weighted sum of some elements of an energy.
-
-    Attributes
-    ----------
-    energy : ElasticEnergy
-        The sum, on its own numbering of the vertices that it touches.
-    vertices : ndarray of int64, shape (k,)
-        Those vertices, in the numbering of the whole energy.
-    """
+    """A weighted sum of some elements of an energy."""
 
     energy: ElasticEnergy
+    """The sum, on its own numbering of the vertices that it touches."""
     vertices: Index
+    """Those vertices, in the numbering of the whole energy; shape (k,)."""
 
 
 class ElasticEnergy(ABC):

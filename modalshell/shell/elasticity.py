@@ -16,18 +16,12 @@ _NORMAL = 1e-6
 
 @final
 class Elasticity(NamedTuple):
-    """Stiffness of every triangle against strains (E11, E22, 2 E12), or curvatures, in axes of its material.
-
-    Attributes
-    ----------
-    matrices : ndarray, shape (T, 3, 3)
-        C [N/m] of the membrane, or [N m] of bending; complex ones serve derivatives.
-    directions : ndarray, shape (T, 3)
-        Unit vectors of axis 1, in the triangles' planes at rest; axis 2 is to its left.
-    """
+    """Stiffness of every triangle against strains (E11, E22, 2 E12), or curvatures, in axes of its material."""
 
     matrices: Any
+    """C [N/m] of the membrane, or [N m] of bending; complex ones serve derivatives. Shape (T, 3, 3)."""
     directions: Any
+    """Unit vectors of axis 1, in the triangles' planes at rest; axis 2 is to its left. Shape (T, 3)."""
 
     def in_axes(self, mesh: TriangleMesh, faces: Index, along: Array, across: Array) -> Any:
         """C (k, 3, 3) of ``faces`` (k,) in the unit axes ``along`` and ``across`` (k, 3) in their planes."""

@@ -33,30 +33,21 @@ from modalshell.supports import Unknowns
 
 @dataclass(frozen=True, eq=False)
 class ElementSet:
-    """All elements of one energy, ``sum_e weight_e (g_e - rest_e)^2``.
-
-    Attributes
-    ----------
-    name : str
-        Name of the energy.
-    kernel : module or MirroredFlexure
-        Generated kernel of the energy, or what takes its place.
-    stencils : ndarray of int64, shape (elements, vertices)
-        Vertices of each element, in the kernel's order.
-    rest : ndarray, shape (elements,)
-        Measures at rest: areas [m^2], lengths [m] or fold angles [rad].
-    weight : ndarray, shape (elements,)
-        Stiffness over rest size.
-    viscosity : ndarray, shape (elements,), optional
-        Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of parallel dashpots; none by default.
-    """
+    """All elements of one energy, ``sum_e weight_e (g_e - rest_e)^2``."""
 
     name: str
+    """Name of the energy."""
     kernel: ModuleType | MirroredFlexure
+    """Generated kernel of the energy, or what takes its place."""
     stencils: Index
+    """Vertices of each element, in the kernel's order; shape (elements, vertices)."""
     rest: Array
+    """Measures at rest: areas [m^2], lengths [m] or fold angles [rad]. Shape (elements,)."""
     weight: Array
+    """Stiffness over rest size; shape (elements,)."""
     viscosity: Array | None = None
+    """Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of parallel dashpots; none by default. Shape
+    (elements,)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stencils", read_only_view(self.stencils))  # as those of meshes, also in copies

@@ -22,25 +22,17 @@ _ACROSS = 1e-3
 
 @dataclass(frozen=True)
 class Orientation:
-    """Extents of a mesh and the direction of its bending.
-
-    Attributes
-    ----------
-    axis : ndarray, shape (3,)
-        Unit vector of the direction; zero if all directions are equivalent.
-    length, width : float
-        The two largest extents along the principal axes [m].
-    flat : bool
-        Whether the mesh is flat.
-    named : bool
-        Whether the user named the direction.
-    """
+    """Extents of a mesh and the direction of its bending."""
 
     axis: Array
+    """Unit vector of the direction; zero if all directions are equivalent. Shape (3,)."""
     length: float
     width: float
+    """The two largest extents along the principal axes [m]."""
     flat: bool
+    """Whether the mesh is flat."""
     named: bool
+    """Whether the user named the direction."""
 
     @property
     def elongated(self) -> bool:

@@ -22,21 +22,14 @@ _DROPPED = 1e-15
 
 @dataclass(frozen=True)
 class InternalUnknowns:
-    """Unknowns without mass or load that an energy minimises over, such as fold shares; constant among themselves.
-
-    Attributes
-    ----------
-    vertices : csr_array of bool, shape (m, n)
-        Vertices that each is coupled to, by three entries.
-    stiffness : csr_array, shape (m, m)
-        Second derivatives by these unknowns, positive definite.
-    solve : callable
-        Solution of ``stiffness f = b`` for right sides (m,) or (m, k).
-    """
+    """Unknowns without mass or load that an energy minimises over, such as fold shares; constant among themselves."""
 
     vertices: sps.csr_array
+    """Vertices that each is coupled to, by three entries; shape (m, n)."""
     stiffness: sps.csr_array
+    """Second derivatives by these unknowns, positive definite; shape (m, m)."""
     solve: Callable[[Array], Array]
+    """Solution of ``stiffness f = b`` for right sides (m,) or (m, k)."""
 
     @property
     def count(self) -> int:
@@ -51,27 +44,19 @@ class SparsePattern:
 
     An energy with internal unknowns has the entries of their coupling, then of their own stiffness after those of the
     blocks; its Hessian by positions is the Schur complement, which is dense and is never formed: see :meth:`product`.
-
-    Attributes
-    ----------
-    indptr, indices : ndarray of int32
-        CSR structure of the (3n, 3n) matrix, columns sorted.
-    strides : ndarray of int64, shape (n,)
-        Entries in a matrix row of each vertex.
-    diagonal : ndarray of int64, shape (3n,)
-        Positions of the diagonal entries.
-    free : FreePart
-        What belongs to the free unknowns, and to the internal ones after them.
-    internal : InternalUnknowns, optional
-        Internal unknowns of the energy.
     """
 
     indptr: NDArray[np.int32]
     indices: NDArray[np.int32]
+    """CSR structure of the (3n, 3n) matrix, columns sorted."""
     strides: Index
+    """Entries in a matrix row of each vertex; shape (n,)."""
     diagonal: Index
+    """Positions of the diagonal entries; shape (3n,)."""
     free: FreePart
+    """What belongs to the free unknowns, and to the internal ones after them."""
     internal: InternalUnknowns | None = None
+    """Internal unknowns of the energy."""
 
     @property
     def size(self) -> int:

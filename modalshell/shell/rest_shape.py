@@ -62,21 +62,15 @@ class Temperature(ReadOnlyArrays):
 
 @final
 class RestShape(NamedTuple):
-    """Shape without stress of the triangles by themselves.
-
-    Attributes
-    ----------
-    folds : ndarray, shape (T, 3)
-        Fold of each triangle at the edge from each corner to the next [rad].
-    squares : ndarray, shape (E,)
-        Change of half the squared length of every edge [m^2].
-    warmed : ndarray, shape (T, 3)
-        The part of the folds that goes with one over the thickness [rad]: of a temperature that changes through it.
-    """
+    """Shape without stress of the triangles by themselves."""
 
     folds: Array
+    """Fold of each triangle at the edge from each corner to the next [rad]; shape (T, 3)."""
     squares: Array
+    """Change of half the squared length of every edge [m^2]; shape (E,)."""
     warmed: Array
+    """The part of the folds that goes with one over the thickness [rad]: of a temperature that changes through it.
+    Shape (T, 3)."""
 
     def offsets(self, mesh: TriangleMesh, folds: SplitFolds) -> Array:
         """What is added to the rest angles (H,) of the hinges."""

@@ -17,21 +17,14 @@ from modalshell.supports import Support
 @final
 @dataclass(frozen=True)
 class HeldSlopes:
-    """Where supports hold the slope of a surface.
-
-    Attributes
-    ----------
-    clamped : ndarray of bool, shape (n,)
-        Vertices of clamps: edges between two of them are clamped.
-    mirrored : ndarray of int64, shape (s,)
-        Boundary edges and junctions in planes of symmetry.
-    normals : ndarray, shape (s, 3)
-        Unit normals of their planes.
-    """
+    """Where supports hold the slope of a surface."""
 
     clamped: NDArray[np.bool_]
+    """Vertices of clamps: edges between two of them are clamped. Shape (n,)."""
     mirrored: Index
+    """Boundary edges and junctions in planes of symmetry; shape (s,)."""
     normals: Array
+    """Unit normals of their planes; shape (s, 3)."""
 
     def reflections(self) -> Array:
         """Reflections ``I - 2 N N^T`` (s, 3, 3) about the planes."""

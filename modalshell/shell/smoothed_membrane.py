@@ -52,30 +52,20 @@ PAIR = np.array(EDGES)
 @final
 @dataclass(frozen=True)
 class MembraneElements:
-    """Elements of one kind, each with a constant matrix over the half squared lengths of its edges.
-
-    Attributes
-    ----------
-    stencils : ndarray of int64, shape (elements, vertices)
-        Vertices of each element.
-    pairs : ndarray of int64, shape (edges, 2)
-        Its edges, as places in the stencil.
-    edges : ndarray of int64, shape (elements, edges)
-        The same edges, numbered as in the mesh.
-    matrices : ndarray, shape (elements, edges, edges)
-        Q of each element [N/m^3].
-    faces : ndarray of int64, shape (elements, triangles)
-        Triangles of each element.
-    areas : ndarray, shape (elements, triangles)
-        Part of each triangle's area in the element [m^2].
-    """
+    """Elements of one kind, each with a constant matrix over the half squared lengths of its edges."""
 
     stencils: Index
+    """Vertices of each element; shape (elements, vertices)."""
     pairs: Index
+    """Its edges, as places in the stencil; shape (edges, 2)."""
     edges: Index
+    """The same edges, numbered as in the mesh; shape (elements, edges)."""
     matrices: Array
+    """Q of each element [N/m^3]; shape (elements, edges, edges)."""
     faces: Index
+    """Triangles of each element; shape (elements, triangles)."""
     areas: Array
+    """Part of each triangle's area in the element [m^2]; shape (elements, triangles)."""
 
     def as_pairs(self, slots: Index) -> tuple[Index, Array, Index]:
         """Stencils (elements, 4), matrices (elements, 5, 5) and slots (elements, 4, 4) of :data:`PAIR`'s edges.

@@ -62,52 +62,36 @@ class EdgeKind(IntEnum):
 @final
 @dataclass(frozen=True)
 class SplitFolds:
-    """Connectivity and constant matrices of the bending energy.
-
-    Attributes
-    ----------
-    ghosts : ndarray, shape (g, 3)
-        Positions of the ghost vertices [m]; they follow the n vertices of the mesh in every stencil.
-    reflections : ndarray, shape (s, 3, 3)
-        Reflections that make the last s ghosts, and the last s hinges, of the vertices across their edges.
-    hinges : ndarray of int64, shape (H, 4)
-        Hinges that carry energy, in the order of the flexure kernel.
-    faces : ndarray of int64, shape (B, 2)
-        Triangles of every pair; -1 after one that bends alone.
-    corners : ndarray of int64, shape (B, 2)
-        Their corners opposite the common edge; of single triangles the first.
-    stencils : ndarray of int64, shape (B, 8)
-        Corners of the first triangle, the vertex across the common edge, and those across the edges of the other
-        hinges; else -1.
-    folds : ndarray of int64, shape (B, 5)
-        Hinge at each edge, whose fold angle counts in this pair; -1 where none does.
-    places : ndarray of int64, shape (B, 5, 4)
-        Positions of each hinge's vertices among the pair's eight.
-    shares : ndarray, shape (B, 5)
-        Factors of the fold share in gamma.
-    share_index : ndarray of int64, shape (B, 5)
-        Fold share at each edge; -1 if there is none.
-    moments : ndarray, shape (B, 5, 5)
-        Stiffness by gamma, free edges condensed [N m].
-    share_count : int
-        Number of fold shares.
-    sources : csr_array, shape (H of the mesh, H)
-        Angles of the mesh's hinges that make those of these hinges; none for ghosts.
-    """
+    """Connectivity and constant matrices of the bending energy."""
 
     ghosts: Array
+    """Positions of the ghost vertices [m]; they follow the n vertices of the mesh in every stencil. Shape (g, 3)."""
     reflections: Array
+    """Reflections that make the last s ghosts, and the last s hinges, of the vertices across their edges; shape
+    (s, 3, 3)."""
     hinges: Index
+    """Hinges that carry energy, in the order of the flexure kernel; shape (H, 4)."""
     faces: Index
+    """Triangles of every pair; -1 after one that bends alone. Shape (B, 2)."""
     corners: Index
+    """Their corners opposite the common edge; of single triangles the first. Shape (B, 2)."""
     stencils: Index
+    """Corners of the first triangle, the vertex across the common edge, and those across the edges of the other hinges;
+    else -1. Shape (B, 8)."""
     folds: Index
+    """Hinge at each edge, whose fold angle counts in this pair; -1 where none does. Shape (B, 5)."""
     places: Index
+    """Positions of each hinge's vertices among the pair's eight; shape (B, 5, 4)."""
     shares: Array
+    """Factors of the fold share in gamma; shape (B, 5)."""
     share_index: Index
+    """Fold share at each edge; -1 if there is none. Shape (B, 5)."""
     moments: Array
+    """Stiffness by gamma, free edges condensed [N m]; shape (B, 5, 5)."""
     share_count: int
+    """Number of fold shares."""
     sources: sps.csr_array
+    """Angles of the mesh's hinges that make those of these hinges; none for ghosts. Shape (H of the mesh, H)."""
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""

@@ -28,37 +28,25 @@ from modalshell.shell.slopes import HeldSlopes
 
 @final
 class Wings(NamedTuple):
-    """Hinges of a shell at every edge, and what the joints' wings are.
-
-    Attributes
-    ----------
-    hinges : ndarray of int64, shape (H + x, 4)
-        Hinges of the mesh, and further ones between a held wing and the others.
-    rest : ndarray of int64, shape (x, 2)
-        Hinges of the mesh whose angles less each other are those of the further ones; -1 for none.
-    rest_signs : ndarray, shape (x, 2)
-        Their signs.
-    of_corners : ndarray of int64, shape (T, 3)
-        Hinge that belongs to the edge from each corner to the next; -1 at the boundary and of the first wing of a
-        joint.
-    joined : ndarray of bool, shape (T, 3)
-        Whether that edge is a joint.
-    held : ndarray of bool, shape (T, 3)
-        Whether a wing of that joint is held.
-    forward : ndarray of bool, shape (T, 3)
-        Whether the triangle runs along that joint from its smaller to its larger vertex.
-    flat : ndarray of bool, shape (T, 3)
-        Whether the triangle lies in the plane of symmetry of that joint.
-    """
+    """Hinges of a shell at every edge, and what the joints' wings are."""
 
     hinges: Index
+    """Hinges of the mesh, and further ones between a held wing and the others; shape (H + x, 4)."""
     rest: Index
+    """Hinges of the mesh whose angles less each other are those of the further ones; -1 for none. Shape (x, 2)."""
     rest_signs: Array
+    """Their signs; shape (x, 2)."""
     of_corners: Index
+    """Hinge that belongs to the edge from each corner to the next; -1 at the boundary and of the first wing of a joint.
+    Shape (T, 3)."""
     joined: NDArray[np.bool_]
+    """Whether that edge is a joint; shape (T, 3)."""
     held: NDArray[np.bool_]
+    """Whether a wing of that joint is held; shape (T, 3)."""
     forward: NDArray[np.bool_]
+    """Whether the triangle runs along that joint from its smaller to its larger vertex; shape (T, 3)."""
     flat: NDArray[np.bool_]
+    """Whether the triangle lies in the plane of symmetry of that joint; shape (T, 3)."""
 
 
 def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) -> Wings:

@@ -50,24 +50,16 @@ class PathEvent(NamedTuple):
 @final
 @dataclass
 class Trace:
-    """A followed path.
-
-    Attributes
-    ----------
-    points : list of PathPoint
-        Equilibria in order, events among them.
-    events : list of PathEvent
-        Limit points and bifurcations.
-    complete : bool
-        Whether the path reached its end: the requested load factor, or for a branch the path that it left.
-    message : str
-        Why it ended elsewhere.
-    """
+    """A followed path."""
 
     points: list[PathPoint] = field(default_factory=list)
+    """Equilibria in order, events among them."""
     events: list[PathEvent] = field(default_factory=list)
+    """Limit points and bifurcations."""
     complete: bool = False
+    """Whether the path reached its end: the requested load factor, or for a branch the path that it left."""
     message: str = ""
+    """Why it ended elsewhere."""
 
     def add(self, point: PathPoint, kinds: tuple[str, ...] = ()) -> None:
         """One more point, and what happens there."""
@@ -78,22 +70,15 @@ class Trace:
 @final
 @dataclass(frozen=True)
 class Range:
-    """How far a path is followed.
-
-    Attributes
-    ----------
-    until : float
-        Load factor at which it ends.
-    low, high : float
-        Range of load factors; the path ends outside of it.
-    points : int
-        Points at most.
-    """
+    """How far a path is followed."""
 
     until: float
+    """Load factor at which it ends."""
     low: float
     high: float
+    """Range of load factors; the path ends outside of it."""
     points: int
+    """Points at most."""
 
 
 def follow(

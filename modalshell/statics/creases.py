@@ -55,24 +55,16 @@ Solver = Callable[[Potential, Array, list[Array] | None], NewtonResult]
 @final
 @dataclass(frozen=True)
 class Yielded:
-    """Where positions and plastic folds have come to.
-
-    Attributes
-    ----------
-    result : NewtonResult
-        Positions (n, 3), found at these plastic folds.
-    angles : ndarray, shape (C,)
-        Plastic folds [rad].
-    settled : bool
-        Whether both conditions are met.
-    iterations : int
-        Iterations of Newton's method in all.
-    """
+    """Where positions and plastic folds have come to."""
 
     result: NewtonResult
+    """Positions (n, 3), found at these plastic folds."""
     angles: Array
+    """Plastic folds [rad]; shape (C,)."""
     settled: bool
+    """Whether both conditions are met."""
     iterations: int
+    """Iterations of Newton's method in all."""
 
 
 def yielded(

@@ -53,16 +53,11 @@ class DenseFactor:
 
 
 class DenseProblem(Problem[Array]):
-    """A problem of few unknowns x (r,), whose Hessians are dense.
-
-    Attributes
-    ----------
-    scaling : ndarray, shape (r,)
-        Square root of the stiffness of each unknown at rest: forces are measured by ``|f / scaling|``, the root of
-        twice the energy that they store.
-    """
+    """A problem of few unknowns x (r,), whose Hessians are dense."""
 
     scaling: Array
+    """Square root of the stiffness of each unknown at rest: forces are measured by ``|f / scaling|``, the root of twice
+    the energy that they store. Shape (r,)."""
 
     @abstractmethod
     def potential(self, x: Array) -> tuple[float, Array]:

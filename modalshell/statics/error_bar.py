@@ -346,27 +346,18 @@ class ErrorEstimator(Estimator):
 @final
 @dataclass(frozen=True, eq=False)
 class LastStep:
-    """Where the two steps of a bar ended.
-
-    Attributes
-    ----------
-    problem : Potential
-        The shell's potential under the load, about the origin.
-    x : ndarray, shape (n, 3)
-        Corrected positions [m].
-    stressed : ndarray
-        Entries of the mixed Hessian there, without that of live loads.
-    direction : ndarray, shape (N,)
-        The shape in which the shell has the least margin.
-    factor : Factor
-        Of the first part of the Hessian there.
-    """
+    """Where the two steps of a bar ended."""
 
     problem: Potential = field(repr=False)
+    """The shell's potential under the load, about the origin."""
     x: Array
+    """Corrected positions [m]; shape (n, 3)."""
     stressed: Array
+    """Entries of the mixed Hessian there, without that of live loads."""
     direction: Array
+    """The shape in which the shell has the least margin; shape (N,)."""
     factor: Factor = field(repr=False)
+    """Of the first part of the Hessian there."""
 
 
 def _allowed(shell: Shell, positions: Array) -> Array:

@@ -23,30 +23,21 @@ REAL = 1e-6
 @final
 @dataclass(frozen=True, eq=False)
 class LiveLoads:
-    """The loads of a :class:`Loading` that change, for a problem whose positions are x.
-
-    Attributes
-    ----------
-    loading : Loading
-        The loads.
-    time : float
-        Time [s].
-    origin : ndarray, shape (3,) or (n, 3)
-        Where the problem's origin lies in the world [m], or whence each vertex is seen from its place.
-    before : ndarray, shape (n, 3), or None
-        Positions [m] a step earlier; velocities are the difference times ``rate``. None in statics.
-    rate : float
-        One over the step [1/s]; 0 in statics.
-    share : float
-        Factor on all of them.
-    """
+    """The loads of a :class:`Loading` that change, for a problem whose positions are x."""
 
     loading: Loading
+    """The loads."""
     time: float = 0.0
+    """Time [s]."""
     origin: Array = field(default_factory=lambda: np.zeros(3))
+    """Where the problem's origin lies in the world [m], or whence each vertex is seen from its place; shape (3,) or
+    (n, 3)."""
     before: Array | None = None
+    """Positions [m] a step earlier; velocities are the difference times ``rate``. None in statics. Shape (n, 3)."""
     rate: float = 0.0
+    """One over the step [1/s]; 0 in statics."""
     share: float = 1.0
+    """Factor on all of them."""
 
     @property
     def conservative(self) -> bool:

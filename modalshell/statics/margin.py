@@ -23,21 +23,14 @@ ENDED = 1e-10
 
 
 class Margin(NamedTuple):
-    """The lowest ratio of two stiffnesses.
-
-    Attributes
-    ----------
-    value : float
-        The least ``v . K v / v . K_1 v``: 1 without stress, 0 at a critical point, negative past it.
-    direction : ndarray, shape (N,)
-        Where it is least.
-    products : int
-        Products with the difference of the stiffnesses, and solves with the factor, that it took.
-    """
+    """The lowest ratio of two stiffnesses."""
 
     value: float
+    """The least ``v . K v / v . K_1 v``: 1 without stress, 0 at a critical point, negative past it."""
     direction: Array
+    """Where it is least; shape (N,)."""
     products: int
+    """Products with the difference of the stiffnesses, and solves with the factor, that it took."""
 
 
 def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], Array], start: Array) -> Margin:

@@ -73,28 +73,19 @@ _jitable = register_jitable(**_plain)
 
 
 class Rules(NamedTuple):
-    """When mixed Newton ends.
-
-    Attributes
-    ----------
-    goal : float
-        Residual that is aimed at.
-    accepted : float
-        Residual at which an iterate counts as solved once the residual no longer halves.
-    untouched : float
-        Residual at which the start itself counts as solved: a step must be taken, or a small load on a fast shell would
-        never act.
-    unchecked : int
-        First iterations that do not ask for the residual, where a solution assembles its own equations.
-    most : int
-        Iterations at most.
-    """
+    """When mixed Newton ends."""
 
     goal: float
+    """Residual that is aimed at."""
     accepted: float
+    """Residual at which an iterate counts as solved once the residual no longer halves."""
     untouched: float
+    """Residual at which the start itself counts as solved: a step must be taken, or a small load on a fast shell would
+    never act."""
     unchecked: int
+    """First iterations that do not ask for the residual, where a solution assembles its own equations."""
     most: int
+    """Iterations at most."""
 
 
 class Solved(NamedTuple):

@@ -39,45 +39,30 @@ class Kept(NamedTuple):
 
 @dataclass
 class NewtonResult:
-    """Where a solver ended.
-
-    Attributes
-    ----------
-    point : ndarray
-        Last (or best) iterate: positions (n, 3) [m] of a full problem, coordinates (r,) of a reduced one.
-    residual : float
-        Size of the gradient over that of the load.
-    iterations : int
-        Newton's, each with a factorisation or a kept factor.
-    converged : bool
-        Whether the residual met :data:`ACCEPTED`, or :meth:`Problem.rounding` with Newton's steps at their end.
-    factor : Factored or None
-        Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
-    stable : bool or None
-        Whether the exact Hessian at the end is positive definite; None if unknown.
-    limited : bool
-        Whether rounding keeps the residual above :data:`ACCEPTED`.
-    left_saddle : bool
-        Whether the iteration passed a saddle and left it along its unstable mode to the lower side.
-    path : list
-        Shares of the load, and unknowns, of the states on the way from rest.
-    jumps : list
-        What ended the branches that the way from rest left by a jump, and at which shares of the load.
-    factored_at : ndarray or None
-        Where the Hessian of ``factor`` is, as :func:`mixed_newton` leaves it.
-    """
+    """Where a solver ended."""
 
     point: Array
+    """Last (or best) iterate: positions (n, 3) [m] of a full problem, coordinates (r,) of a reduced one."""
     residual: float
+    """Size of the gradient over that of the load."""
     iterations: int
+    """Newton's, each with a factorisation or a kept factor."""
     converged: bool
+    """Whether the residual met :data:`ACCEPTED`, or :meth:`Problem.rounding` with Newton's steps at their end."""
     factor: Factored | None = None
+    """Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so."""
     stable: bool | None = None
+    """Whether the exact Hessian at the end is positive definite; None if unknown."""
     limited: bool = False
+    """Whether rounding keeps the residual above :data:`ACCEPTED`."""
     left_saddle: bool = False
+    """Whether the iteration passed a saddle and left it along its unstable mode to the lower side."""
     path: list[tuple[float, Array]] = field(default_factory=list)
+    """Shares of the load, and unknowns, of the states on the way from rest."""
     jumps: list[tuple[str, float]] = field(default_factory=list)
+    """What ended the branches that the way from rest left by a jump, and at which shares of the load."""
     factored_at: Array | None = None
+    """Where the Hessian of ``factor`` is, as :func:`mixed_newton` leaves it."""
 
 
 class Equations(ABC, Generic[Matrix]):

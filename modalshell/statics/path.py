@@ -48,62 +48,41 @@ _TRIALS = 30
 @final
 @dataclass(frozen=True)
 class Followable:
-    """A model under a load that grows in proportion, as a path is followed in it.
-
-    Attributes
-    ----------
-    problem : Problem
-        Its statics under the whole load.
-    positions : callable
-        Vertex positions (n, 3) [m] at the problem's unknowns.
-    unknowns : callable
-        Unknowns nearest to some positions.
-    generalised_force : callable
-        Force (N,) on the free unknowns, at some unknowns, of a force (n, 3) on the vertices.
-    """
+    """A model under a load that grows in proportion, as a path is followed in it."""
 
     problem: Problem[Any]
+    """Its statics under the whole load."""
     positions: Callable[[Array], Array]
+    """Vertex positions (n, 3) [m] at the problem's unknowns."""
     unknowns: Callable[[Array], Array]
+    """Unknowns nearest to some positions."""
     generalised_force: Callable[[Array, Array], Array]
+    """Force (N,) on the free unknowns, at some unknowns, of a force (n, 3) on the vertices."""
 
 
 @final
 @dataclass(frozen=True)
 class PathPoint:
-    """An equilibrium on a path.
-
-    Attributes
-    ----------
-    x : ndarray
-        Unknowns, as the problem has them.
-    factor : float
-        Share of the load.
-    tangent : ndarray, shape (N,)
-        Derivative of the free unknowns by the factor.
-    sense : float
-        1 where the factor grows along the path, -1 where it falls.
-    negative : int
-        Number of negative eigenvalues of the Hessian.
-    residual : float
-        Out-of-balance force over the largest load so far.
-    iterations : int
-        Factorisations that it took.
-    step : float
-        Factor by which the tangent at the point before was followed to predict this one.
-    located : bool
-        Whether an event was found where it was looked for.
-    """
+    """An equilibrium on a path."""
 
     x: Array = field(repr=False)
+    """Unknowns, as the problem has them."""
     factor: float
+    """Share of the load."""
     tangent: Array = field(repr=False)
+    """Derivative of the free unknowns by the factor; shape (N,)."""
     sense: float
+    """1 where the factor grows along the path, -1 where it falls."""
     negative: int
+    """Number of negative eigenvalues of the Hessian."""
     residual: float
+    """Out-of-balance force over the largest load so far."""
     iterations: int
+    """Factorisations that it took."""
     step: float = 0.0
+    """Factor by which the tangent at the point before was followed to predict this one."""
     located: bool = True
+    """Whether an event was found where it was looked for."""
 
 
 @final

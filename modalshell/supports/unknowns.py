@@ -24,20 +24,14 @@ class Unknowns(ReadOnlyArrays, ABC):
     """Unknowns y (N,) of the displacements ``u = P y`` (3n,) that the supports allow.
 
     The columns of P are orthogonal, those of one vertex in the norm of the mass, too.
-
-    Attributes
-    ----------
-    count : int
-        Number of unknowns N.
-    held : ndarray of bool, shape (n,)
-        Vertices that cannot move.
-    supported : ndarray of bool, shape (n,)
-        Vertices that have supports.
     """
 
     count: int
+    """Number of unknowns N."""
     held: NDArray[np.bool_]
+    """Vertices that cannot move; shape (n,)."""
     supported: NDArray[np.bool_]
+    """Vertices that have supports; shape (n,)."""
     matrix: sps.csr_array | None = None
     """P, where it is more than a selection of vertices."""
 

@@ -32,42 +32,28 @@ LinearForm = tuple[sp.Expr, ...]
 
 @dataclass(frozen=True)
 class Energy:
-    """One quadratic energy of a geometric measure.
-
-    Attributes
-    ----------
-    name : str
-        Name of the generated module.
-    measure_name : str
-        What ``g`` is, with its unit.
-    stencil : str
-        The vertices of one element, in their order.
-    formula : str
-        The energy as the docstring of the generated module prints it.
-    unknowns : tuple of sympy.Symbol
-        The components of x_1 - x_0, x_2 - x_0, ...
-    measure : sympy.Expr
-        ``g`` in the unknowns.
-    gradient : tuple of sympy.Expr
-        ``dg/dp``, one entry an unknown.
-    squares : tuple of (sympy.Expr, row)
-        The positive factors a_j and forms r_j of the split above.
-    products : tuple of (row, row)
-        The pairs m_k, n_k of the split above; m_k and n_k are orthogonal.
-    periodic : bool
-        Whether ``g - g0`` is an angle to be taken in (-pi, pi].
-    """
+    """One quadratic energy of a geometric measure."""
 
     name: str
+    """Name of the generated module."""
     measure_name: str
+    """What ``g`` is, with its unit."""
     stencil: str
+    """The vertices of one element, in their order."""
     formula: str
+    """The energy as the docstring of the generated module prints it."""
     unknowns: tuple[sp.Symbol, ...]
+    """The components of x_1 - x_0, x_2 - x_0, ..."""
     measure: sp.Expr
+    """``g`` in the unknowns."""
     gradient: tuple[sp.Expr, ...]
+    """``dg/dp``, one entry an unknown."""
     squares: tuple[tuple[sp.Expr, LinearForm], ...] = ()
+    """The positive factors a_j and forms r_j of the split above."""
     products: tuple[tuple[LinearForm, LinearForm], ...] = ()
+    """The pairs m_k, n_k of the split above; m_k and n_k are orthogonal."""
     periodic: bool = False
+    """Whether ``g - g0`` is an angle to be taken in (-pi, pi]."""
 
     @property
     def vertex_count(self) -> int:

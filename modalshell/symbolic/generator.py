@@ -36,21 +36,14 @@ class _KernelPrinter(PythonCodePrinter):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class Kernel:
-    """Generated source of one energy.
-
-    Attributes
-    ----------
-    name : str
-        Module name.
-    source : str
-        Python source.
-    operations : int
-        Arithmetic operations of measure, gradient and Hessian together.
-    """
+    """Generated source of one energy."""
 
     name: str
+    """Module name."""
     source: str
+    """Python source."""
     operations: int
+    """Arithmetic operations of measure, gradient and Hessian together."""
 
 
 def _statements(outputs: dict[str, sp.Expr]) -> tuple[str, int]:

@@ -31,39 +31,26 @@ _CELLS = (20, 2)
 @short_repr
 @dataclass(frozen=True)
 class EngineAnswer:
-    """What an engine made of a shell.
-
-    Attributes
-    ----------
-    name : str
-        The engine.
-    outcome : str
-        "counts", or why its answer does not.
-    version : str
-        Of the engine.
-    drop : float or None
-        How far the check's small drop is off, as a fraction.
-    seconds : float or None
-        Time of all loads on a processor [s].
-    step : float or None
-        The longest step tried that stayed stable [s].
-    frame_ms : float or None
-        Time of a step on a processor [ms].
-    positions : ndarray, shape (L, n, 3), or None
-        At every load [m]; fewer than the loads where ``note`` says why.
-    note : str
-        What is missing of an answer that counts.
-    """
+    """What an engine made of a shell."""
 
     name: str
+    """The engine."""
     outcome: str
+    """Whether it counts: "counts", or why not."""
     version: str = ""
+    """Of the engine."""
     drop: float | None = None
+    """How far the check's small drop is off, as a fraction."""
     seconds: float | None = None
+    """Time of all loads on a processor [s]."""
     step: float | None = None
+    """The longest step tried that stayed stable [s]."""
     frame_ms: float | None = None
+    """Time of a step on a processor [ms]."""
     positions: Array | None = field(default=None, repr=False)
+    """At every load [m]; fewer than the loads where ``note`` says why. Shape (L, n, 3)."""
     note: str = ""
+    """What is missing of an answer that counts."""
 
     @property
     def counts(self) -> bool:

@@ -20,41 +20,28 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 @final
 @dataclass(frozen=True, eq=False)  # by identity, as its options cannot be hashed
 class Engine:
-    """An engine other than this package.
-
-    Attributes
-    ----------
-    key : str
-        Name of its adapter.
-    name : str
-        What tables call it.
-    install : str
-        How to get it.
-    limits : str
-        What it cannot express by its own documents.
-    options : dict
-        What its adapter takes in addition to the case.
-    moves : bool
-        Whether it steps in time, so that an answer is where motion comes to rest.
-    has_turns : bool
-        Whether its vertices have turns, so that it clamps an edge by itself; otherwise it gets mirror images of the
-        triangles along a clamped edge, which are held.
-    calibrated : bool
-        Whether its modulus is calibrated on the drop of a strip, and checked on another.
-    color, marker : str
-        Of its marks in pictures, none of them a model's color.
-    """
+    """An engine other than this package."""
 
     key: str
+    """Name of its adapter."""
     name: str
+    """What tables call it."""
     install: str
+    """How to get it."""
     limits: str = ""
+    """What it cannot express by its own documents."""
     options: dict[str, Any] = field(default_factory=dict)
+    """What its adapter takes in addition to the case."""
     moves: bool = True
+    """Whether it steps in time, so that an answer is where motion comes to rest."""
     has_turns: bool = False
+    """Whether its vertices have turns, so that it clamps an edge by itself; otherwise it gets mirror images of the
+    triangles along a clamped edge, which are held."""
     calibrated: bool = False
+    """Whether its modulus is calibrated on the drop of a strip, and checked on another."""
     color: str = "0.5"
     marker: str = "X"
+    """Of its marks in pictures, none of them a model's color."""
 
 
 _FLEX = {"limit": 60.0}

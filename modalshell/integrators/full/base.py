@@ -22,27 +22,18 @@ from modalshell.statics.potential import Potential
 
 
 class Body(Protocol):
-    """What a rule needs of the model that it steps.
-
-    Attributes
-    ----------
-    shell : Shell
-        Energies, masses and held vertices, what clamps edges where it is at the step's end.
-    step_tolerance : float
-        Out-of-balance force at which an implicit step is solved, as a share of its load and inertia.
-    factoriser : Factoriser
-        Factors the equations of implicit steps.
-    costs : Timings
-        Where their seconds are added.
-    live : LiveLoads or None
-        Loads that change within a step, for implicit integrators.
-    """
+    """What a rule needs of the model that it steps."""
 
     shell: Shell
+    """Energies, masses and held vertices, what clamps edges where it is at the step's end."""
     step_tolerance: float
+    """Out-of-balance force at which an implicit step is solved, as a share of its load and inertia."""
     factoriser: Factoriser
+    """Factors the equations of implicit steps."""
     costs: Timings
+    """Where their seconds are added."""
     live: LiveLoads | None
+    """Loads that change within a step, for implicit integrators."""
 
     @property
     def start_shell(self) -> Shell:
@@ -57,22 +48,16 @@ class Body(Protocol):
 
 
 class FullIntegrator(Integrator):
-    """A rule for ``M x'' + C x' = f(x) + load``, every vertex an unknown.
-
-    Attributes
-    ----------
-    explicit : bool
-        Whether it has a longest stable step, which :meth:`stable_step` returns.
-    takes_live : bool
-        Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning.
-    joins : bool
-        Whether it answers forces that are joined by straight lines between its steps' ends with an error of order two.
-    """
+    """A rule for ``M x'' + C x' = f(x) + load``, every vertex an unknown."""
 
     known: ClassVar[Registry[type[FullIntegrator]]] = Registry("integrator")
     explicit: ClassVar[bool] = False
+    """Whether it has a longest stable step, which :meth:`stable_step` returns."""
     takes_live: ClassVar[bool] = False
+    """Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning."""
     joins: ClassVar[bool] = False
+    """Whether it answers forces that are joined by straight lines between its steps' ends with an error of order
+    two."""
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
         """State at rest at ``positions`` (n, 3) [m]."""

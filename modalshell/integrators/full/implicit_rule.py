@@ -30,45 +30,31 @@ from modalshell.statics.potential import Potential, solve
 @final
 @dataclass(frozen=True, eq=False)
 class EulerStart:
-    """Where a step of implicit Euler within a rule's step begins, and ends.
-
-    Attributes
-    ----------
-    origin, rates : ndarray
-        x' and v', in the model's own unknowns.
-    dt : float
-        h' [s].
-    end : float
-        When it ends, as a share of the rule's step.
-    expected_rates : ndarray
-        Rates expected at its end, at which loads that are not solved for are taken.
-    near : ndarray
-        A state without false strains, whose stresses the first iterate takes.
-    near_time : float
-        When that is, as a share of the rule's step.
-    viscous_at : ndarray
-        Where a reduced shell takes the viscous matrix of its bending.
-    made_of : tuple of (float, MotionState, float)
-        States with their weights whose rates add up to v', and when they are, as shares of the rule's step: so do the
-        momenta of free parts, and the measures of the shell from which damping by the stiffness counts their changes.
-    viscous_ahead : bool
-        Whether ``viscous_at`` is as near to its end as where the rates lead.
-    side : "before" or None
-        Side of a jump in time at its end of which it takes loads; None where they are the only ones of a frame, which
-        then stand for the time on both sides.
-    """
+    """Where a step of implicit Euler within a rule's step begins, and ends."""
 
     origin: Array
     rates: Array
+    """x' and v', in the model's own unknowns."""
     dt: float
+    """h' [s]."""
     end: float
+    """When it ends, as a share of the rule's step."""
     expected_rates: Array
+    """Rates expected at its end, at which loads that are not solved for are taken."""
     near: Array
+    """A state without false strains, whose stresses the first iterate takes."""
     near_time: float
+    """When that is, as a share of the rule's step."""
     viscous_at: Array
+    """Where a reduced shell takes the viscous matrix of its bending."""
     made_of: tuple[tuple[float, MotionState, float], ...] = ()
+    """States with their weights whose rates add up to v', and when they are, as shares of the rule's step: so do the
+    momenta of free parts, and the measures of the shell from which damping by the stiffness counts their changes."""
     viscous_ahead: bool = False
+    """Whether ``viscous_at`` is as near to its end as where the rates lead."""
     side: Literal["before"] | None = None
+    """Side of a jump in time at its end of which it takes loads; None where they are the only ones of a frame, which
+    then stand for the time on both sides."""
 
     @property
     def reduced(self) -> tuple[Array, Array, Array, Array, Array]:

@@ -24,47 +24,31 @@ Step = float | Array
 
 
 class DeadForce(NamedTuple):
-    """Modal force of one load, as it is at the end of a step.
-
-    Attributes
-    ----------
-    at : callable
-        The force at coordinates.
-    change : callable, optional
-        What tells cheaply how it changes over a short way, if anything does.
-    step : callable, optional
-        A whole step of the exponential rule under it in one call, if there is one, with the arguments of
-        :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on.
-    work : callable, optional
-        The load's work [J] from rest to coordinates, where that takes less than a pass over the vertices.
-    """
+    """Modal force of one load, as it is at the end of a step."""
 
     at: Force
+    """The force at coordinates."""
     change: ForceChange | None = None
+    """What tells cheaply how it changes over a short way, if anything does."""
     step: Callable[..., None] | None = None
+    """A whole step of the exponential rule under it in one call, if there is one, with the arguments of
+    :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on."""
     work: Callable[[Array], float] | None = None
+    """The load's work [J] from rest to coordinates, where that takes less than a pass over the vertices."""
 
 
 class ModalStep(NamedTuple):
-    """What a rule knows of a step.
-
-    Attributes
-    ----------
-    stiffness, damp : ndarray, shape (m,)
-        As in :meth:`ModalIntegrator.step`.
-    h : float
-        Length [s].
-    size : float
-        Size of the shell in the norm of the mass [m sqrt(kg)].
-    dead : DeadForce, optional
-        The force, where it is that of a load by itself.
-    """
+    """What a rule knows of a step."""
 
     stiffness: Array
     damp: Array
+    """As in :meth:`ModalIntegrator.step`. Shape (m,)."""
     h: float
+    """Length [s]."""
     size: float
+    """Size of the shell in the norm of the mass [m sqrt(kg)]."""
     dead: DeadForce | None = None
+    """The force, where it is that of a load by itself."""
 
 
 class ModalIntegrator(Integrator):
@@ -72,17 +56,12 @@ class ModalIntegrator(Integrator):
 
     A subclass defines the step. It is linear in q, v and p, so that its linear theory is obtained by
     stepping unit vectors: a new rule needs no more than :meth:`step`.
-
-    Attributes
-    ----------
-    backward : bool
-        Whether rates are the differences of the coordinates over a step.
-    forced_at : float
-        Share of a step at which the last force is taken that it asks for.
     """
 
     backward: ClassVar[bool] = True
+    """Whether rates are the differences of the coordinates over a step."""
     forced_at: ClassVar[float] = 1.0
+    """Share of a step at which the last force is taken that it asks for."""
 
     known: ClassVar[Registry[type[ModalIntegrator]]] = Registry("integrator")
 

@@ -30,25 +30,17 @@ _ASIDE = 0.25
 @final
 @dataclass(frozen=True)
 class DriftingPart:
-    """A part of a shell that its supports let translate.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (k,)
-        Its vertices.
-    directions : ndarray, shape (3, d)
-        Orthonormal directions along which it translates.
-    axis : ndarray, shape (3,), or None
-        Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
-        nothing.
-    neutral : bool
-        Whether the part is free to move in all six ways, and the forces neither turn it at rest nor resist a turn.
-    """
+    """A part of a shell that its supports let translate."""
 
     vertices: Index
+    """Its vertices; shape (k,)."""
     directions: Array
+    """Orthonormal directions along which it translates; shape (3, d)."""
     axis: Array | None
+    """Unit vector along the forces on a part that is free to turn, if they are parallel: a turn about it changes
+    nothing. Shape (3,)."""
     neutral: bool
+    """Whether the part is free to move in all six ways, and the forces neither turn it at rest nor resist a turn."""
 
     def supports(self, shell: Shell, *, turning: bool) -> list[Support]:
         """What holds it, ``turning`` about its axis or not: a load in balance makes no reaction there."""

@@ -36,21 +36,14 @@ _DRAWS, _SHAPES = 32, 4
 @final
 @dataclass(frozen=True)
 class LoadAdjoint:
-    """What the potential of one load needs, whatever q is.
-
-    Attributes
-    ----------
-    load : ndarray, shape (n, 3)
-        The load [N].
-    gradients : ndarray, shape (tiles, 6 * 128)
-        Derivatives of the work in the columns of F_t of every triangle, in its own frame.
-    constant : ndarray, shape (m,)
-        Part of the modal force that is the same at every q.
-    """
+    """What the potential of one load needs, whatever q is."""
 
     load: Array
+    """The load [N]; shape (n, 3)."""
     gradients: Array
+    """Derivatives of the work in the columns of F_t of every triangle, in its own frame; shape (tiles, 6 * 128)."""
     constant: Array
+    """Part of the modal force that is the same at every q; shape (m,)."""
 
 
 class TurnedTriangles(UnstretchedModel):

@@ -145,24 +145,16 @@ def _crease_on(mesh: TriangleMesh, fine: TriangleMesh, crease: Crease, index: in
 
 @final
 class CreasesBelow(NamedTuple):
-    """Creases of a fine shell and those of a coarse one.
-
-    Attributes
-    ----------
-    nearest : ndarray of int64, shape (C,)
-        Coarse crease of each fine one.
-    signs : ndarray, shape (C,)
-        -1 where their folds count the other way.
-    lengths : ndarray, shape (C,)
-        Of the fine ones [m].
-    below : int
-        Number of coarse ones.
-    """
+    """Creases of a fine shell and those of a coarse one."""
 
     nearest: Index
+    """Coarse crease of each fine one; shape (C,)."""
     signs: Array
+    """-1 where their folds count the other way; shape (C,)."""
     lengths: Array
+    """Of the fine ones [m]; shape (C,)."""
     below: int
+    """Number of coarse ones."""
 
     @classmethod
     def of(cls, fine: Shell, coarse: Shell) -> Self | None:

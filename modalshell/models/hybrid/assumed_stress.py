@@ -25,36 +25,23 @@ from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 
 class Quadratic(NamedTuple):
-    """Quadratic forms ``b_k . z + z . B_k z / 2`` of coordinates (m,).
-
-    Attributes
-    ----------
-    linear : ndarray, shape (m, K')
-        ``b_k``, and zeros up to a whole number of packed registers.
-    pairs : ndarray, shape (r, m (m + 1) / 2, K' / r)
-        Lower triangles of the ``B_k``, row by row, of one register after the other.
-    modes : int
-        K.
-    """
+    """Quadratic forms ``b_k . z + z . B_k z / 2`` of coordinates (m,)."""
 
     linear: Array
+    """``b_k``, and zeros up to a whole number of packed registers; shape (m, K')."""
     pairs: Array
+    """Lower triangles of the ``B_k``, row by row, of one register after the other; shape (r, m (m + 1) / 2, K' / r)."""
     modes: int
+    """K."""
 
 
 class ReducedStress(NamedTuple):
-    """Energy of coordinates z (m,), of K stress modes and bending.
-
-    Attributes
-    ----------
-    membrane : Quadratic
-        ``d_k``.
-    bending : Bending
-        Flat hinges as a constant matrix, others as they are.
-    """
+    """Energy of coordinates z (m,), of K stress modes and bending."""
 
     membrane: Quadratic
+    """``d_k``."""
     bending: Bending
+    """Flat hinges as a constant matrix, others as they are."""
 
 
 def measures_of(shell: Shell, turned: Index = NONE_TURNED) -> Measures:

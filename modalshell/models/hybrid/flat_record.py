@@ -19,19 +19,13 @@ _options: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "nogil": 
 
 
 class FlatRecord(NamedTuple):
-    """A reduced energy and its surface.
-
-    Attributes
-    ----------
-    numbers, indices : ndarray of float64, and of int64
-        What all arrays hold, one after the other; numbers begin where packed registers of memory do.
-    places : ndarray of int64, shape (p, 4)
-        Where each array, or number, begins, and its shape.
-    """
+    """A reduced energy and its surface."""
 
     numbers: Array
     indices: Index
+    """What all arrays hold, one after the other; numbers begin where packed registers of memory do."""
     places: Index
+    """Where each array, or number, begins, and its shape; shape (p, 4)."""
 
 
 def flat_record(reduced: ReducedStress, surface: Surface) -> FlatRecord:

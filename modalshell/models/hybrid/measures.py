@@ -31,36 +31,27 @@ class Bending(NamedTuple):
     hinges are coupled, with ``s . C s / 2`` and ``sum_h s_h n_h . (P_h z)``, n_h being the mean of both normals.
 
     In a reduced energy all rows of the basis have zeros up to a whole number of packed registers.
-
-    Attributes
-    ----------
-    flat : ndarray, shape (m, m)
-        Stiffness of the flat hinges.
-    rest, modes : ndarray, shape (S, 3) and (S, 3, m)
-        The bent hinges' vertices at rest [m], and their rows of the basis.
-    hinges : ndarray of int64, shape (H, 4)
-        Stencils of these hinges in their vertices.
-    angles, roots : ndarray, shape (H,)
-        Angles at rest [rad], and roots of the stiffness by the angle.
-    starts, others, values : ndarray, shape (H + 1,), (c,) and (c,)
-        C by rows, without a diagonal: the other hinges, and what couples them.
-    across : ndarray, shape (H, 3, m)
-        P_h; of no hinge where none is coupled.
-    feet : ndarray, shape (H, 4)
-        Place of each side's foot along the edge, over its length, and one over the height at rest [1/m].
     """
 
     flat: Array
+    """Stiffness of the flat hinges; shape (m, m)."""
     rest: Array
     modes: Array
+    """The bent hinges' vertices at rest [m], and their rows of the basis; shape (S, 3) and (S, 3, m)."""
     hinges: Index
+    """Stencils of these hinges in their vertices; shape (H, 4)."""
     angles: Array
     roots: Array
+    """Angles at rest [rad], and roots of the stiffness by the angle; shape (H,)."""
     starts: Index
     others: Index
     values: Array
+    """C by rows, without a diagonal: the other hinges, and what couples them. Shape (H + 1,), (c,) and (c,)."""
     across: Array
+    """P_h; of no hinge where none is coupled. Shape (H, 3, m)."""
     feet: Array
+    """Place of each side's foot along the edge, over its length, and one over the height at rest [1/m]; shape
+    (H, 4)."""
 
 
 class Measures(ABC):

@@ -13,28 +13,22 @@ from modalshell.models.hybrid.measures import Measures
 
 
 class Surface(NamedTuple):
-    """A coarse shell of k vertices, as a reduced step looks at it.
-
-    Attributes
-    ----------
-    rest, columns : ndarray, shape (k, 3) and (3 k, width)
-        Positions at rest [m], and the basis, its rows with zeros up to a whole number of packed registers.
-    faces : ndarray of int64, shape (f, 3)
-        Triangles.
-    edges, lengths : ndarray, shape (E, 2) and (E,)
-        Edges, and half their squared lengths at rest [m^2]; none of a membrane that is looked at elsewhere.
-    starts, others, values : ndarray, shape (E + 1,), (c,) and (c,)
-        The membrane's matrix by rows.
-    """
+    """A coarse shell of k vertices, as a reduced step looks at it."""
 
     rest: Array
     columns: Array
+    """Positions at rest [m], and the basis, its rows with zeros up to a whole number of packed registers; shape (k, 3)
+    and (3 k, width)."""
     faces: Index
+    """Triangles; shape (f, 3)."""
     edges: Index
     lengths: Array
+    """Edges, and half their squared lengths at rest [m^2]; none of a membrane that is looked at elsewhere. Shape (E, 2)
+    and (E,)."""
     starts: Index
     others: Index
     values: Array
+    """The membrane's matrix by rows; shape (E + 1,), (c,) and (c,)."""
 
 
 def surface_of(measures: Measures, basis: Array) -> Surface:

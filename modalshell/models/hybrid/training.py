@@ -74,36 +74,25 @@ RULE = BDF2()
 @final
 @dataclass(frozen=True)
 class Trained:
-    """Result of the training.
-
-    Attributes
-    ----------
-    basis : ndarray, shape (3k, m)
-        V, mass-orthonormal, of the coarse shell's displacements.
-    stresses : ndarray, shape (e, K)
-        Modes of stresses.
-    held_out_error : float
-        90th percentile of the motions' errors against the coarse shell on loads that were not in training.
-    strain_limit : float
-        Largest share of unseen membrane energy that counts as seen.
-    energy : float
-        Largest elastic energy in training [J].
-    description : str
-        The loads.
-    coarse_errors : ndarray, shape (c, 2)
-        Shares of the load, and under each the error of the coarse shell itself against DS at rest; none if unknown.
-    turned : ndarray of int64, shape (t,)
-        Folds, flat at rest, that are evaluated as bent ones: training turns them far.
-    """
+    """Result of the training."""
 
     basis: Array
+    """V, mass-orthonormal, of the coarse shell's displacements; shape (3k, m)."""
     stresses: Array
+    """Modes of stresses; shape (e, K)."""
     held_out_error: float
+    """90th percentile of the motions' errors against the coarse shell on loads that were not in training."""
     strain_limit: float
+    """Largest share of unseen membrane energy that counts as seen."""
     energy: float
+    """Largest elastic energy in training [J]."""
     description: str
+    """The loads."""
     coarse_errors: Array = field(default_factory=lambda: np.empty((0, 2)))
+    """Shares of the load, and under each the error of the coarse shell itself against DS at rest; none if unknown.
+    Shape (c, 2)."""
     turned: Index = field(default_factory=lambda: NONE_TURNED)
+    """Folds, flat at rest, that are evaluated as bent ones: training turns them far. Shape (t,)."""
 
     def unseen(self, measures: Measures, x: Array, energy: float, seen: float) -> float:
         """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
@@ -116,24 +105,16 @@ class Trained:
 @final
 @dataclass(frozen=True)
 class Training:
-    """Options of a training; see :meth:`modalshell.HybridStress.trained`.
-
-    Attributes
-    ----------
-    modes : int or None
-        Vectors of the basis; with an ``error`` the most.
-    motions : int
-        Motions to train on.
-    seed : int
-        Of the random loads.
-    error : float or None
-        Wanted error on the held-out motions.
-    """
+    """Options of a training; see :meth:`modalshell.HybridStress.trained`."""
 
     modes: int | None = None
+    """Vectors of the basis; with an ``error`` the most."""
     motions: int = 40
+    """Motions to train on."""
     seed: int = 0
+    """Of the random loads."""
     error: float | None = None
+    """Wanted error on the held-out motions."""
 
     def __post_init__(self) -> None:
         if self.modes is not None:

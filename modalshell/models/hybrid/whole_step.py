@@ -24,31 +24,21 @@ _GAMMA = float(GAMMA)
 
 
 class Taking(NamedTuple):
-    """What every solve of a step takes; see :func:`whole_step`.
-
-    Attributes
-    ----------
-    reduced : ReducedStress
-        The energy.
-    surface : Surface
-        What its stresses must see.
-    force, kept : ndarray, shape (m,) and (m + K,)
-        The load's force, and what solves keep; see :func:`implicit_step`.
-    factors : tuple of float
-        Rayleigh's.
-    limits : tuple of float
-        The tolerance, a small energy [J], and the unseen share.
-    result : ndarray, shape (3,)
-        Written: iterations of all, and the energies of the last, as returned.
-    """
+    """What every solve of a step takes; see :func:`whole_step`."""
 
     reduced: Any
+    """The energy, a :class:`ReducedStress`."""
     surface: Any
+    """What its stresses must see, a :class:`Surface`."""
     force: Array
     kept: Array
+    """The load's force, and what solves keep; see :func:`implicit_step`. Shape (m,) and (m + K,)."""
     factors: tuple[float, float]
+    """Rayleigh's."""
     limits: tuple[float, float, float]
+    """The tolerance, a small energy [J], and the unseen share."""
     result: Array
+    """Written: iterations of all, and the energies of the last, as returned. Shape (3,)."""
 
 
 @njit(**_options)

@@ -24,31 +24,23 @@ _EXTRAPOLATED = 1e-6
 @short_repr
 @dataclass(frozen=True)
 class DerivativeBasis:
-    """Modes, their derivatives, and an orthonormal basis of both; elastic ones, without rigid motions.
-
-    Attributes
-    ----------
-    modes : Basis
-        The vibration modes; m of them, Phi, are elastic.
-    derivatives : ndarray, shape (3n, m (m + 1) / 2)
-        Psi: psi_ij for i <= j, in the order of ``numpy.triu_indices(m)``; symmetric in i and j [1/kg].
-    vectors : ndarray, shape (3n, r)
-        U, mass-orthonormal and ``U^T K U`` diagonal, zero at held vertices; its first m columns are Phi [1/sqrt(kg)].
-    eigenvalues : ndarray, shape (r,)
-        That diagonal [1/s^2]: those of the modes, then ascending ones.
-    difference_error : float
-        Largest relative change of a differenced force ``(dK/dq_j) phi_i``, of fourth order, when its step is halved,
-        before the two are extrapolated.
-    asymmetry : float
-        Largest relative difference between ``(dK/dq_j) phi_i`` and ``(dK/dq_i) phi_j``, which are the same.
-    """
+    """Modes, their derivatives, and an orthonormal basis of both; elastic ones, without rigid motions."""
 
     modes: Basis
+    """The vibration modes; m of them, Phi, are elastic."""
     derivatives: Array
+    """Psi: psi_ij for i <= j, in the order of ``numpy.triu_indices(m)``; symmetric in i and j [1/kg]. Shape
+    (3n, m (m + 1) / 2)."""
     vectors: Array
+    """U, mass-orthonormal and ``U^T K U`` diagonal, zero at held vertices; its first m columns are Phi [1/sqrt(kg)].
+    Shape (3n, r)."""
     eigenvalues: Array
+    """That diagonal [1/s^2]: those of the modes, then ascending ones. Shape (r,)."""
     difference_error: float
+    """Largest relative change of a differenced force ``(dK/dq_j) phi_i``, of fourth order, when its step is halved,
+    before the two are extrapolated."""
     asymmetry: float
+    """Largest relative difference between ``(dK/dq_j) phi_i`` and ``(dK/dq_i) phi_j``, which are the same."""
 
     @property
     def shell(self) -> Shell:

@@ -24,25 +24,17 @@ OfSum = Callable[[Sequence[Array]], Callable[[Array], DeadForce]]
 @final
 @dataclass(frozen=True)
 class ModalPush:
-    """How forces push on a model's coordinates.
-
-    Attributes
-    ----------
-    way : int
-        LINEAR or TURNED where forces at points do by the modes there; else APART, and ``at_points`` says how.
-    at_points : callable, optional
-        Modal forces (m,) at q (m,) of forces (k, 3) [N] at the points.
-    of_constant : callable, optional
-        Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q.
-    of_sum : callable, optional
-        Modal force of a sum of some forces (n, 3) [N] times factors, as a function of these (k,). Without either,
-        forces that do not change are better added to the load.
-    """
+    """How forces push on a model's coordinates."""
 
     way: int
+    """LINEAR or TURNED where forces at points do by the modes there; else APART, and ``at_points`` says how."""
     at_points: Callable[[Array, Array], Array] | None = None
+    """Modal forces (m,) at q (m,) of forces (k, 3) [N] at the points."""
     of_constant: Callable[[Array], Callable[[Array], Array]] | None = None
+    """Modal forces (m,) at q (m,) of forces (n, 3) [N] that do not change, as a function of q."""
     of_sum: OfSum | None = None
+    """Modal force of a sum of some forces (n, 3) [N] times factors, as a function of these (k,). Without either, forces
+    that do not change are better added to the load."""
 
     @classmethod
     def by_modes(cls, basis: Basis) -> ModalPush:
