@@ -45,10 +45,11 @@ app.register_install_completion_command(
     help="Install completion of commands and options for this shell.\n\n"
     "Example: modalshell --install-completion --shell bash"
 )
-scenes.register(app)
-meshes.register(app)
-results.register(app)
-reports.register(app)
+for _command in (scenes.run, scenes.view, scenes.sweep, scenes.path, scenes.fit, scenes.page, reports.report):
+    app.command(_command)
+for _further in (meshes.simulate, meshes.modes, meshes.repair, results.export, cards, keys):
+    app.command(_further)
+app.command(results.open_result, name="open")
 _LONGEST_MESSAGE = 1000
 """Characters of an error that the command line prints."""
 
@@ -167,10 +168,6 @@ def bench(
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     say(*written, sep="\n")
-
-
-app.command(cards)
-app.command(keys)
 
 
 @app.command

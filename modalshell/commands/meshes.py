@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from rich.table import Table
 
 import modalshell as ms
@@ -276,7 +276,7 @@ def _error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> li
         good, text = bool(run.bars.valid[0] and run.bars.displacement[0] <= _GOOD), ""
     else:
         assert scene.motion is not None
-        loading = shell.loading(scene.loads.gravity if scene.loads else None)
+        loading = shell.loading(scene.gravity)
         found = bar_at_largest(run.times, run.positions, shell, loading, build_damping(scene.motion))
         levels = dict(zip(run.times.tolist(), run.levels, strict=False))
         if found is None or levels.get(found[0]) == MODELS[TRUTH].name:  # auto may have that frame of DS
@@ -391,9 +391,3 @@ def repair(
     checked_target("--out", out, WRITABLE, mesh)
     ms.save_mesh((options or _MeshOptions()).mesh(mesh, repair=True), out)
     say(out)
-
-
-def register(app: App) -> None:
-    """Add the commands to ``app``."""
-    for command in (simulate, modes, repair):
-        app.command(command)

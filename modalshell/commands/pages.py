@@ -78,7 +78,7 @@ class _ShellPage:
         motion = scene.motion
         self.left_out += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
         self.left_out += ["steps are taken whole"] if motion is not None and motion.tolerance is not None else []
-        self.gravity = (scene.loads.gravity if scene.loads else None) or (0.0, 0.0, 0.0)
+        self.gravity = scene.gravity or (0.0, 0.0, 0.0)
         self.modes: ms.Basis | ms.OptionError
         try:
             self.modes = ms.solve_modes(self.shell, scene.model.options.get("modes", MODE_COUNT))

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 import modalshell as ms
 from modalshell.commands.results import result_of
@@ -144,8 +144,3 @@ def _solved(scene: ShellScene) -> ms.Trajectory:
     """The motion or equilibrium of a scene, in a folder that is not kept."""
     with progress(f"{scene.name} steps") as on_step:
         return run_in_memory(scene, on_step)
-
-
-def register(app: App) -> None:
-    """Add the command to ``app``."""
-    app.command(report)

@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 import modalshell as ms
 from modalshell.commands.terminal import progress, say
@@ -131,9 +131,3 @@ def _saved_basis(path: Path) -> ms.Basis | None:
         return ms.Basis.load(path)
     except ms.FileFormatError:
         return None
-
-
-def register(app: App) -> None:
-    """Add the commands to ``app``."""
-    app.command(export)
-    app.command(open_result, name="open")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 import modalshell as ms
 from modalshell.commands.measurements import read_measurements
@@ -176,7 +176,7 @@ def fit(
             )
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
-        given |= {"gravity": declared.loads.gravity if declared.loads else None, "loads": loads}
+        given |= {"gravity": declared.gravity, "loads": loads}
     fitted = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
     for name, value in fitted.values.items():
         low, high = fitted.intervals[name]
@@ -220,9 +220,3 @@ def page(
     with progress(f"{scene.stem} steps") as on_step:
         made = scene_page(declared, on_step)
     say(made.save(out))
-
-
-def register(app: App) -> None:
-    """Add the commands to ``app``."""
-    for command in (run, view, sweep, path, fit, page):
-        app.command(command)

@@ -127,13 +127,12 @@ def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]
     if scene.motion is not None or scene.contacts or scene.constraints:  # inertia, or these, carry a part of the load
         return {"load": None, "reactions": None, "balance": None}
     _, force, loads, _ = scene.build_loading(shell)
-    gravity = scene.loads.gravity if scene.loads else None
     x = np.asarray(run.positions[-1], dtype=np.float64)
-    acting = shell.loading(gravity, force, loads).force(x)
+    acting = shell.loading(scene.gravity, force, loads).force(x)
     total = acting.sum(axis=0)
     if scene.model.spec.key != TRUTH:
         return {"load": total.tolist(), "reactions": _NO_REACTIONS, "balance": None}
-    held = shell_at(shell, run, -1).reactions(x, gravity=gravity, force=force, loads=loads)
+    held = shell_at(shell, run, -1).reactions(x, gravity=scene.gravity, force=force, loads=loads)
     answer = held.sum(axis=0)
     # As a share of what all parts of the load add up to: a load in balance with itself has no resultant.
     size = float(np.linalg.norm(acting, axis=1).sum())
@@ -151,8 +150,7 @@ def _frequencies(shell: Shell) -> list[float]:
 def _buckling(scene: ShellScene, shell: Shell) -> float | str:
     """The lowest factor of the load at which linear theory has the shell buckle."""
     _, force, loads, _ = scene.build_loading(shell)
-    gravity = scene.loads.gravity if scene.loads else None
-    found = buckling_factors(shell, 1, gravity=gravity, force=force, loads=loads)
+    found = buckling_factors(shell, 1, gravity=scene.gravity, force=force, loads=loads)
     return float(np.real(found.factors[0])) if len(found.factors) else "the load does not buckle it"
 
 
@@ -212,5 +210,5 @@ def _row(cells: tuple[int, ...], found: dict[str, Any]) -> dict[str, Any]:
 def load_arrows(scene: ShellScene, shell: Shell, x: Array) -> Array:
     """Forces (n, 3) of the whole load at positions x, for the picture; loads that change at their largest."""
     force, loads = scene.build_forces(shell)
-    loading = shell.loading(scene.loads.gravity if scene.loads else None, force, loads)
+    loading = shell.loading(scene.gravity, force, loads)
     return loading.force(x) if scene.motion is None else loading.dead + loading.largest_force()

@@ -95,19 +95,15 @@ class Scene(ABC):
 
     def content(self) -> dict[str, Any]:
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
-        declared = {
-            name: getattr(self, name)
-            for name in ("material", "model", "supports", "energies", "loads", "motion", "units")
-        }
-        content = {name: table.plain() for name, table in declared.items() if table is not None}
+        names = "material", "model", "supports", "energies", "loads", "motion", "units"
+        content = {name: table.plain() for name in names if (table := getattr(self, name)) is not None}
         if isinstance(self.material, tables.PhysicalSheet):
             with located(self.file, "material", self.material):
                 values = material_values(self.material, self.file.parent)
             content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
         # Results of scenes without these tables keep their digests.
-        content |= (
-            {} if self.rest is None else {"rest": rest_content(self.file, self.rest, getattr(self.mesh, "up", None))}
-        )
+        if self.rest is not None:
+            content["rest"] = rest_content(self.file, self.rest, getattr(self.mesh, "up", None))
         content |= {"creases": [table.plain() for table in self.creases]} if self.creases else {}
         return content | {"positions": self.output.positions}
 
@@ -131,8 +127,7 @@ class Scene(ABC):
         with located(self.file, "mesh", self.mesh):
             cells: Sequence[int] = getattr(self.mesh, "cells", ())
             if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
-                split = self._of_theory
-                demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
+                demand_shell((cells[0] + 1) * (cells[1] + 1), split=self._of_theory)
             return build_mesh(self.mesh, self.file.parent, self.unit_system.metres)
 
     def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
@@ -257,6 +252,11 @@ class ShellScene(Scene):
                     contact.vertices(mesh)
         return contacts
 
+    @property
+    def gravity(self) -> tables.Vector | None:
+        """Acceleration on every vertex [m/s^2]."""
+        return self.loads.gravity if self.loads else None
+
     def model_factory(self, shell: Shell, solve: SolveModes | None = None) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
         coarse = partial(scene_coarse_mesh, self.mesh, self.material, shell)
@@ -265,7 +265,7 @@ class ShellScene(Scene):
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
         """All loads (n, 3) [N], with the largest inertial load of moving supports, and notes about it, in sentences."""
         force, loads = self.build_forces(shell)
-        loading = shell.loading(self.loads.gravity if self.loads else None, force, loads)
+        loading = shell.loading(self.gravity, force, loads)
         load, note = loading.dead, ""
         if loading.live:
             load = load + loading.largest_force()
@@ -360,7 +360,7 @@ class BuiltScene:
     @property
     def gravity(self) -> tables.Vector | None:
         """Acceleration on every vertex [m/s^2]."""
-        return self.scene.loads.gravity if self.scene.loads else None
+        return self.scene.gravity
 
     def start_motion(self) -> Motion:
         """The motion, at rest at time 0; SceneError if the scene declares none or one that the model cannot make."""
@@ -392,8 +392,7 @@ class BuiltScene:
 
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
-        options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
-        options |= {"bar": True} if self.scene.bar else {}
-        options |= {"contacts": self.contacts} if self.contacts else {}
+        options: dict[str, Any] = {"constraints": self.constraints, "bar": self.scene.bar, "contacts": self.contacts}
+        options = {name: given for name, given in options.items() if given}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

@@ -134,21 +134,14 @@ class Equations(ABC, Generic[Matrix]):
 
 @dataclass(frozen=True)
 class Problem(Equations[Matrix]):
-    """A potential ``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, and the algebra of its unknowns.
-
-    Parameters
-    ----------
-    load : ndarray
-        b, of the shape of x.
-    origin : ndarray
-        Where the quadratic part is centred; rest in statics.
-    quadratic : ndarray, optional
-        Q, inertia and damping of an implicit step; statics has none.
-    """
+    """A potential ``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, and the algebra of its unknowns."""
 
     load: Array
+    """b, of the shape of x."""
     origin: Array
+    """Where the quadratic part is centred; rest in statics."""
     quadratic: Array | None = field(default=None, kw_only=True)
+    """Q, inertia and damping of an implicit step; statics has none."""
 
     load_step: ClassVar[float]
     """Reach of the longest step that a growing load may predict."""

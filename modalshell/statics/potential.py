@@ -35,42 +35,32 @@ STILL = 1e-8
 @final
 @dataclass(frozen=True)
 class Potential(Problem[sps.csc_array]):
-    """A shell's potential, on the free vertices: x are positions (n, 3) [m].
+    """A shell's potential, on the free vertices: x are positions (n, 3) [m], E is the elastic energy.
 
-    Parameters
-    ----------
-    load : ndarray, shape (n, 3)
-        b [N].
-    origin : ndarray, shape (n, 3)
-        Where the quadratic part is centred [m].
-    shell : Shell
-        Gives the elastic energy E.
-    factoriser : Factoriser
-        Factorises the Hessians, all of one pattern.
-    costs : Timings
-        Where the seconds of assembly, factorisation and solution are added up.
-    quadratic : ndarray, optional
-        Entries of Q on the shell's pattern, those of ``inertia`` left out.
-    inertia : ndarray, shape (n,), optional
-        Part of Q on its diagonal, the same along each axis [N/m].
-    live : LiveLoads, optional
-        Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
-        unsymmetric: Newton's steps then take the whole of it, in time by a factor near it. Such a state is stable if
-        the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
-    kept_within : float
-        Move, as a share of the shell's size, within which a definite factor serves other Hessians, too: for conjugate
-        gradients on them, and to find a state on the way to be a minimum.
-    further : Further, optional
-        A further energy, such as that between layers in self-contact.
+    The quadratic part has its entries on the shell's pattern.
     """
 
     shell: Shell
     factoriser: Factoriser
+    """Of the Hessians, all of one pattern."""
     costs: Timings
+    """Where the seconds of assembly, factorisation and solution are added up."""
     live: LiveLoads | None = None
+    """Loads in addition to b that change with x.
+
+    Their stiffness enters the Hessian. Without a potential it is unsymmetric: Newton's steps then take the whole of it,
+    in time by a factor near it. Such a state is stable if the symmetric half is positive definite, or the lowest
+    eigenvalues of the whole are real and positive.
+    """
     inertia: Array | None = field(default=None, kw_only=True)
+    """Part (n,) of Q on its diagonal, the same along each axis [N/m], left out of ``quadratic``."""
     kept_within: float = field(default=0.0, kw_only=True)
+    """Move, as a share of the shell's size, within which a definite factor serves other Hessians, too.
+
+    For conjugate gradients on them, and to find a state on the way to be a minimum.
+    """
     further: Further | None = field(default=None, kw_only=True)
+    """A further energy, such as that between layers in self-contact."""
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3

@@ -183,20 +183,14 @@ def euler_steps(euler: EulerSteps, state: MotionState, dt: float, count: int) ->
     return state, solved
 
 
-class StageOf(Protocol):
-    """What a shell feels in a step of implicit Euler."""
+StageOf = Callable[[EulerStart], tuple[Body, Array, Array | None]]
+"""What a shell feels: body, dead load (n, 3) [N] and places (h, 3) [m] of the held vertices at the end of a step."""
+StepMinimum = Callable[[Potential, Array, float, float, list[Array], float], tuple[Array, bool]]
+"""What finds the minimum (n, 3) of a step's potential where contacts bound it, and whether that is one.
 
-    def __call__(self, start: EulerStart, /) -> tuple[Body, Array, Array | None]:
-        """Body, dead load (n, 3) [N], and places (h, 3) [m] of the held vertices, at the end of a step."""
-
-
-class StepMinimum(Protocol):
-    """What finds the minimum of a step's potential where contacts bound it."""
-
-    def __call__(
-        self, problem: Potential, first: Array, scale: float, goal: float, stresses: list[Array], end: float, /
-    ) -> tuple[Array, bool]:
-        """Minimum (n, 3), and whether it was found, of a step that ends at the share ``end`` of the rule's step."""
+It takes the potential, a first guess, the load's size, the goal, predicted stresses, and the share of the rule's step
+at which the step ends.
+"""
 
 
 class LoadedSteps(EulerSteps):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.slope import slope
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import ModalMotion
@@ -27,7 +28,6 @@ from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Shell
 
 _CONDITION = 1e14
-_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 _OTHERS = (*LOADS, "rest_angles")
 """What is no constant of the material."""
 _TURN = 1e-3
@@ -190,8 +190,7 @@ class ModalTangent(ReducedTangent):
 
     def _along(self, model: ModalMotion, q: Array, direction: Array) -> Array:
         turn = np.abs(model.basis.rotations @ direction).max()
-        step = _TURN / max(float(turn), 1e-300)
-        return np.asarray(sum(w / step * model.raw_displacement(q + k * step * direction) for k, w in _FOURTH_ORDER))
+        return slope(model.raw_displacement, q, direction, _TURN / max(float(turn), 1e-300))
 
     def _extended(self, name: str) -> tuple[ModalMotion, Array]:
         """The model on the modes and their derivatives by a constant, and the derivative of the stiffness on them."""

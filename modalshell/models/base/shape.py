@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from modalshell.core.errors import OptionError
+from modalshell.core.slope import slope
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce
@@ -47,7 +48,6 @@ DERIVED = {
 """Methods that are no hooks, as frames of free parts stand between, and the hooks to override in their place."""
 _BASES = tuple(f"modalshell.models.base.{name}" for name in ("shape", "modal_motion", "modal"))
 """Modules whose hooks are defaults for every shape."""
-_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 _SMALL = 1e-3
 """Turn [rad], and displacement as a share of the shell's size, over which the shape is differenced."""
 
@@ -188,11 +188,7 @@ class ModalShape(ABC):
         """Derivatives (..., m) of a function at q (m,), of fourth order over small moves of the vertices."""
         moves = np.abs(self.basis.modes).max(axis=0) / self.shell.size
         steps = _SMALL / np.maximum(np.maximum(np.abs(self.basis.rotations).max(axis=0), moves), 1e-300)
-        columns = []
-        for k, step in enumerate(steps):
-            unit = np.zeros_like(q)
-            unit[k] = step
-            columns.append(sum(w / step * np.asarray(function(q + count * unit)) for count, w in _FOURTH_ORDER))
+        columns = [slope(function, q, unit, step) for unit, step in zip(np.eye(q.size), steps, strict=True)]
         return np.stack(columns, axis=-1)
 
 

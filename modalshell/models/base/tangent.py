@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.memory import demand_memory
+from modalshell.core.slope import slope
 from modalshell.core.typing import Array
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.sensitivity import LOADS, SHAPES, checked_constant, load_rates
@@ -18,7 +19,6 @@ from modalshell.statics.potential import Potential
 
 _ASIDE = 2e-3
 """Change of an edge, as a share of its length, over which forces on supports are differenced."""
-_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 
 
 @final
@@ -97,12 +97,10 @@ class Tangent:
             return -shell.elastic_energy.pulled_by_rest_angles(x, solved)
         ends = shell.mesh.edges
         change = np.linalg.norm(solved[ends[:, 1]] - solved[ends[:, 0]], axis=1) / shell.mesh.edge_lengths
-        step = _ASIDE / max(float(change.max()), 1e-300)
-        rate = np.zeros_like(x)
-        for count, weight in _FOURTH_ORDER:
-            nearby = x + count * step * solved
-            gradient = shell.elastic_energy.support_gradient(nearby)
-            if self._problem.live is not None:
-                gradient = gradient - self._problem.live.force(nearby)
-            rate += weight / step * gradient
+
+        def gradient(nearby: Array) -> Array:
+            held = shell.elastic_energy.support_gradient(nearby)
+            return held if self._problem.live is None else held - self._problem.live.force(nearby)
+
+        rate = slope(gradient, x, solved, _ASIDE / max(float(change.max()), 1e-300))
         return np.asarray(shell.unknowns.resisted((weights - rate)[:, :, None]).ravel())

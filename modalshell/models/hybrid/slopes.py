@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from modalshell.core.errors import OptionError
+from modalshell.core.slope import slope
 from modalshell.core.typing import Array
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.models.hybrid.energy_kernels import evaluate
@@ -16,15 +17,12 @@ from modalshell.shell.energies_of import material_constants
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
 _STEP = 1e-4
-_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
 
 
 def differences(function: Callable[[Array], Array], z: Array) -> Array:
     """Derivatives (k, m) of a function (k,) of coordinates (m,), by differences of fourth order."""
     step = _STEP * (float(np.abs(z).max()) or 1.0)
-    units = step * np.eye(z.size)
-    columns = [sum(w / step * function(z + k * unit) for k, w in _FOURTH_ORDER) for unit in units]
-    return np.stack([np.asarray(column) for column in columns], axis=1)
+    return np.stack([slope(function, z, unit, step) for unit in np.eye(z.size)], axis=1)
 
 
 def forces_by_constants(

@@ -18,26 +18,16 @@ from modalshell.statics.dense import DenseProblem
 @final
 @dataclass(frozen=True)
 class StressPotential(DenseProblem):
-    """The potential ``E(z) - p . z`` of coordinates z (m,) of unit mass.
-
-    Parameters
-    ----------
-    load, origin : ndarray, shape (m,)
-        p, and rest: zeros.
-    reduced : ReducedStress
-        E. Its Hessian leaves out the second derivatives of the angles of hinges that are bent at rest.
-    scaling : ndarray, shape (m,)
-        Square root of the stiffness of each coordinate at rest.
-    change : callable
-        Largest relative change of an edge vector by a step in z.
-    count : callable
-        Counts a number of evaluations of the energy.
-    """
+    """The potential ``E(z) - p . z`` of coordinates z (m,) of unit mass, with p the load; the origin is rest: zeros."""
 
     reduced: ReducedStress
+    """E. Its Hessian leaves out the second derivatives of the angles of hinges that are bent at rest."""
     scaling: Array
+    """Square root (m,) of the stiffness of each coordinate at rest."""
     change: Callable[[Array], float]
+    """Largest relative change of an edge vector by a step in z."""
     count: Callable[[int], None]
+    """Counts a number of evaluations of the energy."""
 
     load_step: ClassVar = 0.5
     path_goal: ClassVar = 1e-4
