@@ -146,7 +146,13 @@ class UnitSystem:
 
     @contextmanager
     def said(self) -> Iterator[None]:
-        """Give what is refused within in these units; see :meth:`restated`."""
+        """Give what is refused within in these units; see :meth:`restated`.
+
+        Yields
+        ------
+        None
+            Errors of this package that are raised within are restated and pass on.
+        """
         try:
             yield
         except ModalShellError as error:

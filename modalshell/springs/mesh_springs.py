@@ -65,8 +65,19 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     hinge takes the stiffness at which it holds the energy of the hinge, ``k_f dtheta^2 l0 / h0``, for a change of the
     fold angle by ``reference_fold`` (on the mean over both directions). Where the hinge is flat at rest the distance of
     its far vertices changes as the square of the fold angle, so the spring's energy is of fourth order: it is too soft
-    below the reference and too stiff above. Where it is folded at rest the energies agree to second order. The
-    ``reference_fold`` [rad] is in (0, pi/2].
+    below the reference and too stiff above. Where it is folded at rest the energies agree to second order.
+
+    Parameters
+    ----------
+    shell : Shell
+        A shell of edge springs and hinges.
+    reference_fold : float, optional
+        Change of the fold angle [rad] at which the energies agree, in (0, pi/2].
+
+    Returns
+    -------
+    Springs
+        A spring for each edge, and one across each hinge.
 
     Raises
     ------
