@@ -62,7 +62,7 @@ def test_random_matrices_are_solved(size, density, seed, block):
     [
         sps.eye_array(7),
         np.ones((30, 30)),
-        sps.block_diag([np.ones((4, 4)), np.ones((1, 1)), np.ones((5, 5))]),
+        sps.block_diag([sps.coo_array(np.ones((size, size))) for size in (4, 1, 5)]),
         sps.diags_array([np.ones(59), np.ones(60), np.ones(59)], offsets=[-1, 0, 1]),
     ],
     ids=["diagonal", "dense", "loose parts", "chain"],

@@ -67,7 +67,7 @@ def test_a_factor_turns_with_the_vertices(matrix):
     count = matrix.shape[0] // 3
     turns = 0.3 * np.repeat(random.standard_normal((1, 3)), count, axis=0) + 1e-3 * random.standard_normal((count, 3))
     axes = np.stack([Rotation.from_rotvec(turns).apply(unit) for unit in np.eye(3)])
-    blocks = sps.block_diag([Rotation.from_rotvec(turn).as_matrix() for turn in turns], format="csc")
+    blocks = sps.block_diag([sps.coo_array(Rotation.from_rotvec(turn).as_matrix()) for turn in turns], format="csc")
     near = sps.csc_array(blocks @ matrix @ blocks.T)
     near.sort_indices()
     kept, right_side = Factoriser("cholesky").definite(matrix), random.standard_normal(matrix.shape[0])
@@ -87,7 +87,7 @@ def test_an_unsymmetric_matrix_nearby_is_solved_to_the_accuracy(matrix, accuracy
     skew = sps.random_array(near.shape, density=1e-3, rng=np.random.default_rng(0), format="csc")
     near = sps.csc_array(near + 1e-3 * near.diagonal().min() * (skew - skew.T))
     axes = np.tile(Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix().T[:, None], (1, near.shape[0] // 3, 1))
-    turn = sps.block_diag([axes[:, 0].T] * (near.shape[0] // 3), format="csc")
+    turn = sps.block_diag([sps.coo_array(axes[:, 0].T)] * (near.shape[0] // 3), format="csc")
     right_side = np.random.default_rng(1).standard_normal(matrix.shape[0])
     for A, given in ((near, None), (sps.csc_array(turn @ near @ turn.T), axes)):
         with counted() as work:
