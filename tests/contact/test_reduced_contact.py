@@ -63,6 +63,21 @@ def test_more_vertices_than_coordinates_may_touch():
     )  # its vectors are those of long waves
 
 
+@pytest.mark.parametrize(("count", "y", "z"), [(4, 0.01, -0.11), (6, 0.01, -0.11), (8, 0.1, -0.09)])
+def test_a_surface_that_turns_much_under_its_force_is_settled_on(count, y, z):
+    """It takes more than the shell's stiffness from motions into it: the gaps forbid them, and Newton must know."""
+    mesh = ms.sheet(length=0.5, width=0.2, cells=(10, 4))
+    soft = ms.Shell(mesh, ms.Isotropic(young=2e8, poisson=0.3, thickness=1.5e-3, density=1000.0), clamped="x < 0.001")
+    model, contacts = ms.ModalDerivatives(soft, count), [ms.Contact(ms.Sphere((0.42, y, z), 0.08))]
+    state = model.equilibrium(gravity=GRAVITY, contacts=contacts)
+    assert state.converged
+    assert state.stable
+    assert state.iterations <= 100
+    assert state.deepest <= 1e-9
+    again = model.equilibrium(gravity=GRAVITY, contacts=contacts, start=state.positions)
+    np.testing.assert_allclose(again.positions, state.positions, rtol=0, atol=1e-7)
+
+
 def test_an_answer_that_its_vectors_do_not_hold_says_so(model):
     mesh = ms.sheet(length=0.5, width=0.25, cells=(16, 8))
     limp = ms.Shell(mesh, ms.Isotropic(young=2e7, poisson=0.3, thickness=3e-4, density=500.0), clamped="x < 0.001")

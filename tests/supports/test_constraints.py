@@ -125,6 +125,26 @@ def test_targets_out_of_reach_are_reported_and_shake_nothing(basis, tip):
     assert run.energies[:, 1].max() < energy(basis, reachable.coordinates)
 
 
+def test_what_linear_modes_do_not_reach_is_left_alone_however_the_scene_lies():
+    """A turned sheet's derivatives along itself are rounding, which neither rates nor reactions may divide by."""
+    mesh, found = ms.flat_beam(length=0.5, width=0.2, cells=(8, 4)), []
+    held, tip = mesh.vertices[:, 0] < 1e-6, int(mesh.vertices[:, 0].argmax())
+    for turn in Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.7, -1.1, 0.4], [0.0, 2.9, 0.2]]).as_matrix():
+        placed = ms.TriangleMesh(mesh.vertices @ turn.T, mesh.faces)
+        material = ms.Isotropic(young=2e8, poisson=0.3, thickness=1.5e-3, density=1000.0)
+        shell = ms.Shell(placed, material, clamped=held)
+        model, rest = ms.LinearModal(ms.solve_modes(shell, 6)), shell.rest_positions[tip]
+        way = turn @ [-0.01, 0.01, 0.02]
+        still = model.equilibrium(constraints=[ms.PositionConstraint(tip, rest + way)])
+        goal = ms.PositionConstraint(tip, lambda time, rest=rest, way=way: rest + way * time)
+        run = ms.simulate(model, duration=0.2, dt=0.02, constraints=[goal])
+        found.append((still.constraint_reactions @ turn, run.positions @ turn))
+    assert np.abs(found[0][1] - mesh.vertices).max() > 1e-3
+    for answer in found[1:]:
+        for turned, own in zip(answer, found[0], strict=True):
+            np.testing.assert_allclose(turned, own, rtol=0, atol=1e-9 * np.abs(own).max())
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_what_a_constraint_may_miss_is_a_share_of_the_shell(scale):
     """1e-5 of it is missed, and 1e-7 is not, whatever the unit of length."""

@@ -19,6 +19,8 @@ _MET = 1e-8
 """Residual, lengths as shares of the shell's size and angles in radians, at which constraints count as met."""
 _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 """First softness eps of the constraints, the factor from one to the next, and the last."""
+REACHED = 1e-7
+"""Derivative of constrained values, over the largest one, below which it is rounding: the root of the last softness."""
 _PASSES = 12
 """Gauss-Newton steps at one softness at most."""
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5

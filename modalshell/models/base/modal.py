@@ -20,7 +20,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.manipulation import PatchTargets, meet
+from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
@@ -201,7 +201,7 @@ class ModalModel(ModalMotion):
             outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {missed.max():.2e} from its target"
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
+        multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=REACHED)[0].reshape(-1, 3)
         answer = self._answer(Statics(q, change, iterations, outcome, message))
         return replace(answer, constraint_residuals=missed, constraint_reactions=multipliers / targets.units[:, None])
 

@@ -19,7 +19,7 @@ from modalshell.integrators.modal.base import DeadForce, ForceInTime, ModalStep
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.manipulation import PatchTargets, meet
+from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
 from modalshell.models.base.model import FrameModel, probes
 from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
@@ -329,7 +329,7 @@ class ModalMotion(ModalShape, FrameModel):
         else:
             rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
             wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
-            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=None)[0]
+            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=REACHED)[0]
         return MotionState(q, rates, free.memory), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:

@@ -37,6 +37,8 @@ from modalshell.statics.verdict import verdict
 
 _MOST = 40
 """Steps at most."""
+_DOUBLINGS = 40
+"""Doublings at most, from what the Hessian lacks on, of the stiffness along gaps."""
 
 
 class Settled(NamedTuple):
@@ -98,13 +100,35 @@ def settle(
             break
         hessian = hessian - pressing.turning(z, x, pushes)
         if not problem.factor(hessian).is_definite():
-            hessian = problem.linearise(z, GAUSS_NEWTON)[1]
+            stiffened = _stiffened(problem, pressing, hessian, pressed)
+            hessian = problem.linearise(z, GAUSS_NEWTON)[1] if stiffened is None else stiffened
         compliance = np.linalg.inv(hessian)
         found = pressing.pressed_on(z - compliance @ gradient, compliance, state)
         moved, stresses, _ = problem.moved(z, found.q - z)
         pressed = found._replace(q=moved)
     pressed = pressed._replace(local=state.local)
     return Settled(pressed, residual, count, bool(pressed.solved and residual <= goal))
+
+
+def _stiffened(problem: Any, pressing: ModalContacts, hessian: Array, pressed: Pressed) -> Array | None:
+    """A Hessian (m, m) that is positive definite on the motions that keep the gaps, made so on all of them.
+
+    Surfaces that turn under large forces take more than the shell's stiffness from motions into them, which the gaps
+    forbid. Stiffness along the gaps of what is pushed replaces it, no more than must be. Where the steps end these gaps
+    move no more, and what was added gives no force. None where it does not help.
+    """
+    rows = np.flatnonzero(pressed.pushes)
+    if not rows.size:
+        return None
+    held = pressing.along(pressed.q, rows) / problem.scaling
+    added = problem.scaling[:, None] * (held.T @ held) * problem.scaling
+    scaled = hessian / problem.scaling[:, None] / problem.scaling
+    share = abs(float(np.linalg.eigvalsh(scaled)[0])) / (float(np.sum(held**2)) or 1.0)
+    for _ in range(_DOUBLINGS):
+        if problem.factor(hessian + share * added).is_definite():
+            return hessian + share * added
+        share *= 2.0
+    return None
 
 
 def reduced_equilibrium_on_contacts(
