@@ -26,10 +26,11 @@ from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
-from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
+from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
 from modalshell.run.frame_file import FrameFile
+from modalshell.run.balance import has_reactions
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT, Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
@@ -155,6 +156,10 @@ class ShellRun(SceneRun[SceneResult]):
         if scene.motion is None:
             self._answer = built.equilibrium()
             run, resumed = Trajectory.still(self._answer, self.shell, built.loading(), scene.output.positions), 0
+            if has_reactions(scene):
+                load: dict[str, Any] = {"gravity": built.gravity, "force": built.force, "loads": built.loads}
+                x = self._answer.positions
+                run = replace(run, reactions=shell_at(self.shell, run, 0).reactions(x, **load)[None])
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
