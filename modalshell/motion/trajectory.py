@@ -85,8 +85,8 @@ class Trajectory(Drawn):
     deepest : ndarray, shape (F,)
         Depth of the deepest vertex in a collider [m].
     reactions : ndarray, shape (F, n, 3)
-        Forces of the supports on their vertices [N], of equilibria by DS of scenes in which nothing else holds the shell;
-        else empty. See :meth:`modalshell.Shell.reactions`.
+        Forces of the supports on their vertices [N], of equilibria by DS of scenes in which nothing else holds the
+        shell; else empty. See :meth:`modalshell.Shell.reactions`.
     self_contact : ndarray, shape (F,)
         Smallest distance [m] of parts in self-contact, its gap where none are nearer; empty without it.
     bars : Bars or None

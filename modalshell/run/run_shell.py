@@ -29,8 +29,8 @@ from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
-from modalshell.run.frame_file import FrameFile
 from modalshell.run.balance import has_reactions
+from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT, Look, write_result
 from modalshell.scene import BuiltScene, ShellScene

@@ -231,10 +231,9 @@ class PathTable(Table, frozen=True):
 class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
-    The ``.npz`` file is always written; ``csv`` is a table for spreadsheets, of the vertices and, with ``fields``, of the
-    triangles. ``fields`` of the triangles are stored with every frame, and films and pictures
-    coloured by the one named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow
-    and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A
+    The ``.npz`` file is always written; ``csv`` is a table for spreadsheets, of the vertices and, with ``fields``, of
+    the triangles. ``fields`` of the triangles are stored with every frame, and films and pictures coloured by the one
+    named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A
     ``camera`` of three numbers is the direction from the shell to it; z is up, and from right above y is.
     """
 
