@@ -24,7 +24,7 @@ _MOST_ROWS = 1_048_575
 
 
 def save_csv(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
-    """Write ``NAME.csv``, a row a vertex, and with fields ``NAME_triangles.csv``, a row a triangle, of every frame.
+    """Write ``NAME.csv``, with a row for each vertex and frame, and with fields ``NAME_triangles.csv``.
 
     Every column is named with its unit. Vertices and triangles are counted from 0; places are those at rest. Numbers
     are as long as it takes to read back the same bits.

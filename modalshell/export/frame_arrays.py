@@ -25,7 +25,7 @@ class FrameArray:
     name, unit : str
         What they are; a number without a dimension has the unit "".
     values : ndarray, shape (n,) or (n, k)
-        One row a vertex or triangle.
+        One row for each vertex or triangle.
     components : tuple of str
         Names of the columns; empty for scalars.
     """

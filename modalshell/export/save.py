@@ -65,8 +65,8 @@ def save_trajectory(
         Its suffix names the format: ``.npz`` (everything; read back by :func:`load_trajectory`), ``.vtkhdf`` (one
         file for ParaView 5.13 or later), ``.pvd`` (with a folder ``NAME_frames`` of VTP files, for any ParaView),
         ``.clip`` (small; read back by :func:`load_clip`), ``.usdc`` and ``.usda`` (USD), ``.glb`` (glTF with morph
-        targets), ``.pc2`` and ``.mdd`` (point caches: positions alone), ``.csv`` (a table for spreadsheets with a
-        row a vertex, and with fields ``NAME_triangles.csv`` with a row a triangle).
+        targets), ``.pc2`` and ``.mdd`` (point caches: positions alone), ``.csv`` (a table for spreadsheets of
+        the vertices, and with fields ``NAME_triangles.csv`` of the triangles).
     on_frame : callable, optional
         Called with the frames done and their total while VTK, USD and CSV files are written.
 

@@ -46,7 +46,7 @@ class MeshFile(Table, frozen=True):
     Parameters
     ----------
     file : str
-        OBJ, PLY, STL, OFF, glTF or USD, in the scene's unit of length; USD states its own, which is converted.
+        OBJ, PLY, STL, OFF, glTF, MSH or USD, in the scene's unit of length; USD states its own, which is converted.
     component : str or int
         Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held.
     join : float
