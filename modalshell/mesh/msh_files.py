@@ -63,8 +63,8 @@ def _polygons(mesh: Any) -> Polygons:
         )
     if any(not kind.startswith(_SURFACES) for kind in counts):
         raise MeshError(
-            f"the file holds a solid (elements: {found}), where a shell is expected: save the surfaces in the middle of "
-            "its sheets alone, as a physical group of them"
+            f"the file holds a solid (elements: {found}), where a shell is expected: save the surfaces in the middle "
+            "of its sheets alone, as a physical group of them"
         )
     if any(kind not in _SIZES for kind in counts):
         raise MeshError(
@@ -89,7 +89,7 @@ def _check_text(data: bytes) -> None:
     if b"$EndElements" not in data:
         raise MeshError("the file is cut short (truncated): it has no $EndElements; write or download it again")
     head, _, rest = data.partition(b"$Nodes")
-    version, binary = (head.partition(b"$MeshFormat")[2].split() + [b"", b""])[:2]
+    version, binary = [*head.partition(b"$MeshFormat")[2].split(), b"", b""][:2]
     words = rest[:1000].split()
     place = 2 if version.startswith(b"4") else 1
     if binary == b"0" and len(words) > place and words[place] == b"0":

@@ -54,7 +54,7 @@ def test_what_is_no_shell_of_triangles_and_quadrangles_is_refused(tmp_path):
     curves = tmp_path / "curves.msh"
     whole = (DATA / "text_2.msh").read_text().split("$Elements")[0]
     curves.write_text(whole + "$Elements\n1\n1 1 2 2 4 4 1\n$EndElements\n")
-    with pytest.raises(ms.MeshError, match="no triangles or quadrangles; .*physical groups"):
+    with pytest.raises(ms.MeshError, match=r"no triangles or quadrangles; .*physical groups"):
         ms.load_mesh(curves)
 
 
