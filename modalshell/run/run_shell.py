@@ -29,6 +29,7 @@ from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
+from modalshell.render.stage import down_of
 from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
@@ -103,7 +104,7 @@ class ShellRun(SceneRun[SceneResult]):
         with located(scene.file, "output", shown):
             if not isinstance(shown.camera, str):
                 own = replace(own, camera=checked_direction(shown.camera))
-        self._scene, self._look = scene, look or own
+        self._scene, self._look = scene, replace(look or own, down=down_of(_gravity(scene)))
         self._on_frame, self._solve = on_frame, solve
         with located(scene.file, "output", shown):
             checked_fields(self._fields, shell)
@@ -199,6 +200,14 @@ class ShellRun(SceneRun[SceneResult]):
         """The trajectory as it was written."""
         written = replace(load_trajectory(files[0]), contacts=tuple(self._contacts))
         return SceneResult(files, resumed, written, self._answer)
+
+
+def _gravity(scene: ShellScene) -> Sequence[float] | None:
+    """The gravity of a scene, or that of its first weight."""
+    if scene.loads is None or scene.loads.gravity is not None:
+        return None if scene.loads is None else scene.loads.gravity
+    weights: list[Any] = getattr(scene.loads, "weight", [])
+    return next((weight.gravity for weight in weights), None)
 
 
 def _move(
