@@ -40,7 +40,6 @@ def broken(name: str) -> tuple[str, str]:
     return name[:place], name[place:]
 
 
-
 def _columns(count: int) -> int:
     """Columns up to :data:`COLUMNS` that leave the fewest places of the last row empty, more before fewer."""
     return min(
