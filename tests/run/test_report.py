@@ -75,6 +75,7 @@ def test_a_report_has_the_numbers_of_the_run(plate):
         f"{len(shell.mesh.vertices)} vertices",
         "modalshell report plate.toml",
         "young 2.1e+11",
+        "m, kg, s, and so N, Pa: of the numbers below",
     ):
         assert shown in page
     assert not re.search(r'(?:src|href)="https?:', page)
