@@ -39,6 +39,7 @@ READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", MSH, *USD)
 POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
 """Readers of formats that hold polygons."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
+_CAD = (".step", ".stp", ".iges", ".igs", ".brep")
 Up = Literal["x", "y", "z"]
 """Axes of a file that may point up."""
 _GLTF = (".glb", ".gltf")
@@ -257,6 +258,11 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
             _check_presence(file)
         if suffix == ".toml":
             raise MeshError(f"{file}: a scene, where a mesh is expected: `modalshell run` and `advise` take scenes")
+        if suffix in _CAD:
+            raise MeshError(
+                f"{file}: surfaces of CAD without triangles, where a mesh is expected: mesh the surface in the middle of "
+                "its sheets (in Gmsh: gmsh -2) and save it as .msh, .stl or .ply"
+            )
         raise MeshError(
             f"{file}: cannot {verb} files with suffix {file.suffix!r}; expected one of {', '.join(known)}: convert the "
             "mesh or rename the file"
