@@ -260,8 +260,8 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
             raise MeshError(f"{file}: a scene, where a mesh is expected: `modalshell run` and `advise` take scenes")
         if suffix in _CAD:
             raise MeshError(
-                f"{file}: surfaces of CAD without triangles, where a mesh is expected: mesh the surface in the middle of "
-                "its sheets (in Gmsh: gmsh -2) and save it as .msh, .stl or .ply"
+                f"{file}: surfaces of CAD without triangles, where a mesh is expected: mesh the surface in the middle "
+                "of its sheets (in Gmsh: gmsh -2) and save it as .msh, .stl or .ply"
             )
         raise MeshError(
             f"{file}: cannot {verb} files with suffix {file.suffix!r}; expected one of {', '.join(known)}: convert the "
