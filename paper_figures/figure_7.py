@@ -46,7 +46,9 @@ def draw(results: Path, folder: Path) -> Path:
             surfaces += axes(held, arrays[f"{key}_turn"], ARM)
         views.append(View(surfaces, title=row["case"], subtitle=_caption(row), camera=CAMERA))
     modes = result.record["parameters"]["modes"]
-    title = f"A flat beam led by its tip: MWTS, {modes} modes (axes: red x, green y, blue z)"
+    title = (
+        f"A flat beam led by its tip: MWTS, {modes} modes\nAxes: red x, green y, blue z; long and pale: as asked for"
+    )
     return draw_views(views, folder / "figure_7.png", columns=3, size=(1800, 1150), title=title)
 
 

@@ -22,20 +22,21 @@ def draw(results: Path, folder: Path) -> Path:
         surface = ShadedSurface(result.arrays[f"positions_{index}"], result.arrays[f"faces_{index}"], smooth=False)
         package, _, name = row["name"].partition(": ")
         first, rest = broken(name.removeprefix("Parametric") or name)
-        views.append(View([surface], title=first, subtitle=f"{rest}\n{package}" if rest else package))
+        views.append(View([surface], title=f"{first}\n{rest}" if rest else first, subtitle=package))
     columns = _columns(len(views))
     size = (CELL[0] * columns, CELL[1] * -(-len(views) // columns))
     return draw_views(views, folder / "strangers_meshes.png", columns=columns, size=size, link_cameras=False)
 
 
 def broken(name: str) -> tuple[str, str]:
-    """A name on two lines, broken after a mark between words or before a capital where it is too long for one."""
+    """A name on two lines, if it is too long for one: broken after a mark between words or before a capital.
+
+    Where it can be, no line is longer than fits, and the longer one as short as it gets; no suffix stands alone.
+    """
     if len(name) <= LETTERS:
         return name, ""
-    places = [
-        k for k in range(4, LETTERS + 1) if name[k - 1] in "_- ." or (name[k].isupper() and name[k - 1].islower())
-    ]
-    place = max((k for k in places if len(name) - k <= LETTERS + 6), default=LETTERS)
+    places = [k for k in range(4, LETTERS + 1) if name[k - 1] in "_- " or (name[k].isupper() and name[k - 1].islower())]
+    place = min(places, key=lambda k: max(k, len(name) - k), default=LETTERS)
     return name[:place], name[place:]
 
 

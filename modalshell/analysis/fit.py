@@ -16,6 +16,7 @@ from modalshell.core.checks import checked_kind, checked_number, shown
 from modalshell.core.errors import MaterialError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
+from modalshell.core.units import in_percent
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
 from modalshell.models.base.equilibrium import Equilibrium
@@ -167,7 +168,7 @@ def fit(
     residual = float(np.sqrt(np.mean(differences**2)))
     if converged and residual > _UNEXPLAINED * measured.size:
         warnings.warn(
-            f"the fitted shell is {100.0 * residual / measured.size:.2g} % off what was measured (root mean square): "
+            f"the fitted shell is {in_percent(residual / measured.size)} off what was measured (root mean square): "
             "begin nearer, fit more constants, or look whether load, supports and numbers are those of the measurement",
             ModalShellWarning,
             stacklevel=2,

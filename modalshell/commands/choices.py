@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 import modalshell as ms
 from modalshell.core.errors import REPAIR
 from modalshell.core.typing import Array
+from modalshell.core.units import in_percent
 
 YOUNG, _THIN = 1e9, 200.0
 """Young's modulus [Pa], and size over thickness, if none is given or chosen."""
@@ -148,7 +149,7 @@ class Timing:
 def motion_as_text(run: ms.Trajectory, size: float) -> str:
     """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, diverged, or fine."""
     moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max() / size
-    reach = f"moves by up to {100.0 * moved:.2g} % of its size"
+    reach = f"moves by up to {in_percent(moved)} of its size"
     if run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
         return f"flies apart ({reach}): take a smaller --dt or more --damping"
     if run.outcome in (ms.Outcome.DISTORTED, ms.Outcome.WOUND_UP) or moved > LARGE:

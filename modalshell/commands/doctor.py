@@ -20,6 +20,7 @@ _EXTRAS = {
     "vtk": ("pyvista", "windows to play scenes in, files for ParaView, pictures by OpenGL"),
     "web": ("trame", "scenes played in a browser"),
     "interchange": ("pxr", "motions as USD and glTF"),
+    "msh": ("meshio", "meshes of Gmsh"),
     "remesh": ("pymeshlab", "meshes made coarser or finer"),
     "contact": ("ipctk", "shells that touch themselves and each other"),
     "gpu": ("warp", "springs and crowds on a GPU"),

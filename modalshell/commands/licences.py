@@ -26,7 +26,7 @@ KNOWN = {
     "mujoco": "Apache-2.0", "newton": "Apache-2.0", "petsc4py": "BSD-2-Clause", "distributed": "BSD-3-Clause",
     "pyarrow": "Apache-2.0", "pdoc": "MIT-0", "numpydoc": "BSD-2-Clause", "latex2mathml": "MIT",
     "markdown-it-py": "MIT", "pygments": "BSD-2-Clause", "pytest": "MIT", "pytest-xdist": "MIT",
-    "hypothesis": "MPL-2.0", "ipctk": "MIT",
+    "hypothesis": "MPL-2.0", "ipctk": "MIT", "meshio": "MIT",
     "playwright": "Apache-2.0", "build": "MIT", "ruff": "MIT", "mypy": "MIT", "scipy-stubs": "BSD-3-Clause",
 }  # fmt: skip
 """SPDX licences of what modalshell and its extras name, for machines without it; what is installed says its own."""

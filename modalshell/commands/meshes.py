@@ -52,7 +52,7 @@ _SAME = "young poisson thickness density component join unit modes gravity durat
 _OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp", "name": "--model"}
 """Options by the keys and parameters that they become."""
 
-MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF, glTF or USD file.")]
+MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF, glTF, USD or MSH (Gmsh) file.")]
 
 
 @Parameter(name="*")

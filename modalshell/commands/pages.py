@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import modalshell as ms
 from modalshell.core.typing import Array, Progress
+from modalshell.core.units import in_percent
 from modalshell.export import compress
 from modalshell.export.near_origin import centred
 from modalshell.files.provenance import repository_file
@@ -163,7 +164,7 @@ class _ShellPage:
         if isinstance(self.modes, ms.OptionError):
             return None, ["No live model is offered: they move in vibration modes, which the shell has not here."]
         off = self._error(run) if self.free_of_time else None
-        far = "has no answer here" if off is None else f"is {100.0 * off:.2g} % off this answer"
+        far = "has no answer here" if off is None else f"is {in_percent(off)} off this answer"
         if self.free_of_time and (off is None or off > _HONEST):
             return None, [f"No live model is offered: MWTS, which a page can compute, {far}."]
         said = (

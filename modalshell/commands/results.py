@@ -18,7 +18,7 @@ from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
-_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
+_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "csv": ".csv", "body": ".npz"}
 _SHOWN = (".html", ".htm", ".png", ".mp4", ".md", ".csv", ".json")
 
 
@@ -26,7 +26,7 @@ def export(
     result: Annotated[Path, Parameter(help="Trajectory (.npz), clip (.clip), basis (.npz), or the folder of a run.")],
     *,
     to: Annotated[
-        Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
+        Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "csv", "body"],
         Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
@@ -72,6 +72,9 @@ def export(
     if target.suffix in (".pc2", ".mdd"):
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         say(rest)
+    if to == "csv":
+        triangles = target.with_name(f"{target.stem}_triangles.csv")
+        say(triangles if run.fields else "no table of the triangles: the run keeps no fields ('fields' in [output])")
 
 
 def _played(run: ms.Trajectory, title: str) -> Page:

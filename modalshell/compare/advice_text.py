@@ -12,6 +12,7 @@ from modalshell.compare.bifurcation import bifurcation_text
 from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import Tradeoff
 from modalshell.core.outcome import Outcome
+from modalshell.core.units import in_percent
 from modalshell.scene.write import toml_table
 from modalshell.statics.error_bar import ErrorEstimator
 
@@ -48,7 +49,7 @@ def advice_text(
 
 def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
     worst = row.largest_error
-    accuracy = "is the truth here" if row.is_truth else f"is at most {100 * worst:.2g} % off DS"
+    accuracy = "is the truth here" if row.is_truth else f"is at most {in_percent(worst)} off DS"
     margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
     rate = row.frames_per_second
     return [

@@ -23,6 +23,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
+from modalshell.core.units import in_percent
 from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
 from modalshell.models import DiscreteShell, Equilibrium
@@ -222,7 +223,7 @@ class _LiveErrors:
         if found is None:
             return "without an equilibrium under the whole load as it follows the shell"
         self.error = found
-        self.text = [f"Under the whole load as it follows the shell it is {100 * found:.2g} % off DS."]
+        self.text = [f"Under the whole load as it follows the shell it is {in_percent(found)} off DS."]
         return "" if found <= error else f"{100 * found:.3g} % off DS under the whole load as it follows the shell"
 
 

@@ -171,3 +171,9 @@ class UnitSystem:
 
 SI: Final = UnitSystem()
 """Metres, kilograms and seconds."""
+
+
+def in_percent(share: float) -> str:
+    """A share in percent, to two digits; "900 %" rather than "9e+02 %"."""
+    text = f"{100.0 * share:.2g}"
+    return f"{float(text):.0f} %" if "e+0" in text and abs(float(text)) < 1e6 else f"{text} %"

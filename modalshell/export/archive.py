@@ -80,7 +80,8 @@ _CONTACTS = {
 }
 """What touches, of trajectories with contacts."""
 _SELF_CONTACT = {"self_contact": Field("f", ("F",), "m")}
-_FURTHER = _BARS | {_BARS_ON: Field("U", ())} | _UNJUDGED | _LEVELS | _CREASES | _CONTACTS | _SELF_CONTACT
+_REACTIONS = {"reactions": Field("f", ("F", "n", 3), "N")}
+_FURTHER = _REACTIONS | _BARS | {_BARS_ON: Field("U", ())} | _UNJUDGED | _LEVELS | _CREASES | _CONTACTS | _SELF_CONTACT
 _POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
 _PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
 _TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
@@ -102,6 +103,8 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
         values |= {name: getattr(run, name) for name in _CREASES}
     if run.deepest.size:
         values |= {name: getattr(run, name) for name in _CONTACTS}
+    if run.reactions.size:
+        values["reactions"] = run.reactions
     if run.self_contact.size:
         values["self_contact"] = run.self_contact
     arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES | _FURTHER)
@@ -175,7 +178,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             on = str(data[_BARS_ON]) if _BARS_ON in further else "shell"
             unjudged = tuple(str(reason) for name in _UNJUDGED if name in further for reason in data[name])
             values["bars"] = Bars(**{name.removeprefix(_BAR): data[name] for name in _BARS}, on=on, unjudged=unjudged)
-        values |= {name: data[name] for name in _CONTACTS | _SELF_CONTACT if name in further}
+        values |= {name: data[name] for name in _CONTACTS | _SELF_CONTACT | _REACTIONS if name in further}
         if "levels" in further:
             values["levels"] = tuple(str(name) for name in data["levels"])
         values |= {name: data[name] for name in _CREASES if name in further}

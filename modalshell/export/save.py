@@ -12,6 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.export.archive import save_archive
 from modalshell.export.clip import save_clip
+from modalshell.export.csv_tables import save_csv
 from modalshell.export.gltf import save_gltf
 from modalshell.export.point_cache import save_mdd, save_pc2
 from modalshell.export.usd import save_usd
@@ -23,6 +24,7 @@ _FORMATS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
     ".npz": lambda run, path, _: save_archive(run, path),
     ".vtkhdf": save_vtkhdf,
     ".pvd": save_pvd,
+    ".csv": save_csv,
     ".clip": lambda run, path, _: save_clip(run, path),
     ".usdc": save_usd,
     ".usda": save_usd,
@@ -63,9 +65,10 @@ def save_trajectory(
         Its suffix names the format: ``.npz`` (everything; read back by :func:`load_trajectory`), ``.vtkhdf`` (one
         file for ParaView 5.13 or later), ``.pvd`` (with a folder ``NAME_frames`` of VTP files, for any ParaView),
         ``.clip`` (small; read back by :func:`load_clip`), ``.usdc`` and ``.usda`` (USD), ``.glb`` (glTF with morph
-        targets), ``.pc2`` and ``.mdd`` (point caches: positions alone).
+        targets), ``.pc2`` and ``.mdd`` (point caches: positions alone), ``.csv`` (a table for spreadsheets of
+        the vertices, and with fields ``NAME_triangles.csv`` of the triangles).
     on_frame : callable, optional
-        Called with the frames done and their total while VTK and USD files are written.
+        Called with the frames done and their total while VTK, USD and CSV files are written.
 
     Returns
     -------

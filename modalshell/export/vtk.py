@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import FileFormatError
 from modalshell.core.typing import Progress
+from modalshell.export.frame_arrays import of_triangles, of_vertices
 from modalshell.files.atomic_io import replacing, write_text
 from modalshell.motion import Trajectory
-from modalshell.shell.fields import FIELDS, TENSORS
 
 _CHUNK = 25_000
 """Points or triangles of a chunk at most, as VTK has them."""
-_COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {
-    "von_mises_faces": ("top", "bottom"),
-    "displacement": ("x", "y", "z"),
-    "contact_force": ("x", "y", "z"),
-}
 
 
 def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
@@ -118,9 +113,7 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
 
 
 def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None:
-    """A frame's positions and triangles, displacement and contact of the vertices, and fields of the triangles.
-
-    All have their units. Whether a vertex is in contact is one where it is, and zero where it is not.
+    """A frame's positions and triangles, and what is known of its vertices and triangles, with units.
 
     VTK's XML files keep units as information of an array; VTKHDF files keep no such information, so that both name them
     in field data too, as ``NAME_unit``.
@@ -131,24 +124,18 @@ def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None
     points.SetData(_vtk_array(run.positions[index]))
     surface.SetPoints(points)
     surface.SetPolys(cells)
-    moved = run.positions[index] - run.rest_positions.astype(run.positions.dtype)
-    arrays = [("displacement", run.units.of("m"), moved, surface.GetPointData())]
-    if run.contact_forces.size:
-        arrays.append(("contact_force", run.units.of("N"), run.contact_forces[index], surface.GetPointData()))
-        arrays.append(("in_contact", "", run.in_contact[index].astype(np.uint8), surface.GetPointData()))
-    arrays += [
-        (name, run.units.of(FIELDS[name]), run.fields[name][index], surface.GetCellData()) for name in run.fields
-    ]
-    for name, unit, values, attributes in arrays:
-        array = _vtk_array(values)
-        array.SetName(name)
-        for number, component in enumerate(_COMPONENTS.get(name, ())):
+    arrays = [(array, surface.GetPointData()) for array in of_vertices(run, index)]
+    arrays += [(array, surface.GetCellData()) for array in of_triangles(run, index)]
+    for known, attributes in arrays:
+        array = _vtk_array(known.values)
+        array.SetName(known.name)
+        for number, component in enumerate(known.components):
             array.SetComponentName(number, component)
-        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), unit)
+        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), known.unit)
         attributes.AddArray(array)
         label = vtkStringArray()
-        label.SetName(f"{name}_unit")
-        label.InsertNextValue(unit or "1")
+        label.SetName(f"{known.name}_unit")
+        label.InsertNextValue(known.unit or "1")
         surface.GetFieldData().AddArray(label)
     surface.GetPointData().SetActiveVectors("displacement")
 

@@ -15,6 +15,8 @@ from modalshell.files.regular import open_regular
 
 SIGNATURE = "# written by modalshell"
 """How OBJ files of this package begin."""
+TABLE_SIGNATURE = "frame,time ["
+"""How its tables of the frames of a motion begin."""
 _RECORD = re.compile(rb'\{\n "(scene|study|layout)": "[^\n]*",\n "(identity|record|units)": \{')
 """How records and descriptions begin, damaged ones too."""
 _BEGINNING = 4096
@@ -80,6 +82,8 @@ def _is_ours(path: Path) -> bool:
         return True
     if path.suffix == ".obj":
         return begins.startswith(SIGNATURE.encode())
+    if path.suffix == ".csv":
+        return begins.startswith(TABLE_SIGNATURE.encode())
     if path.suffix == ".json":
         return bool(_RECORD.match(begins)) or read_record(path) is not None
     return path.suffix == ".npz" and (_marked(path, begins) or _recorded(path))

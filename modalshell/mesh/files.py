@@ -21,6 +21,7 @@ from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
+from modalshell.mesh.msh_files import MSH, read_msh
 from modalshell.mesh.parts import Component
 from modalshell.mesh.plain_files import read_binary_stl
 from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
@@ -34,10 +35,11 @@ from modalshell.mesh.welding import drop_unused, weld_arrays
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
-READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", *USD)
+READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", MSH, *USD)
 POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
 """Readers of formats that hold polygons."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
+_CAD = (".step", ".stp", ".iges", ".igs", ".brep")
 Up = Literal["x", "y", "z"]
 """Axes of a file that may point up."""
 _GLTF = (".glb", ".gltf")
@@ -76,7 +78,7 @@ def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
 
 
 def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None, unit: str | None = None) -> TriangleMesh:
-    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB, glTF or USD file.
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB, glTF, USD or MSH (Gmsh) file.
 
     Polygons are split into triangles and the parts of a scene are joined. Materials, normals and texture coordinates
     are ignored, so texture seams of an OBJ do not cut the shell. Coincident vertices of STL, glTF and USD are merged.
@@ -92,7 +94,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None, unit: str |
         defined, that which a USD file states, else z.
     unit : str, optional
         Unit of the file's coordinates, which are converted to metres: "m", "cm", "mm", "um", "km", "in" or "ft"; by
-        default they are taken as they are. STL, OBJ, PLY and OFF state none, and those of CAD are mostly in mm.
+        default they are taken as they are. STL, OBJ, PLY, OFF and MSH state none, and those of CAD are mostly in mm.
 
     Returns
     -------
@@ -179,6 +181,8 @@ def _read_as_stored(file: Path) -> Polygons:
     try:
         if suffix in USD:
             return read_usd(file)
+        if suffix == MSH:
+            return read_msh(file, data)
         if suffix in POLYGONS:
             return POLYGONS[suffix](data)
         if suffix == ".stl" and (plain := read_binary_stl(data)) is not None:
@@ -254,6 +258,11 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
             _check_presence(file)
         if suffix == ".toml":
             raise MeshError(f"{file}: a scene, where a mesh is expected: `modalshell run` and `advise` take scenes")
+        if suffix in _CAD:
+            raise MeshError(
+                f"{file}: surfaces of CAD without triangles, where a mesh is expected: mesh the surface in the middle "
+                "of its sheets (in Gmsh: gmsh -2) and save it as .msh, .stl or .ply"
+            )
         raise MeshError(
             f"{file}: cannot {verb} files with suffix {file.suffix!r}; expected one of {', '.join(known)}: convert the "
             "mesh or rename the file"

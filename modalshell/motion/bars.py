@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
+from modalshell.core.units import in_percent
 from modalshell.statics.error_bar import LARGEST_BAR, ErrorBar, bar_as_text, share_as_text
 
 _MOST = 1e9
@@ -18,7 +19,7 @@ _MOST = 1e9
 
 def check_text(error: float, valid: bool, unjudged: str = "") -> str:
     """What a check says, in a few words."""
-    return f"{100.0 * error:.2g} % from DS" if valid else f"bar void: {unjudged}" if unjudged else "bar void"
+    return f"{in_percent(error)} from DS" if valid else f"bar void: {unjudged}" if unjudged else "bar void"
 
 
 @final

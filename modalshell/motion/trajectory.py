@@ -84,6 +84,9 @@ class Trajectory(Drawn):
         Vertices that are pushed.
     deepest : ndarray, shape (F,)
         Depth of the deepest vertex in a collider [m].
+    reactions : ndarray, shape (F, n, 3)
+        Forces of the supports on their vertices [N], of equilibria by DS of scenes in which nothing else holds the
+        shell; else empty. See :meth:`modalshell.Shell.reactions`.
     self_contact : ndarray, shape (F,)
         Smallest distance [m] of parts in self-contact, its gap where none are nearer; empty without it.
     bars : Bars or None
@@ -113,6 +116,7 @@ class Trajectory(Drawn):
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
     deepest: Array = field(default_factory=lambda: np.empty(0))
+    reactions: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
     self_contact: Array = field(default_factory=lambda: np.empty(0))
     bars: Bars | None = None
     contacts: tuple[Any, ...] = field(default=(), repr=False, compare=False)

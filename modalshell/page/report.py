@@ -101,6 +101,10 @@ def shell_rows(numbers: Mapping[str, Any], scene: Mapping[str, Any], of: Callabl
         ("Mesh", f"{mesh['vertices']:,} vertices, {mesh['triangles']:,} triangles"),
         ("Extent", f"{vector(mesh['extent'])} {of('m')}"),
         ("Area, mass", f"{mesh['area']:.5g} {of('m')}², {numbers['mass']:.5g} {of('kg')}"),
+        (
+            "Units",
+            f"{of('m')}, {of('kg')}, {of('s')}, and so {of('N')}, {of('Pa')}: of the numbers below, as in the scene",
+        ),
         ("Material", plain(scene["material"])),
         ("Supports", f"{mesh['held']} vertices: {plain(scene.get('supports'))}"),
         ("Loads", plain(scene.get("loads"))),

@@ -62,7 +62,7 @@ function numbers(q) {
   for (let a = 0; a < 3; a++) drop += down[a] * (x[3 * data.tip + a] - rest[3 * data.tip + a]);
   const change = area(x) / restArea - 1;
   show("time", `${state.time.toFixed(2)} ${data.units.time}${barNow()}`); show("drop", length(drop)); show("largest", length(largest));
-  show("area", (100 * change).toFixed(2) + " %");
+  show("area", (Math.round(1e4 * change) / 100 + 0).toFixed(2) + " %");  // without the sign of a zero
   if (live) bars(q);
   keepFramed(x);
   return {drop, largest, area: change};

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -31,12 +32,27 @@ _SIDES = 72
 """Sides of the ground's edge."""
 _MARGIN = 0.6
 """Distance of the text from the picture's edge, in heights of its letters."""
+DOWN = (0.0, 0.0, -1.0)
+"""Where the ground is below."""
 LOWEST_VIEW = 0.25
 """Height of the camera over its distance below which there is no ground: seen so low it is a dark bar."""
 
 
+def down_of(gravity: Sequence[float] | None) -> tuple[float, float, float]:
+    """The direction along an axis in which things fall, from their ground: along z unless another one has most of it.
+
+    Gravity against z is a load as any other: the ground stays below.
+    """
+    pull = np.zeros(3) if gravity is None else np.asarray(gravity, dtype=np.float64)
+    axis = int(np.abs(pull[[2, 0, 1]]).argmax())  # the first of equals
+    x, y, z = np.eye(3)[(2, 0, 1)[axis]] * (-1.0 if axis == 0 else np.sign(pull[axis - 1]))
+    return float(x), float(y), float(z)
+
+
 class Stage:
     """A round ground below a motion (F, n, 3) [m] of triangles (T, 3), and the shadow of the moving surface on it.
+
+    ``down`` is the axis along which the ground is below, see :func:`down_of`.
 
     Attributes
     ----------
@@ -46,8 +62,15 @@ class Stage:
         For each an array (F, n, 3) (a shadow) or None (the ground).
     """
 
-    def __init__(self, positions: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
+    def __init__(
+        self,
+        positions: NDArray[np.floating],
+        faces: NDArray[np.integer],
+        down: tuple[float, float, float] = DOWN,
+    ) -> None:
+        upright = _upright(down)
         x = np.asarray(positions, dtype=np.float64)
+        x = x if upright is None else x @ upright.T
         low, high = x.min(axis=(0, 1)), x.max(axis=(0, 1))
         extent = float(np.linalg.norm(high - low))
         level = float(low[2]) - _GAP * extent
@@ -69,6 +92,18 @@ class Stage:
             self.motions.append(shadow)
         self.surfaces.append(ShadedSurface(disc, fan, color=_GROUND, lined=False))
         self.motions.append(None)
+        if upright is not None:
+            turned = [replace(one, vertices=np.asarray(one.vertices) @ upright) for one in self.surfaces]
+            self.surfaces, self.motions = turned, [None if one is None else one @ upright for one in self.motions]
+
+
+def _upright(down: tuple[float, float, float]) -> Array | None:
+    """The rotation (3, 3) that takes the axis ``down`` to -z; None if it is that."""
+    if down[2] < 0.0:
+        return None
+    up = -np.array(down)
+    first = np.roll(np.abs(up), 1)
+    return np.stack([first, np.cross(up, first), up])
 
 
 @lru_cache(maxsize=8)

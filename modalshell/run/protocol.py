@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import re
 import shutil
@@ -22,6 +23,9 @@ from modalshell.run.frame_file import FrameFile
 from modalshell.scene import Scene
 from modalshell.scene.parts import input_files
 from modalshell.shell import Shell
+
+_WITH = {"pvd": "_frames/*", "csv": "_triangles.csv"}
+"""Files that are written with those of a format."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +153,11 @@ def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:
 
 
 def result_digest(folder: Path, name: str, kind: str) -> str:
-    """SHA-256 of the file ``NAME.KIND``, and of the frames that a ``.pvd`` file names; "" where it is missing."""
+    """SHA-256 of the file ``NAME.KIND``, and of those that are written with it; "" where it is missing."""
     whole = hashlib.sha256()
     try:
-        for path in (folder / f"{name}.{kind}", *(sorted((folder / f"{name}_frames").glob("*")) * (kind == "pvd"))):
+        further = sorted(folder.glob(f"{glob.escape(name)}{_WITH[kind]}")) if kind in _WITH else []
+        for path in (folder / f"{name}.{kind}", *further):
             with open_regular(path) as file:
                 whole.update(f"{path.name} {path.stat().st_size}\n".encode())
                 while block := file.read(1 << 20):

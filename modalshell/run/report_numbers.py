@@ -14,11 +14,11 @@ import numpy as np
 from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError
 from modalshell.core.typing import Array
 from modalshell.files.atomic_io import read_record
-from modalshell.models.registry import TRUTH
 from modalshell.modes import solve_modes
 from modalshell.motion import Trajectory
 from modalshell.motion.fields import shell_at
 from modalshell.page.report import shell_numbers
+from modalshell.run.balance import has_reactions, held_by_supports
 from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_path
@@ -124,13 +124,13 @@ def peaks(shell: Shell, run: Trajectory, scene: ShellScene) -> dict[str, Any]:
 
 def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]:
     """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
-    if scene.motion is not None or scene.contacts or scene.constraints:  # inertia, or these, carry a part of the load
+    if not held_by_supports(scene):
         return {"load": None, "reactions": None, "balance": None}
     _, force, loads, _ = scene.build_loading(shell)
     x = np.asarray(run.positions[-1], dtype=np.float64)
     acting = shell.loading(scene.gravity, force, loads).force(x)
     total = acting.sum(axis=0)
-    if scene.model.spec.key != TRUTH:
+    if not has_reactions(scene):
         return {"load": total.tolist(), "reactions": _NO_REACTIONS, "balance": None}
     held = shell_at(shell, run, -1).reactions(x, gravity=scene.gravity, force=force, loads=loads)
     answer = held.sum(axis=0)

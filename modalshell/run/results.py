@@ -15,7 +15,7 @@ from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.bodies import bodies_at, moving_bodies
 from modalshell.render.content import DEFAULT_CAMERA
-from modalshell.render.stage import LOWEST_VIEW, Stage
+from modalshell.render.stage import DOWN, LOWEST_VIEW, Stage
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of, vertex_means
 
 if TYPE_CHECKING:
@@ -80,11 +80,14 @@ class Look:
     """Whether films have a ground, a shadow, and the model and the time in a corner, or show the shell alone."""
     follow: bool = False
     """Whether the camera of a film moves with the middle of the shell."""
+    down: tuple[float, float, float] = DOWN
+    """Axis along which a film's ground is below, and its sign."""
 
     def plain(self) -> dict[str, Any]:
-        """The attributes as JSON has them; films of before this key was there are not made again."""
-        given = asdict(self) | {"camera": list(self.camera)}
-        return given if self.follow else {name: value for name, value in given.items() if name != "follow"}
+        """The attributes as JSON has them; films of before the last two were there are not made again."""
+        given = asdict(self) | {"camera": list(self.camera), "down": list(self.down)}
+        unsaid = {"follow": self.follow, "down": self.down != DOWN}
+        return {name: value for name, value in given.items() if unsaid.get(name, True)}
 
 
 def write_result(
@@ -127,8 +130,9 @@ def write_result(
         if look.style == "stage":
             colours["texts"] = _texts(run, look.model, run.times[::every])
             # A scene with colliders has its own ground.
-            if framed == 1 and look.camera[2] > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
-                stage = Stage(motions[0], run.faces)
+            height = -float(np.dot(look.camera, look.down))
+            if framed == 1 and height > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
+                stage = Stage(motions[0], run.faces, look.down)
                 surfaces, motions = surfaces + stage.surfaces, motions + stage.motions
         if look.follow:
             framed, motions = 1, _followed(surfaces, motions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from dataclasses import replace
 from functools import singledispatch
 from pathlib import Path
@@ -13,6 +14,7 @@ import msgspec
 import numpy as np
 
 from modalshell.core.checks import checked_callback, checked_choice
+from modalshell.core.errors import ModalShellWarning
 from modalshell.core.typing import Progress
 from modalshell.export import check_formats
 from modalshell.motion import Trajectory
@@ -72,6 +74,13 @@ def run_scene(
     if color is not None:
         declared = _coloured(declared, color)
     check_formats(declared.output.formats)
+    if isinstance(declared, ShellScene) and declared.motion is None and "mp4" in declared.output.formats:
+        warnings.warn(
+            f"{declared.file}: output.formats: the film (mp4) of an equilibrium is one picture: give [motion] with a "
+            "duration for a film, or take png",
+            ModalShellWarning,
+            stacklevel=2,
+        )
     folder = Path(declared.output.folder if out is None else out)
     shell = declared.build_shell()
     result: RunResult = new_run(declared, shell, folder).run(restart, on_step)

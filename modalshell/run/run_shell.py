@@ -26,9 +26,11 @@ from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
-from modalshell.motion.fields import checked_fields, with_fields, with_stretch_remark
+from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
+from modalshell.render.stage import down_of
+from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT, Look, write_result
@@ -102,7 +104,7 @@ class ShellRun(SceneRun[SceneResult]):
         with located(scene.file, "output", shown):
             if not isinstance(shown.camera, str):
                 own = replace(own, camera=checked_direction(shown.camera))
-        self._scene, self._look = scene, look or own
+        self._scene, self._look = scene, replace(look or own, down=down_of(_gravity(scene)))
         self._on_frame, self._solve = on_frame, solve
         with located(scene.file, "output", shown):
             checked_fields(self._fields, shell)
@@ -155,6 +157,10 @@ class ShellRun(SceneRun[SceneResult]):
         if scene.motion is None:
             self._answer = built.equilibrium()
             run, resumed = Trajectory.still(self._answer, self.shell, built.loading(), scene.output.positions), 0
+            if has_reactions(scene):
+                load: dict[str, Any] = {"gravity": built.gravity, "force": built.force, "loads": built.loads}
+                x = self._answer.positions
+                run = replace(run, reactions=shell_at(self.shell, run, 0).reactions(x, **load)[None])
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
@@ -194,6 +200,14 @@ class ShellRun(SceneRun[SceneResult]):
         """The trajectory as it was written."""
         written = replace(load_trajectory(files[0]), contacts=tuple(self._contacts))
         return SceneResult(files, resumed, written, self._answer)
+
+
+def _gravity(scene: ShellScene) -> Sequence[float] | None:
+    """The gravity of a scene, or that of its first weight."""
+    if scene.loads is None or scene.loads.gravity is not None:
+        return None if scene.loads is None else scene.loads.gravity
+    weights: list[Any] = getattr(scene.loads, "weight", [])
+    return next((weight.gravity for weight in weights), None)
 
 
 def _move(

@@ -162,6 +162,11 @@ def _material_kind(file: Path, raw: Any) -> type[tables.Table]:
     if not isinstance(raw, dict):
         return tables.Stiffnesses
     if "kind" in raw:
+        if raw["kind"] == "isotropic":
+            raise SceneError(
+                f"{file}: material.kind: an isotropic sheet has no kind: leave it out, and give young, poisson, "
+                f"thickness, density (other sheets have one: {', '.join(SHEET_TABLES)})"
+            )
         return chosen(file, "material", raw, "kind", SHEET_TABLES)
     return tables.Stiffnesses if {"young", "poisson", "thickness"}.isdisjoint(raw) else tables.PhysicalSheet
 

@@ -139,7 +139,9 @@ def chosen(file: Path, path: str, raw: Any, key: str, kinds: dict[str, type[T]])
         raise SceneError(f"{file}: {path}.{key}: missing; choose from {', '.join(kinds)}")
     name = raw[key]
     if not isinstance(name, str) or name not in kinds:
-        raise SceneError(f"{file}: {path}.{key}: must be one of {', '.join(kinds)} (got {name!r:.60})")
+        near = difflib.get_close_matches(name.lower(), kinds, 1) if isinstance(name, str) else []
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise SceneError(f"{file}: {path}.{key}: must be one of {', '.join(kinds)} (got {name!r:.60}){hint}")
     return kinds[name]
 
 

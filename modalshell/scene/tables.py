@@ -29,7 +29,7 @@ Selection = str | list[Vertex]
 FieldName = Literal[
     "membrane_strain", "membrane_force", "curvature", "moment", "von_mises", "von_mises_faces", "energy_density"
 ]
-Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
+Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "csv", "mp4", "png"]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -46,7 +46,7 @@ class MeshFile(Table, frozen=True):
     Parameters
     ----------
     file : str
-        OBJ, PLY, STL, OFF, glTF or USD, in the scene's unit of length; USD states its own, which is converted.
+        OBJ, PLY, STL, OFF, glTF, MSH or USD, in the scene's unit of length; USD states its own, which is converted.
     component : str or int
         Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held.
     join : float
@@ -231,10 +231,11 @@ class PathTable(Table, frozen=True):
 class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
-    The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
-    coloured by the one named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow
-    and text; with the ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A
-    ``camera`` of three numbers is the direction from the shell to it; z is up, and from right above y is.
+    The ``.npz`` file is always written; ``csv`` is a table for spreadsheets, of the vertices and, with ``fields``, of
+    the triangles. ``fields`` of the triangles are stored with every frame, and films and pictures coloured by the one
+    named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow and text; with the
+    ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A ``camera`` of three
+    numbers is the direction from the shell to it; z is up, and from right above y is.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"

@@ -29,6 +29,7 @@ import scipy.sparse as sps
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Stopwatch, Timings
 from modalshell.core.typing import Array
+from modalshell.core.units import in_percent
 from modalshell.modes import Factor, Factoriser, lowest_eigenvalue
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.early_margin import Begun
@@ -130,8 +131,7 @@ def bar_as_text(displacement: float, margin: float) -> str:
 
 def share_as_text(error: float) -> str:
     """A share in percent, to two digits."""
-    percent = 100.0 * error
-    return "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
+    return "less than 0.1 %" if error < 1e-3 else in_percent(error)
 
 
 class Estimator(ABC):

@@ -211,6 +211,49 @@ def test_vtk_reads_what_touches(fielded, tmp_path, suffix):
         assert surface.field_data["contact_force_unit"] == ["N"]
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_tables_give_every_number_back_with_its_unit(fielded, tmp_path, dtype):
+    forces = np.random.default_rng(1).normal(size=fielded.positions.shape)
+    kept = replace(fielded, positions=fielded.positions.astype(dtype), reactions=forces)
+    kept = kept.in_units(ms.UnitSystem(length="mm", mass="t", time="s"))
+    path = ms.save_trajectory(kept, tmp_path / "run.csv")
+    vertices, triangles = (
+        np.genfromtxt(tmp_path / name, delimiter=",", names=True, deletechars="", replace_space=" ")
+        for name in ("run.csv", "run_triangles.csv")
+    )
+    frames, count = kept.positions.shape[:2]
+    assert path.read_text().count("\n") == 1 + frames * count
+    vertices, triangles = vertices.reshape(frames, -1), triangles.reshape(frames, -1)
+    np.testing.assert_array_equal(vertices["time [s]"][:, 0], kept.times)
+    np.testing.assert_array_equal(vertices["vertex"][2], np.arange(count))
+    for axis, name in enumerate("xyz"):
+        np.testing.assert_array_equal(vertices[f"rest {name} [mm]"][1], kept.rest_positions[:, axis])
+        moved = kept.positions - kept.rest_positions.astype(dtype)
+        np.testing.assert_array_equal(vertices[f"displacement {name} [mm]"].astype(dtype), moved[:, :, axis])
+        np.testing.assert_array_equal(vertices[f"reaction {name} [N]"], forces[:, :, axis])
+        np.testing.assert_array_equal(triangles[f"vertex {axis}"][3], kept.faces[:, axis])
+    np.testing.assert_array_equal(triangles["von_mises [MPa]"], kept.fields["von_mises"])
+    np.testing.assert_array_equal(triangles["von_mises_faces bottom [MPa]"], kept.fields["von_mises_faces"][..., 1])
+    np.testing.assert_array_equal(triangles["membrane_strain 12"], kept.fields["membrane_strain"][..., 2])
+
+
+def test_a_table_of_triangles_is_of_the_run_that_it_is_named_after(fielded, tmp_path):
+    ms.save_trajectory(fielded, tmp_path / "run.csv")
+    ms.save_trajectory(replace(fielded, fields={}), tmp_path / "run.csv")
+    assert [file.name for file in tmp_path.iterdir()] == ["run.csv"]
+    (tmp_path / "run_triangles.csv").write_text("my,own\n")
+    ms.save_trajectory(replace(fielded, fields={}), tmp_path / "run.csv")
+    with pytest.raises(ms.OptionError, match="was not written by modalshell"):
+        ms.save_trajectory(fielded, tmp_path / "run.csv")
+    assert (tmp_path / "run_triangles.csv").read_text() == "my,own\n"
+
+
+def test_tables_too_long_for_spreadsheets_are_named(fielded, tmp_path, monkeypatch):
+    monkeypatch.setattr("modalshell.export.csv_tables._MOST_ROWS", 100)
+    with pytest.warns(ms.ModalShellWarning, match="120 rows, and spreadsheets show 100 at most"):
+        ms.save_trajectory(fielded, tmp_path / "run.csv")
+
+
 def test_a_shorter_collection_replaces_a_longer_one(run, tmp_path):
     ms.save_trajectory(run, tmp_path / "run.pvd")
     ms.save_trajectory(replace(run, times=run.times[:3], positions=run.positions[:3]), tmp_path / "run.pvd")

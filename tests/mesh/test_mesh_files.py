@@ -122,6 +122,13 @@ def test_collapsed_stl_triangle_warns(tmp_path):
         assert len(load_mesh(_write(tmp_path / "a.stl", data)).faces) == 1
 
 
+@pytest.mark.parametrize("suffix", [".step", ".STP", ".igs"])
+def test_files_of_cad_are_answered_with_what_to_do(tmp_path, suffix):
+    path = tmp_path / f"part{suffix}"
+    path.write_text("ISO-10303-21;\n")
+    refuse(path, r"surfaces of CAD without triangles, where a mesh is expected: mesh the surface .*gmsh -2")
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
 def test_a_byte_order_mark_loses_no_vertex(tmp_path, suffix):
     path = tmp_path / f"beam{suffix}"

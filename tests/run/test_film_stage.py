@@ -8,7 +8,7 @@ import modalshell as ms
 from modalshell.motion import Trajectory
 from modalshell.motion.bars import Bars
 from modalshell.render import ShadedSurface, write_film
-from modalshell.render.stage import Stage
+from modalshell.render.stage import Stage, down_of
 from modalshell.run import Look, write_result
 from modalshell.run.results import _texts
 
@@ -40,6 +40,50 @@ def test_a_stage_lies_below_the_motion_and_its_shadows_fall_on_it():
         assert np.abs(shadow[1] - shadow[0])[:, :2].max() > 0.0  # a slanting lamp: it moves as the shell rises
         radius = np.linalg.norm(np.asarray(ground.vertices)[:, :2] - frames.mean(axis=(0, 1))[:2], axis=1).max()
         assert np.linalg.norm(shadow[..., :2] - frames.mean(axis=(0, 1))[:2], axis=-1).max() < radius
+
+
+@pytest.mark.parametrize(
+    ("gravity", "down"),
+    [
+        (None, (0, 0, -1)),
+        ((0, 0, 9.81), (0, 0, -1)),
+        ((5, 5, -5), (0, 0, -1)),
+        ((0, -9.81, 0), (0, -1, 0)),
+        ((0.0, 9.81, -3), (0, 1, 0)),
+        ((-9.81, 0, 0), (-1, 0, 0)),
+        ((4, 0, 0), (1, 0, 0)),
+    ],
+)
+def test_the_ground_is_across_the_axis_of_gravity(gravity, down):
+    assert down_of(gravity) == down
+    vertices, faces = flat()
+    frames = np.stack([vertices, vertices - 0.5 * np.array(down)])
+    *shadows, ground = Stage(frames, faces, down).surfaces
+    fallen, level = frames @ down, np.asarray(ground.vertices) @ down
+    assert np.ptp(level) < 1e-12
+    assert fallen.max() < level[0] < fallen.max() + 0.1
+    for shadow in shadows:
+        assert np.ptp(np.asarray(shadow.vertices) @ down) < 1e-12
+        assert level[0] - 0.01 < (np.asarray(shadow.vertices) @ down)[0] < level[0]
+    around = [axis for axis in range(3) if not down[axis]]
+    middle = np.asarray(ground.vertices)[:, around].mean(axis=0)
+    np.testing.assert_allclose(middle, 0.5 * (frames.min(axis=(0, 1)) + frames.max(axis=(0, 1)))[around], atol=1e-12)
+
+
+def test_a_scene_says_which_way_its_film_is_up(scene_file, tmp_path, monkeypatch):
+    seen = []
+
+    def drawn(path, surfaces, *_, **__):
+        seen.append([surface.color for surface in surfaces])
+        path.touch()
+        return path
+
+    monkeypatch.setattr("modalshell.run.results.write_film", drawn)
+    output = f'[output]\nfolder = "{tmp_path}"\nformats = ["mp4"]\n'
+    pull = "gravity = [0, 0, -9.81]", "gravity = [0, -9.81, 0]"
+    for more in ("", "camera = [-0.7, 1.6, 0.95]\n"):  # from below, and from above
+        ms.run_scene(scene_file(("duration = 1", "duration = 0.1"), pull, more=output + more), restart=True)
+    assert [len(colors) for colors in seen] == [1, 6]
 
 
 def test_a_film_has_a_text_in_the_corner_of_every_frame(tmp_path):
@@ -174,6 +218,13 @@ def test_a_scene_says_that_the_camera_follows(scene_file, tmp_path, monkeypatch)
     assert [bool(np.ptp(middle, axis=0).max() < 1e-12) for middle in seen] == [True, False]
     with pytest.raises(ms.SceneError, match="camera"):
         ms.load_scene(scene_file(more=f'{output}"behind"\n'))
+
+
+def test_a_film_of_an_equilibrium_is_said_to_be_one_picture(scene_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("modalshell.run.results.write_film", lambda path, *_, **__: path.touch() or path)
+    output = f'[output]\nfolder = "{tmp_path}"\nformats = ["mp4"]\n'
+    with pytest.warns(ms.ModalShellWarning, match=r"output\.formats: the film \(mp4\) of an equilibrium is one"):
+        ms.run_scene(scene_file(("[motion]\nduration = 1\n", ""), more=output))
 
 
 def test_a_scene_says_from_where_it_is_seen(scene_file, tmp_path, monkeypatch):

@@ -75,10 +75,29 @@ def test_a_report_has_the_numbers_of_the_run(plate):
         f"{len(shell.mesh.vertices)} vertices",
         "modalshell report plate.toml",
         "young 2.1e+11",
+        "m, kg, s, and so N, Pa: of the numbers below",
     ):
         assert shown in page
     assert not re.search(r'(?:src|href)="https?:', page)
     assert page.count("<img") == 1
+
+
+def test_a_run_by_ds_keeps_its_reactions_and_writes_tables_of_them(plate):
+    (plate / "plate.toml").write_text(PLATE.replace('color = "von_mises"', 'formats = ["csv"]\nfields = ["von_mises"]'))
+    ran = ms.run_scene("plate.toml", out="results")
+    scene = ms.load_scene("plate.toml").require_shell()
+    held = scene.build_shell().reactions(ran.answer.positions, loads=[ms.Pressure(200.0)])
+    np.testing.assert_array_equal(ran.trajectory.reactions[0], held)
+    table = np.genfromtxt("results/plate.csv", delimiter=",", names=True)
+    assert table["reaction_z_N"].sum() == pytest.approx(-200.0 * 0.25, rel=1e-3)
+    triangles = plate / "results" / "plate_triangles.csv"
+    whole = triangles.read_bytes()
+    triangles.unlink()
+    assert ms.run_scene("plate.toml", out="results").answer is None  # nothing is computed again
+    assert triangles.read_bytes() == whole
+    for text in (PLATE.replace('"ds"', '"lma"'), PLATE + "[motion]\nduration = 0.001\ndt = 0.001\n"):
+        (plate / "plate.toml").write_text(text)
+        assert not ms.run_scene("plate.toml", out="others").trajectory.reactions.size
 
 
 def test_coarser_meshes_come_on_request(plate):

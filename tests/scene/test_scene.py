@@ -187,6 +187,11 @@ def test_targets_pass_through_their_keyframes(load):
     assert np.abs(slope).max() < 1e-4
 
 
+def test_a_wrong_name_is_answered_with_the_nearest_one(load):
+    with pytest.raises(ms.SceneError, match=r"model\.name: must be one of .* \(got 'MWST'\); did you mean 'mwts'\?"):
+        load('"mwts"', '"MWST"')
+
+
 def test_without_motion_a_scene_is_static(load):
     built = load("[motion]\nduration = 1", f"{TIP}relative = true\ntarget = [-0.02, 0, 0.05]").build()
     answer = built.equilibrium()

@@ -118,6 +118,7 @@ def test_a_card_in_a_scene(tmp_path):
             'kind = "laminate"\nplies = [{ young = [1e9, 1e8], poisson = 0.3, density = 1e3, thickness = 1e-3 }]',
             r"material.plies\[0\]: must have .* \(got young = \(1000000000.0, 100000000.0\), shear = None\)",
         ),
+        ('kind = "isotropic"', r"material.kind: an isotropic sheet has no kind: leave it out, and give young, poisson"),
         ('kind = "wood"', r"material.kind: must be one of .*orthotropic"),
         (ORTHOTROPIC.format(direction='"x"'), "material.direction"),
         (ORTHOTROPIC.format(direction="0.0").replace("0.35", "4.0"), "material.poisson: is too large"),

@@ -219,6 +219,15 @@ def test_a_long_name_is_broken_and_not_cut(name):
     assert len(first) <= LETTERS
 
 
+@pytest.mark.parametrize(
+    "name", ["BONEPhalanges_|B_3_R_2.stl", "burnerplate_|mesh.stl", "colored_|airplane.ply", "bunny10k_|textured.obj"]
+)
+def test_a_name_is_broken_between_words_into_lines_that_fit(name):
+    lines = broken(name.replace("|", ""))
+    assert "|".join(lines) == name
+    assert max(map(len, lines)) <= LETTERS
+
+
 def test_the_picture_of_mesh_bias_says_pure_twist_in_words():
     rows = committed("mesh_bias").findings["rows"]
     hinges = [abs(row["error"]) for row in rows if (row["problem"], row["energy"]) == ("twisted", "hinges")]

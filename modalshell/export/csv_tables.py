@@ -1,0 +1,92 @@
+"""Tables for spreadsheets, as comma-separated values: a row for each vertex and each triangle of every frame."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.errors import ModalShellWarning, OptionError
+from modalshell.core.typing import Progress
+from modalshell.export.frame_arrays import FrameArray, of_triangles, of_vertices
+from modalshell.files.atomic_io import write_atomically
+from modalshell.files.outputs import TABLE_SIGNATURE, refuse_foreign
+from modalshell.motion import Trajectory
+
+_MOST_ROWS = 1_048_575
+"""Rows under the header of a spreadsheet."""
+
+
+def save_csv(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+    """Write ``NAME.csv``, with a row for each vertex and frame, and with fields ``NAME_triangles.csv``.
+
+    Every column is named with its unit. Vertices and triangles are counted from 0; places are those at rest. Numbers
+    are as long as it takes to read back the same bits.
+    """
+    units, rest = run.units, np.asarray(run.rest_positions)
+    place = FrameArray("rest", units.of("m"), rest, ("x", "y", "z"))
+    rows = len(run.times) * max(len(rest), len(run.faces) if run.fields else 0)
+    if rows > _MOST_ROWS:
+        warnings.warn(
+            f"{path} has {rows} rows, and spreadsheets show {_MOST_ROWS} at most: store fewer frames (store_every in "
+            "[motion]) or read the .npz file by a program",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+    triangles = path.with_name(f"{path.stem}_triangles.csv")
+    if run.fields:
+        refuse_foreign(triangles)
+        corners = FrameArray("vertex", "", run.faces, ("0", "1", "2"))
+        centre = FrameArray("rest", units.of("m"), rest[run.faces].mean(axis=1), ("x", "y", "z"))
+        _write(run, triangles, "triangle", [corners, centre], of_triangles, None)
+    else:
+        with suppress(OptionError):  # of another run of this name
+            refuse_foreign(triangles)
+            triangles.unlink(missing_ok=True)
+    return _write(run, path, "vertex", [place], of_vertices, on_frame)
+
+
+def _write(
+    run: Trajectory,
+    path: Path,
+    counted: str,
+    still: Sequence[FrameArray],
+    moving: Callable[[Trajectory, int], list[FrameArray]],
+    on_frame: Progress | None,
+) -> Path:
+    """Write a table frame by frame: its number and time, the number of the row, and the columns of the arrays."""
+
+    def write(file: IO[bytes]) -> None:
+        text = io.TextIOWrapper(file, encoding="utf-8", newline="\n", write_through=True)
+        for frame, time in enumerate(run.times.tolist()):
+            arrays = [*still, *moving(run, frame)]
+            if frame == 0:
+                names = [name for array in arrays for name in _headers(array)]
+                text.write(",".join([f"{TABLE_SIGNATURE}{run.units.time}]", counted, *names]) + "\n")
+            columns = [column for array in arrays for column in _columns(array.values)]
+            head = f"{frame},{time!r}"
+            text.writelines(f"{head},{row},{','.join(cells)}\n" for row, cells in enumerate(zip(*columns, strict=True)))
+            if on_frame is not None:
+                on_frame(frame + 1, len(run.times))
+        text.detach()
+
+    return write_atomically(path, write)
+
+
+def _headers(array: FrameArray) -> list[str]:
+    """Names of an array's columns, with their unit."""
+    unit = f" [{array.unit}]" if array.unit else ""
+    return [f"{array.name}{f' {part}' if part else ''}{unit}" for part in array.components or ("",)]
+
+
+def _columns(values: NDArray[Any]) -> list[list[str]]:
+    """Columns of the values as text."""
+    if values.dtype == np.float32:
+        return [[f"{number:.9g}" for number in column] for column in np.atleast_2d(values.T).tolist()]
+    return [[repr(number) for number in column] for column in np.atleast_2d(values.T).tolist()]
