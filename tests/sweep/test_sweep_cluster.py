@@ -4,13 +4,14 @@ import os
 import signal
 
 import pytest
+from later import later
 from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
 
-distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
-dask = pytest.importorskip("dask")
+distributed = later("distributed", "needs dask.distributed (extra 'cluster')")
+dask = later("dask")
 
 SWEEP = (
     SWEPT_BEAM.format(duration=3.0)
