@@ -196,6 +196,14 @@ def test_frames_are_timed_where_the_clock_of_the_processor_is_coarse(bent, monke
     assert milliseconds > 0.0
 
 
+def test_dear_frames_are_few(bent, monkeypatch):
+    steps, take = [], runs.take_steps
+    monkeypatch.setattr(runs, "_FRAME_BUDGET", 0.0)
+    monkeypatch.setattr(runs, "take_steps", lambda *given: map(steps.append, take(*given)))
+    runs.timed_frames(ms.LinearModal(ms.solve_modes(bent.case.shell, 4)), bent.case)
+    assert len(steps) == runs._UNTIMED + runs._FEWEST
+
+
 @pytest.mark.slow
 def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
     path = snapping.path
