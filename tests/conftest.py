@@ -55,8 +55,9 @@ SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drif
 
 SHORTER = {
     "engines": {"studies.engines._FRAMES": 2},
+    "motion_truth": {"studies.motion_scenes.SWING_FINE": 8, "studies.motion_limits.COST_FINE": 640},
     "stability_atlas": {"studies.stability_atlas.FEWEST": 10, "studies.stability_atlas.MOST": 20},
-    "tradeoff": {"studies.tradeoff.REPEATS": 1, "modalshell.compare.runs._FRAMES": 8},
+    "tradeoff": {"studies.tradeoff.REPEATS": 1},
     "validity_map": {"studies.validity_map.MOTIONS": 4},
 }
 """What quick studies take less of in the tests: repeats for exact timings, and work for findings that none looks at."""
@@ -71,6 +72,14 @@ name = "mwts"
 duration = 1
 """
 )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _few_frames():
+    """Comparisons time a sixth of their frames: costs are counted, and no test looks at seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("modalshell.compare.runs._FRAMES", 8)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -184,11 +193,14 @@ def pytest_xdist_make_scheduler(config, log):
 def quick_study(tmp_path_factory):
     """A function of a study's name that runs it, quick and without OpenGL, and returns the results' folder.
 
-    It runs once for all processes of pytest-xdist: one of them runs it, and the others wait.
+    Its figures are made, but not painted: tests/studies/test_pictures.py draws them. It runs once for all processes of
+    pytest-xdist: one of them runs it, and the others wait.
     """
     own = tmp_path_factory.getbasetemp()
     folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "quick_studies"
     folder.mkdir(exist_ok=True)
+    from matplotlib.figure import Figure
+    from text_boxes import save_square
 
     def run(name):
         done = folder / f"{name}.done"
@@ -202,6 +214,7 @@ def quick_study(tmp_path_factory):
                 if not done.exists():
                     with pytest.MonkeyPatch.context() as patch:
                         patch.setenv("MODALSHELL_RENDERER", "built-in")
+                        patch.setattr(Figure, "savefig", save_square)
                         for place, value in SHORTER.get(name, {}).items():
                             patch.setattr(place, value)
                         reproduce(name, folder, folder / "figures", quick=True)

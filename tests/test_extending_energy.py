@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from guide import source
+from later import later
 
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.registry import load_plugins
 from modalshell.shell.elements import ENERGIES
 
-sympy = pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
+sympy = later("sympy", "SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
 
 DEFINITION = source("toy_fibres/definition.py")
 REGISTRATION = source("toy_fibres/__init__.py")

@@ -17,6 +17,7 @@ from modalshell.files.provenance import repository_file
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
+from modalshell.modes import model_basis
 from modalshell.page import Page, Tones, live_model, recorded, shell_page
 from modalshell.page.clip_page import farthest
 from modalshell.page.modal_page import live_tip
@@ -93,6 +94,11 @@ class _ShellPage:
             raise self.modes
         return self.modes
 
+    def _solve(self, shell: ms.Shell, count: int) -> ms.Basis:
+        """Modes of the scene's own model, which are often those that the live models move in."""
+        known = self.modes
+        return known if isinstance(known, ms.Basis) and known.count == count else model_basis(shell, count)
+
     @property
     def is_live(self) -> bool:
         """Whether the live models leave out nothing."""
@@ -108,7 +114,7 @@ class _ShellPage:
                 mesh.vertices, mesh.faces, title=scene.name, tip=live_tip(self.basis), live=self._live(),
                 gravity=gravity, units=units, notes=["Computed live on this page."],
             )  # fmt: skip
-        run = run_in_memory(scene, self.on_step)
+        run = run_in_memory(scene, self.on_step, self.shell, self._solve)
         motion = compress(centred(run)[0], _ERROR)
         shapes = motion.displacements()
         what = "motion" if scene.motion is not None else "equilibrium"

@@ -17,6 +17,7 @@ from modalshell.core.checks import checked_callback, checked_choice
 from modalshell.core.errors import ModalShellWarning
 from modalshell.core.typing import Progress
 from modalshell.export import check_formats
+from modalshell.models.factory import SolveModes
 from modalshell.motion import Trajectory
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import DISPLACEMENT
@@ -87,12 +88,16 @@ def run_scene(
     return result
 
 
-def run_in_memory(scene: ShellScene, on_step: Progress | None = None) -> Trajectory:
-    """The motion or equilibrium that :func:`run_scene` gives, of which no file is kept."""
+def run_in_memory(
+    scene: ShellScene, on_step: Progress | None = None, shell: Shell | None = None, solve: SolveModes | None = None
+) -> Trajectory:
+    """The motion or equilibrium that :func:`run_scene` gives, of which no file is kept.
+
+    On the scene's ``shell``, if that is built already, with modes by ``solve``.
+    """
     plain = replace(scene, output=msgspec.structs.replace(scene.output, formats=[]))
     with tempfile.TemporaryDirectory() as folder:
-        found: Any = run_scene(plain, out=folder, on_step=on_step)
-        run: Trajectory = found.trajectory
+        run = ShellRun(plain, shell or plain.build_shell(), Path(folder), solve=solve).run(False, on_step).trajectory
         fields = {name: np.array(values) for name, values in run.fields.items()}
         return replace(run, positions=np.array(run.positions), fields=fields)
 

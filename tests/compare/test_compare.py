@@ -10,6 +10,7 @@ from scenes import held, strip, timed
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.compare import runs
 from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN
 from modalshell.compare.advise import choose
 from modalshell.compare.candidates import candidates, case_factory
@@ -146,8 +147,9 @@ def test_work_is_counted_alike_every_time(bent):
     )
     assert [(row.label, row.work) for row in again.rows] == [(row.label, row.work) for row in bent.rows]
     rows = {row.label: row for row in bent.rows}
-    # Phi for the positions, and once for the load of all 50 steps.
-    assert rows["LMA 4"].work.bytes_read == pytest.approx(1.02 * 8 * 3 * len(bent.case.shell.rest_positions) * 4)
+    # Phi for the positions, and once for the load of all steps.
+    phi, steps = 8 * 3 * len(bent.case.shell.rest_positions) * 4, runs._UNTIMED + runs._FRAMES
+    assert rows["LMA 4"].work.bytes_read == pytest.approx((1.0 + 1.0 / steps) * phi)
     assert rows["RSW 4"].work.solves >= 3.0  # one for each axis
     assert rows["LMA 4"].work.elements == rows["LMA 4"].work.solves == rows["rigid"].cost == 0.0
     elements = sum(one.rest.size for one in bent.case.shell.elements)
@@ -185,6 +187,21 @@ def test_advice_says_when_none_meets_it(bent):
     assert "As accurate, the cheapest is DS" in none.explanation
     with pytest.raises(ms.OptionError, match="error"):
         ms.advise(beam(), gravity=(0, 0, -1), error=0.0)
+
+
+def test_frames_are_timed_where_the_clock_of_the_processor_is_coarse(bent, monkeypatch):
+    """Rates were divided by no time at all."""
+    monkeypatch.setattr(runs.time, "process_time", lambda: 1.0)
+    milliseconds, *_ = runs.timed_frames(ms.LinearModal(ms.solve_modes(bent.case.shell, 4)), bent.case)
+    assert milliseconds > 0.0
+
+
+def test_dear_frames_are_few(bent, monkeypatch):
+    steps, take = [], runs.take_steps
+    monkeypatch.setattr(runs, "_FRAME_BUDGET", 0.0)
+    monkeypatch.setattr(runs, "take_steps", lambda *given: map(steps.append, take(*given)))
+    runs.timed_frames(ms.LinearModal(ms.solve_modes(bent.case.shell, 4)), bent.case)
+    assert len(steps) == runs._UNTIMED + runs._FEWEST
 
 
 @pytest.mark.slow

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import pyvista
+from later import later
 from scenes import cantilever
 
 import modalshell as ms
 from modalshell.export import check_formats
 from modalshell.shell.fields import FIELDS
+
+pyvista = later("pyvista")
 
 
 @pytest.fixture(scope="module")

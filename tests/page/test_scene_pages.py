@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import sys
 from io import BytesIO
 
 import numpy as np
@@ -14,6 +15,7 @@ from modalshell.commands.cli import main
 from modalshell.commands.pages import scene_page
 from modalshell.files.provenance import repository_file
 from modalshell.run.run_scene import run_in_memory
+from modalshell.scene import ShellScene
 from modalshell.springs import SheetGrid
 
 FOLDER = repository_file("studies/scenes/v_beam.toml").parent
@@ -67,6 +69,18 @@ def test_a_live_model_far_from_the_answer_is_left_out(scene_file):
     assert data["live"] is None
     assert len(data["record"]["times"]) == 1
     assert "No live model is offered" in page.text
+
+
+def test_the_shell_of_a_page_and_its_modes_are_made_once(scene_file, monkeypatch):
+    """The scene's own model was built on another shell, with modes of its own."""
+    made, build, solve = [], ShellScene.build_shell, ms.solve_modes
+    monkeypatch.setattr(ShellScene, "build_shell", lambda scene: made.append("shell") or build(scene))
+    monkeypatch.setattr(ms, "solve_modes", lambda *given: made.append("modes") or solve(*given))
+    monkeypatch.setattr(sys.modules["modalshell.models.factory"], "model_basis", lambda *_: pytest.fail("once more"))
+    coloured = scene_file(("duration = 1\n", "duration = 0.1\n"), more='[output]\ncolor = "energy_density"\n')
+    page = scene_page(ms.load_scene(coloured))
+    assert content(page)["record"] is not None
+    assert sorted(made) == ["modes", "shell"]
 
 
 @pytest.mark.parametrize("table", ["[rest]\nrest_curvature = 0.5", '[[creases]]\nsel = "x < 0.5"\nyield_moment = 1e-3'])

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-import pyvista
+from later import later
 
 from modalshell import (
     Basis,
@@ -24,6 +24,8 @@ from modalshell import (
 )
 from modalshell.core.units import SI, UnitSystem
 from modalshell.sweep.case import Task, case_digest, run_case
+
+pyvista = later("pyvista")
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"

@@ -96,6 +96,7 @@ def test_rings_clamp(creature):
 def coarser_grid(monkeypatch):
     """Distances are sampled at twice the spacing: as fine as coarse creatures need."""
     monkeypatch.setattr(script, "SPACING", 2.0 * script.SPACING)
+    monkeypatch.setattr(script._scatter, "__defaults__", (30,))
     script._surface.cache_clear()
     yield
     script._surface.cache_clear()

@@ -8,8 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
-from text_boxes import faults
+from text_boxes import faults, save_square
 
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
@@ -40,7 +39,7 @@ def saved(monkeypatch):
 
     def checked(figure, file, **_):
         found.append(faults(figure))
-        Image.new("RGB", (8, 8)).save(file, format="PNG")
+        save_square(figure, file)
 
     def painted(page, images):
         made = paint(page, images)

@@ -4,13 +4,14 @@ import os
 import signal
 
 import pytest
+from later import later
 from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
 
-distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
-dask = pytest.importorskip("dask")
+distributed = later("distributed", "needs dask.distributed (extra 'cluster')")
+dask = later("dask")
 
 SWEEP = (
     SWEPT_BEAM.format(duration=3.0)
@@ -27,7 +28,8 @@ def cluster(request):
     """As many workers as the test says."""
     quick = {"distributed.comm.timeouts.connect": "2s"}  # how long results are sought at a dead worker; else 30 s
     options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None, "silence_logs": 50}
-    with dask.config.set(quick), distributed.LocalCluster(n_workers=request.param, **options) as started:
+    local = distributed.LocalCluster  # imported before a setting of it is changed, and changed back
+    with dask.config.set(quick), local(n_workers=request.param, **options) as started:
         yield started
 
 

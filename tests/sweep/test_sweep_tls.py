@@ -4,12 +4,13 @@ import shutil
 import subprocess
 
 import pytest
+from later import later
 from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.commands.cli import main
 
-distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
+distributed = later("distributed", "needs dask.distributed (extra 'cluster')")
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here to make certificates with")
 
 

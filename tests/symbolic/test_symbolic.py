@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from later import later
 
 from modalshell.shell.kernels import generated
 
 _WHY = "SymPy generates the kernels: pip install 'modalshell[symbolic]'"
-sp = pytest.importorskip("sympy", reason=_WHY)
-energies = pytest.importorskip("modalshell.symbolic.energies", reason=_WHY)
-generator = pytest.importorskip("modalshell.symbolic.generator", reason=_WHY)
+sp = later("sympy", _WHY)
+energies = later("modalshell.symbolic.energies")
+generator = later("modalshell.symbolic.generator")
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NAMES = ("stretch", "shear", "flexure")

@@ -6,12 +6,13 @@ import subprocess
 import sys
 
 import pytest
+from later import later
 
 from modalshell.viewer.guard import is_own, limited
 
-aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed (pip install 'modalshell[web]')")
-msgpack = pytest.importorskip("msgpack", reason="msgpack is not installed (pip install 'modalshell[web]')")
-pytest.importorskip("trame.app", reason="trame is not installed (pip install 'modalshell[web]')")
+aiohttp = later("aiohttp", "aiohttp is not installed (pip install 'modalshell[web]')")
+msgpack = later("msgpack", "msgpack is not installed (pip install 'modalshell[web]')")
+later("trame", "trame is not installed (pip install 'modalshell[web]')")
 
 SERVER = """
 from trame.app import get_server
