@@ -211,10 +211,7 @@ class Potential(Problem[sps.csc_array]):
         return self.factoriser if self.further is None else self.further.factoriser_of(hessian, self.factoriser)
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
-        """Factor of a positive definite Hessian, None for any other.
-
-        An unsymmetric one is taken for definite, too, with its symmetric half, or where its lowest eigenvalues are.
-        """
+        """Factor of a Hessian that is positive definite, has such a half, or oscillates; None for any other."""
         with self.costs.part("factorisation"):
             try:
                 factor = self.factoriser_of(hessian).definite(symmetric_half(hessian) if self.unsymmetric else hessian)

@@ -157,7 +157,7 @@ def tube(around, along, radius=0.05):
     """An open tube of length 1 m about the x axis, every corner between two diagonals or none."""
     turns = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     ring = np.stack([np.zeros(around), radius * np.cos(turns), radius * np.sin(turns)], axis=1)
-    vertices = np.concatenate([ring + (j / along, 0.0, 0.0) for j in range(along + 1)])
+    vertices = np.concatenate([ring + np.array([j / along, 0.0, 0.0]) for j in range(along + 1)])
     faces = []
     for j, i in np.ndindex(along, around):
         p, q = j * around + i, j * around + (i + 1) % around
