@@ -7,10 +7,13 @@ one part of the motion then grows, unless damping holds it.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
 from modalshell.modes.block_lanczos import BLOCK, largest_pairs
@@ -28,7 +31,7 @@ _NONE = 1e-12
 """Share of a direction's length up to which it is rounding of the others."""
 
 
-def complex_among(values: Array) -> bool:
+def complex_among(values: NDArray[Any]) -> bool:
     """Whether any of these eigenvalues is complex beyond rounding."""
     return bool((np.abs(values.imag) > _REAL * np.abs(values)).any())
 
