@@ -3,9 +3,11 @@
 Where a table of factors bends, or jumps, within steps, its value at their ends says nothing of that. Its mean there,
 weighted by one over a step to each side and falling in a straight line from the end itself, keeps the impulse of the
 load and when it comes, to second order in the step. Where tables bend at ends of steps alone, and do not jump, their
-values serve, to the last bit. The mean at the start has no other side that makes up for a slope: the straight part of a
-rise from there is taken as it is, however finely its table has it, and its impulse is kept where that rise ends. Rules
-of order one take plain means over their steps instead.
+values serve, to the last bit. Of other tables all are means, at the ends where they bend, too: a slope that begins by a
+mean and ends by a value has an impulse that is off by a sixth of its rise in a step. The mean at the start has no other
+side that makes up for a slope: the straight part of a rise from there is taken as it is, however finely its table has
+it, and its impulse is kept where that rise ends. Rules of order one take plain means over their steps
+instead.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ def averaged(
     """
     places, near = sorted(set(bends)), _NEAR * dt
     turns, rises = _rise(factor, places, near)
+    values_serve = not within and _bends_at_ends(factor, places, dt)
 
     def rise(end: float) -> float:
         """Slope [1/s] of the rise from the start, in the step before its ``end``."""
@@ -60,11 +63,8 @@ def averaged(
         inside = places[bisect_right(places, low - near if first else low + near) : bisect_left(places, high - near)]
         if not inside:
             return 0.5 * (within_step(low, near) + within_step(time, -near)) if within else factor(time)
-        if not within and all(abs(bend - dt * round(bend / dt)) <= near for bend in inside):
-            sides = [(factor(bend - near), factor(bend + near)) for bend in inside]
-            size = max(abs(one) for one in (*chain(*sides), factor(low), factor(high)))
-            if all(abs(after - before) <= _JUMP * size for before, after in sides):
-                return factor(time)
+        if not within and values_serve:
+            return factor(time)
         marks, total = sorted({low, time, high, *(bend for bend in inside if bend > low)}), 0.0
         for begin, end in pairwise(marks):
             for point in (0.5 - _GAUSS, 0.5 + _GAUSS):
@@ -76,6 +76,16 @@ def averaged(
         return mean - dt / 3.0 * rise(high) if first else mean - dt / 6.0 * (rise(high) - rise(time))
 
     return at_end
+
+
+def _bends_at_ends(factor: Callable[[float], float], places: Sequence[float], dt: float) -> bool:
+    """Whether a factor bends at ends of steps alone, and jumps nowhere."""
+    near = _NEAR * dt
+    if any(abs(place - dt * round(place / dt)) > near for place in places):
+        return False
+    sides = [(factor(place - near), factor(place + near)) for place in places]
+    size = max((abs(one) for one in chain(*sides)), default=0.0)
+    return all(abs(after - before) <= _JUMP * size for before, after in sides)
 
 
 def _rise(factor: Callable[[float], float], places: Sequence[float], near: float) -> tuple[list[float], list[float]]:

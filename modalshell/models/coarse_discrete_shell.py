@@ -23,13 +23,17 @@ from modalshell.loads import Loading
 from modalshell.mesh.closest import closest_points, common_parts
 from modalshell.models.base.crease_motion import CreaseMotion
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.free_statics import drifting_parts, fixed, goes_along, put_back, relieved
 from modalshell.models.base.implicit import LoadAt, implicit_rule
+from modalshell.models.base.settle import judged, self_consistent
 from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation, own_triangles
 from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.modes import Factoriser
+from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports.constraints import Constraint
@@ -139,12 +143,34 @@ class CoarseDiscreteShell(OnCoarse):
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""
-        begin = None if start is None else self.sampled(start)
-        answer = self.coarse.equilibrium(force=self._prolongation.restrict(load), start=begin)
+        return self._solve_coarse(self._prolongation.restrict(load), None if start is None else self.sampled(start))
+
+    def _solve_coarse(self, load: Array, begin: Array | None) -> Equilibrium:
+        """The same by load and start on the coarse vertices (k, 3)."""
+        answer = self.coarse.equilibrium(force=load, start=begin)
         kept = answer.creases
         if kept is not None and self._creases is not None:
             kept = self._creases.state_of(kept)
         return replace(answer, positions=self._prolonged(answer.positions), coordinates=answer.positions, creases=kept)
+
+    def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
+        """Equilibrium under loads that follow; free parts whose turns these go along with are held in all ways."""
+        if not left_free(self.shell) or not goes_along(self.shell, loading):
+            return super()._solve_live(loading, start)
+        own, held = self.coarse.shell, copy.copy(self)
+        parts = drifting_parts(own, np.zeros_like(own.rest_positions))
+        held.coarse = copy.copy(self.coarse)
+        held.coarse.shell, held.coarse.factoriser = fixed(own, parts), Factoriser(self.coarse.factoriser.backend)
+
+        def solve(load: Array, start: Array | None) -> Equilibrium:
+            begin = None if start is None else self.sampled(start)
+            restricted = self._prolongation.restrict(load)
+            return held._solve_coarse(relieved(own, restricted, own.rest_positions if begin is None else begin), begin)
+
+        found = judged(self_consistent(solve, loading, start), loading, held.tangent_eigenvalue)
+        assert found.coordinates is not None
+        back = put_back(found.coordinates, parts, own, None if start is None else self.sampled(start))
+        return replace(found, positions=self._prolonged(back), coordinates=back)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind
-from modalshell.core.errors import OptionError
+from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import FullIntegrator
@@ -26,7 +27,7 @@ from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.base.model import probes
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
+from modalshell.models.reduction.cubature import MUCH_KEPT, Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.free_flight import Anchored, LinearShape, ReducedFlight, frames_of
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
@@ -130,6 +131,14 @@ class ModalDerivatives(ImplicitModel):
         if cubature:
             self.cubature = train(self.basis, self.energy, default_loads(self.basis) if loads is None else loads, most)
             self.energy = self.cubature.energy
+            if self.cubature.share > MUCH_KEPT:
+                warnings.warn(
+                    f"cubature keeps {100.0 * self.cubature.share:.0f} % of the elements, which saves next to nothing: "
+                    "leave it out for so few elements, or ask for fewer modes, or for a number of elements "
+                    "(cubature=N), which costs accuracy",
+                    ModalShellWarning,
+                    stacklevel=2,
+                )
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3), of free parts in their frames."""

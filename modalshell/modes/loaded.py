@@ -20,13 +20,12 @@ from modalshell.loads.applied import BodyForm
 from modalshell.modes.derivatives import VibrationModes
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
 from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.flutter import complex_among
 from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.modes.unsymmetric import general_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.pattern import SparsePattern
 
-_REAL = 1e-6
-"""Share of an eigenvalue up to which its imaginary part is rounding."""
 _GYROSCOPIC = 0.01
 """Change of a frequency by Coriolis forces, as a share, that is worth a warning."""
 _DENSE_BELOW = 150
@@ -200,7 +199,7 @@ def general_pairs(shell: Shell, matrix: sps.csc_array, count: int) -> tuple[Arra
             raise SolverError(f"the modes about the state did not converge: {error}") from error
     order = np.argsort(-np.abs(inverses), kind="stable")[:count]
     inverses, vectors = inverses[order], vectors[:, order]
-    if (inverses.real <= 0.0).any() or (np.abs(inverses.imag) > _REAL * np.abs(inverses)).any():
+    if (inverses.real <= 0.0).any() or complex_among(inverses):
         raise OptionError(
             "about must be a stable state (got one that flutters or drifts away under its load, which has no "
             "potential): see its stable and its converged"

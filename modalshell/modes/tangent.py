@@ -13,7 +13,9 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import scaled_by_mass
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
+from modalshell.modes.flutter import LOWEST, flutters
 from modalshell.modes.loaded import general_pairs
+from modalshell.modes.unsymmetric import definite_half
 from modalshell.shell import EXACT, Shell
 
 _ROUNDING = 1e-12
@@ -49,8 +51,11 @@ def lowest_eigenvalue(shell: Shell, matrix: sps.sparray, factoriser: Factoriser,
     matrix = sps.csc_array(matrix)
     if symmetric:
         return TangentStiffness(shell, matrix, factoriser).lowest_mode()[0]
+    mass, half = shell.unknowns.masses(shell.mass), definite_half(matrix, factoriser)
+    if half is not None and flutters(matrix, condensed_factor(half, matrix.shape[0] - mass.size), mass):
+        return 0.0
     try:
-        return float(general_pairs(shell, matrix, 1)[0][0])
+        return float(general_pairs(shell, matrix, min(LOWEST, mass.size) if half is None else 1)[0][0])
     except OptionError:
         return 0.0
 

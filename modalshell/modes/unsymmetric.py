@@ -39,10 +39,12 @@ def general_factor(matrix: sps.csc_array, factoriser: Factoriser) -> Factor:
 
 
 def symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
-    """Half the sum of a matrix and its transpose, on its own pattern, which is symmetric."""
+    """Half the sum of a matrix and its transpose, on its own pattern where that is symmetric."""
     matrix.sort_indices()
     other = sps.csc_array(matrix.T)
     other.sort_indices()
+    if not (np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices)):
+        return sps.csc_array(0.5 * (matrix + other))
     return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 

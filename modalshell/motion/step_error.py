@@ -18,6 +18,7 @@ from modalshell.integrators.full.second_order import SecondOrderRule
 from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.modal import as_modal
 from modalshell.models.base.stepper import Stepper
+from modalshell.modes.rigid import left_free
 from modalshell.shell.damping import Damping
 
 _SEEN, _EARLY, _LATER = 8, 64, 19
@@ -36,6 +37,8 @@ _RESOLVED = 6.0
 """Steps a period from which the exponential rule follows a mode under forces that turn."""
 _BEYOND = 3.0
 """Error over the tolerance from which a motion says so: errors of a motion are known to such a factor."""
+_MANY = 64
+"""Parts of a step on average from which a motion says so."""
 _LEAST = 1e-300
 _STRUCK = 0.125
 """Part of what is left of a tolerance that a step may take in which something strikes."""
@@ -173,12 +176,31 @@ class StepErrors:
         return self._largest / self._stepper.shell.mesh.moment_length if known else None
 
     def beyond(self, tolerance: Tolerance) -> str:
-        """What is said of errors far beyond a tolerance, which the shortest steps do not keep; "" of others."""
-        if (largest := self.largest) is None or not largest > _BEYOND * tolerance.share:
+        """What is said of errors far beyond a tolerance, which the shortest steps do not keep, or may be; else ""."""
+        largest, setup = self.largest, self._stepper.setup
+        if largest is None:
             return ""
+        if not largest > _BEYOND * tolerance.share:
+            most = _BEYOND * largest
+            if not (setup.contacts and self._stood and most > tolerance.share and left_free(self._stepper.shell)):
+                return ""
+            return (
+                f"what strikes a collider is free to move on, so that errors of its speed go on: they may come to "
+                f"{most:.2g} of the shell's size, beyond the tolerance of {tolerance.share:g}"
+            )
         return (
             f"steps are off by up to {largest:.2g} of the shell's size, beyond the tolerance of {tolerance.share:g}: "
             "what comes at once excites motion that no step resolves; let it take some time, or take more damping"
+        )
+
+    def many(self, count: int) -> str:
+        """What is said of the parts that a tolerance has taken of ``count`` steps; "" where they are not many."""
+        parts = self._steps / max(count, 1)
+        if parts <= _MANY:
+            return ""
+        return (
+            f"steps were taken in {parts:.0f} parts each on average, as their tolerance follows fast motion that does "
+            "not die: let loads take some time to come, take damping by the stiffness, or a larger tolerance"
         )
 
     def damping_error(self, state: MotionState) -> float | None:

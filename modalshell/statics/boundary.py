@@ -14,6 +14,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import Steps
+from modalshell.statics.flutter import without_flutter
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.mixed_newton import ACCEPTED, CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
@@ -78,7 +79,7 @@ def continue_boundary(
                 return replace(result, iterations=iterations)
         x = result.point
         steps.accept()
-    result = refine(problem, replace(result, iterations=iterations), scale)
+    result = without_flutter(problem, refine(problem, replace(result, iterations=iterations), scale))
     if result.limited and (residual := unstressed(problem, result.point)) is not None:
         return replace(result, residual=residual, converged=True, limited=False)
     return result

@@ -215,7 +215,7 @@ class Estimator(ABC):
             along = self._along(values)
             moved = unknowns.prolong(along)
             product = geometric @ moved
-            if not symmetric:  # a shell whose symmetric half is stiff neither diverges nor flutters
+            if not symmetric:  # a shell whose symmetric half is stiff does not drift away
                 product = 0.5 * (product + geometric.T @ moved)
             return self._across(along, np.asarray(unknowns.restrict(product)))
 

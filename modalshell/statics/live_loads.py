@@ -6,18 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
-import scipy.sparse.linalg as spla
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad, Loading
-from modalshell.modes import Factor
 from modalshell.shell.pattern import SparsePattern
-
-_LOWEST = 6
-"""Eigenvalues of an unsymmetric Hessian that are looked at."""
-REAL = 1e-6
-"""Imaginary part, as a share of an eigenvalue, that rounding explains."""
 
 
 @final
@@ -92,19 +85,3 @@ def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
     axis = np.arange(3)
     places = corner[:, :, None, :, None] + axis[:, None, None] * pattern.strides[at][:, :, None, :, None] + axis
     return np.asarray(places.ravel())
-
-
-def oscillates(factor: Factor, mass: Array) -> bool:
-    """Whether the lowest eigenvalues of a factorised matrix over the mass (N,) [kg] are real and positive."""
-    count = min(_LOWEST, mass.size - 2)
-    if count < 1:
-        return False
-    inverse = spla.LinearOperator(
-        (mass.size, mass.size), matvec=lambda y: factor.solve(mass * y.ravel()), dtype=np.float64
-    )
-    start = np.random.default_rng(0).standard_normal(mass.size)
-    try:
-        found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
-    except spla.ArpackError:
-        return False
-    return bool((found.real > 0.0).all() and (np.abs(found.imag) <= REAL * np.abs(found)).all())

@@ -16,12 +16,13 @@ from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
+from modalshell.modes.flutter import oscillates
 from modalshell.modes.kept_factor import solution_by_kept_factor, unsymmetric_by_kept_factor
 from modalshell.modes.unsymmetric import definite_half, general_factor, symmetric_half
 from modalshell.shell import EXACT, Shell
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.further import Further, Moved
-from modalshell.statics.live_loads import LiveLoads, oscillates
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored, Iterate, Kept, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 from modalshell.statics.warped import descent_length, sized_way, turned_axes, warped_step
 
@@ -49,8 +50,8 @@ class Potential(Problem[sps.csc_array]):
     """Loads in addition to b that change with x.
 
     Their stiffness enters the Hessian. Without a potential it is unsymmetric: Newton's steps then take the whole of it,
-    in time by a factor near it. Such a state is stable if the symmetric half is positive definite, or the lowest
-    eigenvalues of the whole are real and positive.
+    in time by a factor near it. Such a state is stable if the lowest eigenvalues of the whole are real and positive;
+    see :func:`.without_flutter`.
     """
     inertia: Array | None = field(default=None, kw_only=True)
     """Part (n,) of Q on its diagonal, the same along each axis [N/m], left out of ``quadratic``."""
@@ -193,31 +194,28 @@ class Potential(Problem[sps.csc_array]):
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
             of = self.factoriser_of(hessian)
-            return self._condensed(general_factor(hessian, of) if self.unsymmetric else of.symmetric(hessian))
+            return self.condensed(general_factor(hessian, of) if self.unsymmetric else of.symmetric(hessian))
 
     def factoriser_of(self, hessian: sps.csc_array) -> Factoriser:
         """What factorises a Hessian."""
         return self.factoriser if self.further is None else self.further.factoriser_of(hessian, self.factoriser)
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
-        """Factor of a positive definite Hessian, None for any other.
-
-        An unsymmetric one is taken for definite, too, where small motion about x neither diverges nor flutters.
-        """
+        """Factor of a Hessian that is positive definite, has such a half, or oscillates; None for any other."""
         with self.costs.part("factorisation"):
             try:
                 factor = self.factoriser_of(hessian).definite(symmetric_half(hessian) if self.unsymmetric else hessian)
                 if factor.is_definite():
-                    return self._condensed(factor)
+                    return self.condensed(factor)
                 if self.unsymmetric:
-                    whole = self._condensed(general_factor(hessian, self.factoriser_of(hessian)))
+                    whole = self.condensed(general_factor(hessian, self.factoriser_of(hessian)))
                     if oscillates(whole, self.shell.unknowns.masses(self.shell.mass)):
                         return whole
             except SolverError:
                 pass
             return None
 
-    def _condensed(self, factor: Factor) -> Factor:
+    def condensed(self, factor: Factor) -> Factor:
         """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
         internal = self.shell.pattern.internal
         return condensed_factor(factor, 0 if internal is None else internal.count)
@@ -244,7 +242,7 @@ class Potential(Problem[sps.csc_array]):
             with self.costs.part("factorisation"):
                 near = definite_half(hessian, of) if self.unsymmetric else of.rough(hessian)
             if near is not None and (found := self._solution(near, hessian, gradient, accuracy)) is not None:
-                return self._condensed(near), found
+                return self.condensed(near), found
         return super().direction(x, hessian, gradient, kept, accuracy)
 
     def _solution(

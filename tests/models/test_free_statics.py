@@ -184,3 +184,17 @@ def test_a_free_balloon_that_buckles_is_not_called_stable_at_its_saddle():
     answer = ms.DiscreteShell(shell).equilibrium(loads=[ms.Pressure(-6e5)])
     radii = np.linalg.norm(answer.positions, axis=1)
     assert not answer.stable or np.ptp(radii) > 0.05
+
+
+@pytest.mark.parametrize("pressure", [1e5, -1e4])
+def test_a_free_balloon_of_a_coarse_shell_finds_its_fixed_point(pressure):
+    """Under dead loads between two looks at the pressure it turned, as these have a lowest side: it never settled."""
+    fine = icosphere(2)
+    shell = ms.Shell(fine, ms.Isotropic(young=1e9, poisson=0.3, thickness=0.01, density=1000.0))
+    model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, icosphere(1)))
+    answer = model.equilibrium(loads=[ms.Pressure(pressure)])
+    assert (answer.converged, answer.stable, answer.message) == (True, True, "")
+    grown = np.sum((answer.positions - fine.vertices) * fine.vertices, axis=1)
+    np.testing.assert_allclose(grown.mean(), pressure * 0.7 / (2.0 * 1e9 * 0.01), rtol=0.2)
+    turn = np.cross(fine.vertices, answer.positions).mean(axis=0)
+    assert np.abs(turn).max() < 0.02 * abs(grown.mean())

@@ -151,3 +151,38 @@ def test_coordinates_that_a_follower_couples_to_flutter_are_not_stable(share):
     hessian = np.diag([2.0 - coupling, 2.0 + coupling])
     found = answer.lowest_eigenvalue(hessian, shell.pattern, lambda: (moved, share * pushed))
     assert (found > 0.0) is (share == 0.0)
+
+
+def tube(around, along, radius=0.05):
+    """An open tube of length 1 m about the x axis, every corner between two diagonals or none."""
+    turns = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+    ring = np.stack([np.zeros(around), radius * np.cos(turns), radius * np.sin(turns)], axis=1)
+    vertices = np.concatenate([ring + np.array([j / along, 0.0, 0.0]) for j in range(along + 1)])
+    faces = []
+    for j, i in np.ndindex(along, around):
+        p, q = j * around + i, j * around + (i + 1) % around
+        r, s = p + around, q + around
+        faces += [(p, r, q), (q, r, s)] if (i + j) % 2 else [(p, s, q), (p, r, s)]
+    return ms.TriangleMesh(vertices, np.array(faces))
+
+
+@pytest.mark.parametrize("kind", ["DS", "coarse DS", "MD-ROM"])
+@pytest.mark.parametrize("torque", [0.0, 0.1])
+def test_a_torque_that_follows_makes_a_tube_flutter(kind, torque):
+    """Its two equal bending frequencies become a pair 152.4 + 0.41i, 152.4 - 0.41i 1/s^2; DS said stable."""
+    mesh = tube(8, 12)
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 3e-3, 1000.0), "x < 1e-6")
+    if kind == "coarse DS":
+        model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, tube(8, 6)))
+    elif kind == "MD-ROM":
+        model = ms.ModalDerivatives(shell, count=4)
+    else:
+        model = ms.DiscreteShell(shell)
+    end = np.flatnonzero(mesh.vertices[:, 0] > 1.0 - 1e-6)
+    # A pull along the axis has no potential either, and makes nothing flutter.
+    forces = [np.array([0.0, -z, y]) * torque / 8 / 0.05**2 for _, y, z in mesh.vertices[end]]
+    loads = [ms.FollowerForce([index], tuple(force)) for index, force in zip(end, forces, strict=True)]
+    loads.append(ms.FollowerForce(end, (1e-3, 0.0, 0.0)))
+    answer = model.equilibrium(loads=loads)
+    assert answer.stable is answer.converged is (torque == 0.0)
+    assert torque == 0.0 or "flutter" in answer.message

@@ -18,10 +18,11 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
+from modalshell.modes.flutter import complex_among
 from modalshell.shell import CreaseState
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
-from modalshell.statics.live_loads import REAL, LiveLoads
+from modalshell.statics.live_loads import LiveLoads
 
 
 @final
@@ -136,8 +137,7 @@ class Equilibrium(Drawn):
         moved, pushed = moves()
         values = scipy.linalg.eigvals(hessian + pushed.T @ (resisting @ moved))
         lowest = float(values.real.min())
-        flutters = not self.conservative and bool((np.abs(values.imag) > REAL * np.abs(values)).any())
-        return min(lowest, 0.0) if flutters else lowest
+        return min(lowest, 0.0) if not self.conservative and complex_among(values) else lowest
 
     @property
     def converged(self) -> bool:

@@ -12,7 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
 from modalshell.loads.loading import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.modes.rigid import free_translations, left_free
+from modalshell.modes.rigid import free_translations, left_free, six_motions
 from modalshell.shell import Shell
 from modalshell.supports import Pin, Support, Symmetry
 from modalshell.supports.constraints import HeldPatch
@@ -135,10 +135,11 @@ def balanced(
     load = loading.dead
     parts, iterations, begin = drifting_parts(shell, load), 0, start
     if loading.live:
-        return _put_back(solve(_fixed(shell, parts), start), parts, shell, start)
+        found = solve(fixed(shell, parts), start)
+        return replace(found, positions=put_back(found.positions, parts, shell, start))
     neutral = load.any() and parts and all(part.neutral for part in parts)
     if start is None and neutral and shell.crease_state is None:  # creases yield once
-        held = solve(_fixed(shell, parts), None)
+        held = solve(fixed(shell, parts), None)
         iterations = held.iterations
         begin = held.positions if held.converged and held.stable and not held.message else None
     for turning in (False, True):
@@ -147,20 +148,32 @@ def balanced(
         iterations += found.iterations
         if found.converged or all(part.axis is None for part in parts):
             break
-    return replace(_put_back(found, parts, shell, start), iterations=iterations)
+    return replace(found, positions=put_back(found.positions, parts, shell, start), iterations=iterations)
 
 
-def _fixed(shell: Shell, parts: Sequence[DriftingPart]) -> Shell:
+def fixed(shell: Shell, parts: Sequence[DriftingPart]) -> Shell:
     """The shell with its parts held in all ways."""
     return shell.also_supported([support for part in parts for support in part.fixed(shell)])
 
 
-def _put_back(found: Equilibrium, parts: Sequence[DriftingPart], shell: Shell, start: Array | None) -> Equilibrium:
-    """The equilibrium with the parts where they were at the start."""
-    positions = found.positions.copy()
+def put_back(x: Array, parts: Sequence[DriftingPart], shell: Shell, start: Array | None) -> Array:
+    """Positions x (n, 3) [m] with the parts where they were at the ``start``, by default at rest."""
+    positions = x.copy()
     for part in parts:
         part.put_back(shell, positions, shell.rest_positions if start is None else start)
-    return replace(found, positions=positions)
+    return positions
+
+
+def relieved(shell: Shell, load: Array, x: Array) -> Array:
+    """A load (n, 3) [N] without what moves free parts at x (n, 3) [m] as rigid bodies: their inertia bears that."""
+    left = load.copy()
+    for vertices, _, motions in free_translations(shell):
+        if motions == 6:
+            turns, mass = six_motions(x[vertices]).reshape(-1, 6), np.repeat(shell.mass[vertices], 3)
+            weighted = mass[:, None] * turns
+            pushed = np.linalg.solve(turns.T @ weighted, turns.T @ load[vertices].ravel())
+            left[vertices] -= (weighted @ pushed).reshape(-1, 3)
+    return left
 
 
 def neutral_turn(shell: Shell, load: Array, patch: HeldPatch, target: Array, x: Array) -> tuple[Index, Array] | None:

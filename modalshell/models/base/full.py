@@ -37,6 +37,7 @@ from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, missed_by, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.creases import equilibrium_with_creases
+from modalshell.statics.flutter import without_flutter
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
 from modalshell.statics.path import Followable
@@ -150,6 +151,7 @@ class FullModel(Model):
                 result, kept = equilibrium_with_creases(problem, first)
             else:
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
+            result = result if patches else without_flutter(problem, result)
         notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
         note = "; ".join([*dict.fromkeys(notes), *[_LEFT] * result.left_saddle])
         if not result.converged and not patches:

@@ -16,6 +16,7 @@ from modalshell.contact.touching import checked_contacts
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import PUSHES, MotionState
+from modalshell.models.base.settle import extrapolated
 from modalshell.models.base.setup import MotionSetup
 
 _NO_GAIN = 1e-12
@@ -28,6 +29,12 @@ TAKEN = "derivatives_at"
 """Name of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
 _STIFF = 1e-6
 """Softness of modes by which a start stays as it is, but for what is beyond them."""
+
+
+_AGAIN = 8
+"""Projections of a start at most that account for what is pressed in."""
+_SETTLED = 1e-7
+"""Change of what is pressed in, as a share of the shell's size, at which it has settled."""
 
 
 class PressedMotion(ABC):
@@ -64,8 +71,31 @@ class PressedMotion(ABC):
         if positions is not None:
             touching.refuse_inside(positions)
             if self.holds and touching.inside(self._model.positions(state), touching.vertices):
-                begun = self.pressed(state, _STIFF)
+                begun = self._pressed_to(positions, self.pressed(state, _STIFF))
         touching.refuse_inside(self._model.positions(begun) + self.local(begun))
+        return begun
+
+    def _pressed_to(self, positions: Array, begun: MotionState) -> MotionState:
+        """A start nearer to ``positions`` (n, 3) [m] than ``begun``, whose modes hold a part of what is beyond them.
+
+        What is pressed in is taken from the positions before these are projected onto the modes, until that settles; by
+        Anderson's extrapolation, as modes may hold nearly all of it.
+        """
+
+        def off(state: MotionState) -> float:
+            return float(np.abs(self._model.positions(state) + self.local(state) - positions).max())
+
+        least, taken = off(begun), self.local(begun)
+        points: list[Array] = []
+        misses: list[Array] = []
+        for _ in range(_AGAIN):
+            again = self.pressed(self._model.start_motion(positions - taken), _STIFF)
+            left = off(again)
+            begun, least = (again, left) if left < least else (begun, least)
+            points, misses = [*points, taken], [*misses, self.local(again) - taken]
+            if np.abs(misses[-1]).max() <= _SETTLED * self._model.shell.size:
+                break
+            taken = extrapolated(points, misses)
         return begun
 
     def pressed(self, state: MotionState, softness: float = 1.0) -> MotionState:

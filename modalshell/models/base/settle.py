@@ -78,14 +78,14 @@ def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array |
         stalled = 0 if change <= 0.5 * least else stalled + 1
         least = min(least, change)
         points, misses = [*points[-_KEPT:], x], [*misses[-_KEPT:], miss]
-        x, begin = _extrapolated(points, misses), found.positions
+        x, begin = extrapolated(points, misses), found.positions
     message = f"loads that follow the shell do not settle: positions still change by {change:.1e} of its size"
     return replace(
         found, outcome=Outcome.NO_FIXED_POINT, message=message, iterations=iterations, residual=change, stable=None
     )
 
 
-def _extrapolated(points: list[Array], misses: list[Array]) -> Array:
+def extrapolated(points: list[Array], misses: list[Array]) -> Array:
     """Where the linear model of the last answers has no miss, in least squares."""
     x, miss = points[-1], misses[-1]
     if len(points) == 1:

@@ -38,6 +38,8 @@ _GRAVITY_TURNS = (0.7, 2.5)
 """Largest rotations [rad] under the training loads by gravity, in turn."""
 _MODE_TURN = 0.35
 """Largest turn [rad] of the load of a mode by itself, for a normal random number of one."""
+MUCH_KEPT = 0.75
+"""Share of the elements from which a model says that it keeps as many."""
 _LOADS = 24
 """Training loads."""
 

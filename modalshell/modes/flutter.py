@@ -1,0 +1,101 @@
+"""Flutter under loads without a potential: complex eigenvalues of the stiffness over the mass [beck1952].
+
+Such a stiffness is K = S + A, A its odd half. Where S is positive definite nothing drifts away; but A couples
+vibrations, and where two of them have nearly one frequency even a small A makes of these a pair ``a + ib, a - ib``:
+one part of the motion then grows, unless damping holds it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from modalshell.core.typing import Array
+from modalshell.modes.block_lanczos import BLOCK, largest_pairs
+from modalshell.modes.factorisation import Factor
+
+LOWEST = 8
+"""Eigenvalues that are looked at: damping holds what is higher, and the mesh resolves little of it."""
+_FURTHER = 4
+"""Pairs of the symmetric half that are sought beyond these, as the odd half couples to them."""
+_SMALL = 200
+"""Unknowns up to which a dense solver finds all eigenvalues."""
+_REAL = 1e-6
+"""Imaginary part, as a share of an eigenvalue, that rounding explains."""
+_NONE = 1e-12
+"""Share of a direction's length up to which it is rounding of the others."""
+
+
+def complex_among(values: NDArray[Any]) -> bool:
+    """Whether any of these eigenvalues is complex beyond rounding."""
+    return bool((np.abs(values.imag) > _REAL * np.abs(values)).any())
+
+
+def flutters(matrix: sps.csc_array, half: Factor, mass: Array) -> bool:
+    """Whether any of the lowest eigenvalues of a stiffness over the mass (N,) [kg] is complex.
+
+    ``half`` is the factor (N, N) of the stiffness's symmetric half, positive definite. The lowest vibrations V of that
+    half, and ``S^-1 A V``, by which A changes them, span a space that holds the eigenvectors of K and of its transpose
+    to the second order of A: the eigenvalues of K projected onto it are right to the fourth. In it A is exactly odd,
+    and S exactly symmetric, so that rounding of S makes no pair of vibrations complex that A does not couple.
+    """
+    root = np.sqrt(mass)
+    odd = _odd_half(matrix, root)
+    if not odd.count_nonzero():
+        return False
+
+    def solve(block: Array) -> Array:
+        return np.asarray(root[:, None] * half.solve(root[:, None] * block))
+
+    count = min(LOWEST + _FURTHER, mass.size)
+    found = None
+    if mass.size > _SMALL:
+        start = np.random.default_rng(0).standard_normal((mass.size, BLOCK))
+        found = largest_pairs(solve, start, count)
+    if found is None:
+        inverse = solve(np.eye(mass.size))
+        values, vectors = scipy.linalg.eigh(0.5 * (inverse + inverse.T))
+        found = values[::-1][:count], vectors[:, ::-1][:, :count]
+    order = np.argsort(-found[0], kind="stable")
+    values, vectors = 1.0 / found[0][order], found[1][:, order]
+    pushed = odd @ vectors
+    changed = solve(pushed)
+    within = vectors.T @ changed
+    further, sizes, turned = np.linalg.svd(changed - vectors @ within, full_matrices=False)
+    kept = sizes > max(_NONE, _NONE * sizes[0])
+    further = further[:, kept]
+    resisted = (pushed - vectors @ (values[:, None] * within)) @ (turned[kept].T / sizes[kept])
+    space, stiff = np.hstack([vectors, further]), np.hstack([vectors * values, resisted])
+    symmetric, skew = space.T @ stiff, space.T @ (odd @ space)
+    whole = 0.5 * (symmetric + symmetric.T) + 0.5 * (skew - skew.T)
+    found_values = scipy.linalg.eigvals(whole)
+    return complex_among(found_values[np.argsort(np.abs(found_values))][:LOWEST])
+
+
+def oscillates(factor: Factor, mass: Array) -> bool:
+    """Whether the lowest eigenvalues of a factorised matrix over the mass (N,) [kg] are real and positive."""
+    count = min(LOWEST, mass.size - 2)
+    if count < 1:
+        return False
+    inverse = spla.LinearOperator(
+        (mass.size, mass.size), matvec=lambda y: factor.solve(mass * y.ravel()), dtype=np.float64
+    )
+    start = np.random.default_rng(0).standard_normal(mass.size)
+    try:
+        found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
+    except spla.ArpackError:
+        return False
+    return bool((found.real > 0.0).all()) and not complex_among(found)
+
+
+def _odd_half(matrix: sps.csc_array, root: Array) -> sps.csr_array:
+    """Half the difference of a stiffness and its transpose, of the positions' unknowns, over the mass."""
+    size = root.size
+    own = sps.csr_array(matrix)[:size, :size]
+    odd = sps.csr_array(0.5 * (own - own.T)).tocoo()
+    return sps.csr_array((odd.data / (root[odd.row] * root[odd.col]), (odd.row, odd.col)), shape=odd.shape)
