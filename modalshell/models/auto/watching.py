@@ -325,10 +325,11 @@ class Watch:
         if self._fixed or found.coordinates is None:
             return None
         z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
-        if not wider >= ROOMY:
+        if not wider >= TIGHT:
             memory["known"] = self._states.shrunk(memory["known"], z, wider)
         else:
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
+            wider = wider if wider >= ROOMY else 1.0
             memory["known"] = self._states.swinging(memory["known"], z, wider, largest)
         return None
 
