@@ -11,7 +11,7 @@ from modalshell.compare.candidates import candidates
 from modalshell.compare.case import Case
 from modalshell.core.outcome import Outcome
 from modalshell.loads import Loading
-from modalshell.models.auto import loads_ahead
+from modalshell.models.auto import loads_ahead, watching
 from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import HeldCheck
@@ -180,6 +180,7 @@ def test_a_load_that_no_mode_feels_is_part_of_what_is_known(monkeypatch):
     monkeypatch.setattr(KnownStates, "holds", lambda *_: True)
     monkeypatch.setattr(KnownStates, "is_sudden", lambda *_: False)
     monkeypatch.setattr(loads_ahead, "along", lambda *_: 1.0)
+    monkeypatch.setattr(watching, "RARER", 1e9)
     assert worst(strip, under_a_push(ms.Auto(strip), thickness, 1.3), runs[1]) > 0.05
 
 

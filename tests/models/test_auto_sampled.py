@@ -154,9 +154,9 @@ def test_statics_under_a_weight_that_comes_at_once_says_how_right_the_coarse_she
     setting = {"duration": 40 * dt, "dt": dt, "force": force_of(fine, basis, 0.06)}
     run, few = fine_checks(monkeypatch, fine, ms.Auto(fine, coarse=coarse.coarse_shell), setting)
     assert run.levels.count("MWTS") == len(run.levels)
-    assert few <= 3  # statics, half as far again, and the highest point
+    assert few <= 2  # statics, and the highest point
     alone, many = fine_checks(monkeypatch, fine, ms.Auto(fine), setting)
-    assert many > 2 * few
+    assert many >= 2 * few
     assert np.array_equal(run.positions, alone.positions)
 
 

@@ -166,3 +166,25 @@ def test_changes_of_energy_are_said_without_powers_of_ten(gained, said):
     memory = {"steps": np.array([0.0, 4.0]), "log": np.zeros((1, 6)), "switches": np.ones(1)}
     memory["log"][0, 5] = gained
     assert f"; its energy changed by {said})" in told(MotionState(np.zeros(1), np.zeros(1), memory), ("DS", "MWTS"))
+
+
+def test_states_on_the_way_to_rest_and_those_with_much_room_are_checked_seldom(monkeypatch):
+    """A bar at rest under a load that stays vouches for what is no larger, though it has little room."""
+    sheet = ms.Isotropic(young=2e9, poisson=0.3, thickness=2e-3, density=1000.0)
+    plate = ms.Shell(ms.sheet(length=1.0, width=1.0, cells=(8, 8), family="alternating"), sheet, "x < 1e-6")
+    checked, every = [], Watch.checked
+
+    def noted(self, step, memory):
+        checked.append(int(memory["steps"].sum()))
+        return every(self, step, memory)
+
+    monkeypatch.setattr(Watch, "checked", noted)
+    setting = {"duration": 205.0 / 60.0, "dt": 1.0 / 60.0, "gravity": (0, 0, -0.15), "damping": (0.5, 1e-4)}
+    run = ms.simulate(ms.Auto(plate), **setting)
+    assert set(run.levels) == {"MWTS"}
+    assert checked[0] > 20  # it gets to its shape at rest in about thirty steps
+    assert 1 <= sum(20 < step <= 60 for step in checked) <= 4  # it swings beyond
+    assert not any(60 < step < 200 for step in checked)  # what has been seen has room: after 160 steps, not 20 and 40
+    ds = ms.simulate(ms.DiscreteShell(plate), **(setting | {"duration": 1.0}))
+    off, moved = (np.abs(run.positions[:61, :, 2] - other).max() for other in (ds.positions[..., 2], 0.0))
+    assert off < 0.04 * moved

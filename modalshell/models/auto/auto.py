@@ -54,7 +54,7 @@ class Auto(Model):
     * A modal level is checked as it moves: an error bar of the frame under d'Alembert's load says how far it is from
       DS, and a stability margin whether DS may snap. New states are checked every five steps, and at once when the
       displacement has grown by half. A check that leaves room vouches for states like its own and somewhat larger
-      ones; these are checked after 40 steps, 80, 160 and so on.
+      ones; these are checked after 40 steps, 80, 160 and so on, with much room after 40, 160, 640.
     * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
       fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is left for good
       where its own bar exceeds half of ``error``.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
@@ -57,7 +58,7 @@ class HeldCheck:
     ) -> None:
         self._check = MotionCheck(shell, loading, damping, estimator=estimator, touching=touching)
         self._touching, self.contacts = touching, () if touching is None else touching.contacts
-        self._rest, self._mass = shell.rest_positions, shell.mass[:, None]
+        self._rest, self._mass = shell.rest_positions, np.repeat(shell.mass, 3)
         self.sampled = sampled
 
     def refuse_inside(self, x: Array) -> None:
@@ -79,7 +80,8 @@ class HeldCheck:
 
     def apart(self, x: Array, y: Array) -> float:
         """Distance [kg^(1/2) m] of positions (n, 3) in the norm of the mass."""
-        return float(np.sqrt(np.sum(self._mass * (x - y) ** 2)))
+        gap = (x - y).ravel()
+        return math.sqrt(gap.dot(self._mass * gap))
 
     def moved(self, x: Array) -> float:
         """Displacement [kg^(1/2) m] of positions (n, 3) in the norm of the mass."""

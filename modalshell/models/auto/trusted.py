@@ -31,6 +31,8 @@ _WIDEST = 2.0
 """Factor by which the state of a check may grow at most."""
 ROOMY = 1.25
 """Such a factor of a check from which it vouches for larger states, too."""
+SPACIOUS = 1.5
+"""Such a factor from which a known state that is checked all the same is checked rarer still: by that factor twice."""
 TIGHT = 1.06
 """Such a factor from which it vouches for states like its own: what is nearly wrong is looked at each time. The noise
 lets errors grow by half, and a rung is left at half of what they may be."""

@@ -15,7 +15,7 @@ from modalshell.models.auto.checks import Check, HeldCheck
 from modalshell.models.auto.drift import Drift
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
-from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, TIGHT, KnownStates, room
+from modalshell.models.auto.trusted import EVERY, RARER, ROOMY, SELDOM, SPACIOUS, TIGHT, KnownStates, room
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.error_bar import LARGEST_BAR, LEAST_MARGIN, ErrorBar
 
@@ -270,9 +270,10 @@ class Watch:
                 np.full(1, float(SELDOM)),
             )
             return
+        rarer = RARER if wider < SPACIOUS else RARER**2
         wider = wider if wider >= ROOMY else 1.0
         if self._states.holds(memory["known"], z):
-            memory["seldom"] = RARER * memory["seldom"]
+            memory["seldom"] = rarer * memory["seldom"]
         memory["known"] = self._states.grown(memory["known"], z, wider, largest)
 
     def first_bar(
@@ -325,10 +326,11 @@ class Watch:
         if self._fixed or found.coordinates is None:
             return None
         z = np.concatenate([found.coordinates, np.zeros_like(found.coordinates), load.factors])
-        if not wider >= ROOMY:
+        if not wider >= (ROOMY if self._loads.change else TIGHT):  # a load that grows has more to come
             memory["known"] = self._states.shrunk(memory["known"], z, wider)
         else:
             largest = max(float(memory["largest"][0]), self._check.moved(found.positions))
+            wider = wider if wider >= ROOMY else 1.0
             memory["known"] = self._states.swinging(memory["known"], z, wider, largest)
         return None
 
