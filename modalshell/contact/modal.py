@@ -32,10 +32,12 @@ CANDIDATES = 50
 """Vertices of a frame, the nearest, that may touch it; all that are inside may, as far as their shapes are kept."""
 _NEAR = 0.02
 """Gap, as a share of the shell's size, up to which a vertex is a candidate at most."""
-_SETTLED = 1e-9
+SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a frame is solved."""
-_MOVED = 1e-3
+FAR = 1e-3
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
+SMALL = 1e-12
+"""Gap, as a share of the shell's size, that is none in small problems."""
 _PASSES = 12
 """Linearisations of a frame at most."""
 _CORRECTIONS = 8
@@ -115,7 +117,7 @@ class ModalContacts:
     @property
     def asks(self) -> bool:
         """Whether frames ask for derivatives, so that these may be kept."""
-        return self._shape is None or self._bodies is None
+        return self._shape is None or self.bodies is None
 
     @property
     def no_pushes(self) -> Array:
@@ -124,14 +126,14 @@ class ModalContacts:
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
-        if (self.moving or self._bodies is None) and time != self.touching.time:
+        if (self.moving or self.bodies is None) and time != self.touching.time:
             self.touching = self.touching.at(time)
             self._see()
 
     def _see(self) -> None:
         """Take the colliders as they are, and the directions (d, 3) that their normals are made of."""
-        self._bodies = self.touching.packed()
-        normal = None if self._bodies is None else common_normal(self._bodies)
+        self.bodies = self.touching.packed()
+        normal = None if self.bodies is None else common_normal(self.bodies)
         self._directions = np.eye(3) if normal is None else normal[None]
 
     def friction(self, pushes: Array, x: Array, when: tuple[float, float, float]) -> Friction | None:
@@ -155,7 +157,7 @@ class ModalContacts:
     @property
     def rests(self) -> bool:
         """Whether all colliders rest, and are of known forms."""
-        return not self.moving and self._bodies is not None
+        return not self.moving and self.bodies is not None
 
     def moved(self, before: Array, after: Array) -> float:
         """How far [m] a vertex may go between coordinates (m,)."""
@@ -184,18 +186,18 @@ class ModalContacts:
 
     def gaps(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows at positions x (n, 3)."""
-        if self._bodies is None:
+        if self.bodies is None:
             return self.touching.distances(x)
         touching, gaps = self.touching, np.empty(self.touching.vertices.size)
-        gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
+        gaps_of(self.bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
     def frame(self, x: Array, pushes: Array) -> TouchedFrame:
         """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
-        if self._bodies is None:
+        if self.bodies is None:
             return touched_frame(self.touching, x, pushes)
         rows = self.touching.vertices, self.touching.contact_of
-        least = frame_of(self._bodies, rows, pushes, x, forces := np.empty(x.shape), touches := np.empty(len(x), bool))
+        least = frame_of(self.bodies, rows, pushes, x, forces := np.empty(x.shape), touches := np.empty(len(x), bool))
         return TouchedFrame(forces, touches, max(0.0, -least))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
@@ -238,44 +240,49 @@ class ModalContacts:
         if self.asks:
             return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
         size, most = self.touching.size, self.shapes.most
-        limits = min(reach, _NEAR * size), CANDIDATES, most, _SETTLED * size, _MOVED * size, 1e-12 * size
+        limits = min(reach, _NEAR * size), CANDIDATES, most, SETTLED * size, FAR * size, SMALL * size
         step = free, compliance, start
         for _ in range(_RENEWED):
             kept = self._gathered(None)
             while True:
-                found = warp_kernels.press(kept, self._bodies, step, (gaps, pushes, local), limits)
+                found = warp_kernels.press(kept, self.bodies, step, (gaps, pushes, local), limits)
                 if found[1].size:
                     break
                 kept = self._gathered(found[0])
             _, q, pushes, forces, energy, solved = found
-            base, shape, after, least = self._ended(q, kept[2], forces)
+            base, shape, after, least = self.ended(q, kept[2], forces)
             if not solved or least >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
         return Pressed(q, shape, pushes, bool(solved and least >= -limits[3]), base, energy, None, after)
 
     def _gathered(self, rows: Index | None) -> Any:
-        """What compiled frames read of candidates (k,), or of those of the last frame; see :func:`gather`."""
-        shapes, vertices = self.shapes, self.touching.vertices
+        """The same of candidates (k,), or of those of the last frame."""
         if rows is None:
-            if self._kept is not None and self._kept[0] == shapes.begun:
+            if self._kept is not None and self._kept[0] == self.shapes.begun:
                 return self._kept[1]
             rows = np.empty(0, np.int64)
-        slots = shapes.slots(vertices[rows])
-        rows_of = vertices, self.touching.contact_of
-        self._kept = shapes.begun, warp_kernels.gather(self._shape, rows_of, rows, slots, shapes.blocks)
-        return self._kept[1]
+        found = self.gathered(rows)
+        self._kept = self.shapes.begun, found
+        return found
 
-    def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
+    def gathered(self, rows: Index) -> Any:
+        """What compiled frames read of candidates (k,); see :func:`gather`."""
+        vertices = self.touching.vertices
+        slots = self.shapes.slots(vertices[rows])
+        rows_of = vertices, self.touching.contact_of
+        return warp_kernels.gather(self._shape, rows_of, rows, slots, self.shapes.blocks)
+
+    def ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
         touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
         local, turns, spin = np.empty(base.shape), self.spins.unspun(q), self.spins.spin
-        if self._bodies is not None:
+        if self.bodies is not None:
             rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
-            least = kernels.ended(pushed, spin, q, turns, base, rows, self._bodies, local, gaps)
+            least = kernels.ended(pushed, spin, q, turns, base, rows, self.bodies, local, gaps)
             return base, local, gaps, least
         kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
@@ -368,9 +375,9 @@ class ModalContacts:
         count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
         square, own = np.empty((2, count, count)), np.empty((3, count))
         problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), own
-        if self._bodies is not None:
+        if self.bodies is not None:
             given = q, free, forces
-            rows_by.row_begin(self._bodies, place, points, moves, given, turning, compliance, problem)
+            rows_by.row_begin(self.bodies, place, points, moves, given, turning, compliance, problem)
         else:
             x = begin.local.copy()
             x[vertices] += points
@@ -380,21 +387,21 @@ class ModalContacts:
         turned, expected, reached = np.empty((count, 3)), np.empty(count), np.empty(count)
         for left in reversed(range(corrections)):
             after = np.empty(q.size)
-            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
+            energy = rows_by.row_end(problem, forces, free, SMALL * size, symmetric, (after, turned, expected))
             # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
-            few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
+            few = 0 < left < corrections - 1 + begun_anew and self.bodies is not None
             if few and near is not None:
                 turning = self.spins.parts(after, vertices)
-                ended, bodies = near(after, vertices, None)[0], self._bodies
+                ended, bodies = near(after, vertices, None)[0], self.bodies
                 off = rows_by.row_reached(place, ended, turned, forces, turning, after, bodies, reached)
             else:
-                base, local, gaps, least = self._ended(after, slots, turned)
+                base, local, gaps, least = self.ended(after, slots, turned)
                 reached, off = gaps[rows], rows_by.row_off(gaps[rows], forces)
-            if not _SETTLED * size < off < np.inf:
+            if not SETTLED * size < off < np.inf:
                 break
             problem[3][:] += reached - expected
         if few and near is not None:
-            base, local, gaps, least = self._ended(after, slots, turned)
+            base, local, gaps, least = self.ended(after, slots, turned)
         move = rows_by.row_ended(base, vertices, points, rows, forces, pushes)
-        solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
+        solved = max(off, -least) <= SETTLED * size and move <= FAR * size
         return Pressed(after, local, pushes, solved, base, energy, at, gaps)

@@ -6,7 +6,15 @@ import numpy as np
 
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_and_normal
-from modalshell.contact.modal_kernels import between_slots, candidates, local_at, residual_compliance, response, turned
+from modalshell.contact.modal_kernels import (
+    between_slots,
+    candidates,
+    implicit_euler,
+    local_at,
+    residual_compliance,
+    response,
+    turned,
+)
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.rotations import coefficients, slopes
 
@@ -211,7 +219,55 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         forces[i] = before[1][rows[i]]
         for j in range(3):
             local[j, i] = before[2][vertices[i], j]
-    q, solved, move, energy = begin.copy(), False, np.inf, 0.0
+    q = begin.copy()
+    found = q, forces, local, pushes
+    energy, solved = _solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), False)
+    pushed = np.zeros(before[1].size)
+    for i in range(count):
+        pushed[rows[i]] = forces[i]
+    return rows, q, pushed, pushes, energy, solved
+
+
+@_kernel
+def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
+    """End of a step of implicit Euler in which all of some vertices stay pushed, with no look at others.
+
+    Parameters
+    ----------
+    kept, bodies : tuple
+        As of :func:`press`.
+    step : tuple
+        Coordinates and rates (m,), modal force (m,), G (m,), stiffness of the modes (m,), and how long it is [s].
+    found : tuple
+        Coordinates (m,) of its end; and forces (k,), displacements (3, k) [m] beyond the modes and forces (k, 3) in
+        the axes at rest: those at its beginning, which become those at its end.
+    limits : tuple
+        Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
+
+    Returns
+    -------
+    tuple
+        Elastic energy [J] beyond the modes, and whether all stay.
+    """
+    q, rates, force, compliance, eigenvalues, dt = step
+    ends = np.empty((3, q.size))
+    implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
+    for k in range(q.size):
+        found[0][k] = ends[2, k]
+    return _solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, True)
+
+
+@_kernel
+def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
+    """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
+
+    ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it. Also
+    returns the elastic energy beyond the modes, first.
+    """
+    q, forces, local, pushes = found
+    free, compliance = way
+    deep, far, accuracy = limits
+    count, solved, move, energy = forces.size, False, np.inf, 0.0
     gap, offset, expected, matrix = np.empty(count), np.empty(count), np.empty(count), np.empty((count, count))
     triples = np.empty((5, 3, count))
     normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
@@ -223,6 +279,8 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         _offsets(gap, normals, local, across, (free, q), offset)
         for _ in range(_CORRECTIONS):
             complementary(matrix, offset, forces, accuracy, True)
+            if stays and not forces.min() > 0.0:
+                return energy, False
             _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
             local_at(between, pushes, local)
             energy = 0.0
@@ -240,10 +298,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
                 offset[i] += gap[i] - expected[i]
         if (solved and move <= far) or not move < np.inf:
             break
-    pushed = np.zeros(before[1].size)
-    for i in range(count):
-        pushed[rows[i]] = forces[i]
-    return rows, q, pushed, pushes, energy, solved and move <= far
+    return energy, solved and move <= far
 
 
 @_plain

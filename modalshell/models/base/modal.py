@@ -356,7 +356,7 @@ class ModalStepper(ContactStepper):
         if after is None:
             base = self.loaded_positions(state)
             if gaps is None and self._stays:
-                after, own = self._contacts.continued(state, force, when, base, load)
+                after, own = self._contacts.continued(state, force, when, base, load, self._dead and self._dead.work)
         if after is None:
             after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
         if own is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
@@ -11,9 +11,10 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import creep_told
 from modalshell.contact.modal import ModalContacts
-from modalshell.contact.modal_kernels import implicit_euler
+from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.resting import STILL, Resting
+from modalshell.contact.staying import Staying
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -25,7 +26,7 @@ from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
-from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion, given_back
 from modalshell.models.base.setup import MotionSetup
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
@@ -205,11 +206,12 @@ class ModalPressedMotion(PressedMotion):
         when: tuple[float, float],
         base: Array,
         load: Array,
+        work: Callable[[Array], float] | None = None,
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of order two on contacts that stay as they are, ``when`` it begins and how long it is [s].
 
-        The ``force`` is that of a dead ``load`` (n, 3) [N]; ``base`` and what else is returned are as for
-        :meth:`follow`. None where what touches does not stay, and of motions that have no such step.
+        The ``force`` is that of a dead ``load`` (n, 3) [N], whose ``work`` [J] at coordinates may be known at once;
+        ``base`` and what else is returned are as for :meth:`follow`. None where what touches does not stay, and of motions that have no such step.
         """
         return None, None
 
@@ -255,6 +257,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
         self._resting: Resting | None = None
+        self._staying = Staying(self._pressing, model.basis.eigenvalues)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
     def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
@@ -276,52 +279,50 @@ class ModalContactMotion(ModalPressedMotion):
         return MotionState(after.coordinates, after.rates, kept)
 
     def continued(
-        self, before: MotionState, force: ForceInTime, when: tuple[float, float], base: Array, load: Array
+        self,
+        before: MotionState,
+        force: ForceInTime,
+        when: tuple[float, float],
+        base: Array,
+        load: Array,
+        work: Callable[[Array], float] | None = None,
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
 
         None where it would gain more than little energy, too, if the force has a potential.
         """
         model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
-        q, v, part, rest = before.coordinates, before.rates, GAMMA * dt, (1.0 - GAMMA) * dt
+        q, v, part, eigenvalues = before.coordinates, before.rates, GAMMA * dt, model.basis.eigenvalues
         if pressing.moving or COST not in memory:
             return None, None
         if pressing.moved(q, q + v / self._slowest) <= _FAINT * pressing.touching.size:
             return None, None  # it is to come to rest
         pressing.at(begin + dt)
-        at = Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN), self._gaps(before, base))
-        half = self._part((q, v), force(q + part * v, v, GAMMA), part, at)
+        compliance, steps, between, ends = self._compliance(part), self._staying, np.empty((4, q.size)), np.empty((2, q.size))
+        steps.begin(Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN)))
+        half = steps.part((q, v), force(q + part * v, v, GAMMA), part, compliance)
         if half is None:
             return None, None
-        w = (half.q - q) / part
-        last, middle, faster = v + (w - v) / GAMMA, q + rest * w, v + rest / part * (w - v)
-        pushed = force(q + 0.5 * dt * (v + last), last, 1.0)
-        end = self._part((middle, faster), pushed, part, half)
-        if end is None or end.positions is None:
+        go_on(q, v, half, dt, GAMMA, between)
+        pushed = force(between[3], between[2], 1.0)
+        last = steps.part((between[0], between[1]), pushed, part, compliance)
+        end = None if last is None else steps.end(last)
+        if end is None:
             return None, None
-        ended = (end.q - middle) / part
-        after = MotionState(end.q, ended, self._kept(before, end))
+        ends[0] = end.q
+        bent, *energies = arrive(q, v, half, dt, GAMMA, between, eigenvalues, ends)
+        rates = ends[1]
         if model.conservative:
-            slower = self.slower(before, after, float(np.vdot(load, end.positions - base)))
+            done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
+            slower = given_back((*energies[:2], end.energy), (*energies[2:], self.energy(before)), done)
             if slower is None:
                 return None, None
-            after = MotionState(end.q, slower * ended, after.memory)
+            rates *= slower
+        after = MotionState(end.q, rates)
         self._ended = None if end.gaps is None else (end.q, end.gaps)
-        memory = after.memory | model.integrator.stood_in_for(before, after, pushed, dt).memory
-        bend = dt / (1.0 - GAMMA) * ((ended - faster) - (w - v)) / part
-        memory[COST] = np.array([(SDIRK2.error_constant * dt) ** 2 * (bend @ bend), *memory[COST][1:]])
-        return MotionState(after.coordinates, after.rates, memory), end.positions
-
-    def _part(self, begin: tuple[Array, Array], force: Array, dt: float, at: Pressed) -> Pressed | None:
-        """Where a step of implicit Euler ends that presses on what is pressed ``at`` its beginning, else None."""
-        (q, rates), compliance, ends = begin, self._compliance(dt), np.empty((3, force.size))
-        implicit_euler(q, rates, force, compliance, self._model.basis.eigenvalues, dt, ends)
-        assert at.positions is not None
-        assert at.gaps is not None
-        place = ends[2], at.q, at.positions
-        pressed = self._pressing.press(ends[0], compliance, place, at.gaps, (at.local, at.pushes, at.at))
-        stays = pressed.solved and np.array_equal(pressed.pushes > 0.0, at.pushes > 0.0)
-        return pressed if stays else None
+        kept = self._kept(before, end) | model.integrator.stood_in_for(before, after, pushed, dt).memory
+        kept[COST][0] = (SDIRK2.error_constant * dt) ** 2 * bent
+        return MotionState(end.q, rates, kept), end.positions
 
     def _kept(self, before: MotionState, pressed: Pressed) -> dict[str, Array]:
         """What is kept of the end of a step."""
