@@ -98,13 +98,20 @@ def _across(along, normal):  # type: ignore[no-untyped-def]
         normal[i] = ((1.0 if i == axis else 0.0) - along[axis] * along[i]) / size
 
 
-@_plain
-def _round(p, x, y, z, normal):  # type: ignore[no-untyped-def]
-    """Of a capsule, or a ball: its axis has no length. Numbers: a, the axis, its length, the radius."""
+@njit(error_model="numpy", fastmath=False, forceinline=True, **UNCOUNTED)
+def _from_axis(p, x, y, z):  # type: ignore[no-untyped-def]
+    """The way to a point from the nearest one of a capsule's axis. Numbers: a, the axis, its length, the radius."""
     x, y, z = x - p[0], y - p[1], z - p[2]
     along = min(max(x * p[3] + y * p[4] + z * p[5], 0.0), p[6])
+    return x - along * p[3], y - along * p[4], z - along * p[5]
+
+
+@_plain
+def _round(p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Of a capsule, or a ball: its axis has no length."""
+    x, y, z = _from_axis(p, x, y, z)
     normal[0], normal[1], normal[2] = 0.0, 0.0, 0.0
-    gap = _away(x - along * p[3], y - along * p[4], z - along * p[5], p[7], normal)
+    gap = _away(x, y, z, p[7], normal)
     if gap == -p[7]:
         _across(p[3:6], normal)
     return gap
@@ -205,6 +212,9 @@ def gaps_beyond(bodies, vertices, contact_of, x, local, normal, out):  # type: i
             a, b, c = a + local[v, 0], b + local[v, 1], c + local[v, 2]
         if kinds[contact] == PLANE:
             gap = a * numbers[contact, 0] + b * numbers[contact, 1] + c * numbers[contact, 2] - numbers[contact, 3]
+        elif kinds[contact] == ROUND:
+            a, b, c = _from_axis(numbers[contact], a, b, c)
+            gap = math.sqrt(a * a + b * b + c * c) - numbers[contact, 7]
         else:
             gap = gap_at(kinds[contact], numbers[contact], a, b, c, normal)
         out[row] = gap

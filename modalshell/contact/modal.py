@@ -23,6 +23,7 @@ from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.contact.turning import Turning
+from modalshell.core.cost import count_read
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
@@ -75,6 +76,8 @@ class ModalContacts:
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
         Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
+    tiles : tuple, optional
+        Of those whose positions are by a :class:`WarpFrame`: its data.
 
     Attributes
     ----------
@@ -100,11 +103,12 @@ class ModalContacts:
         near: Near | None = None,
         turns: bool | Callable[[Array], Array] = True,
         shape: Shape | None = None,
+        tiles: tuple[Array, Array] | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
         self._near = near
-        self._shape = shape
+        self._shape, self._tiles = shape, tiles
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
@@ -278,10 +282,15 @@ class ModalContacts:
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
-        touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
-        local, turns, spin = np.empty(base.shape), self.spins.unspun(q), self.spins.spin
+        touching, pushed = self.touching, (self.shapes.store, slots, forces)
+        rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
+        local = np.empty_like(self._basis.shell.rest_positions)
+        if self._tiles is not None and self.bodies is not None:
+            count_read(self._tiles[0].nbytes)
+            out = base, local, gaps = np.empty_like(local), local, gaps
+            return *out, warp_kernels.warp_ended(self._tiles, q, pushed, rows, self.bodies, out)
+        base, turns, spin = self._positions(q), self.spins.unspun(q), self.spins.spin
         if self.bodies is not None:
-            rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
             least = kernels.ended(pushed, spin, q, turns, base, rows, self.bodies, local, gaps)
             return base, local, gaps, least
         kernels.local_shape(*pushed, self.spins.vectors(q), local)

@@ -5,17 +5,19 @@ from typing import Any
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_and_normal
+from modalshell.contact.gap_kernels import gap_and_normal, gaps_beyond
 from modalshell.contact.modal_kernels import (
     between_slots,
     candidates,
     implicit_euler,
     local_at,
+    local_shape,
     residual_compliance,
     response,
     turned,
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.frame import TILE, WORK, warp_tiles
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -322,3 +324,28 @@ def _ended_small(matrix, offset, forces, step, own, out):  # type: ignore[no-unt
         if pushed:
             for j in range(expected.size):
                 expected[j] += row[j] * force
+
+
+@_kernel
+def warp_ended(tiles, q, pushed, rows_of, bodies, out):  # type: ignore[no-untyped-def]
+    """Positions at q by :func:`warp_tiles`, a :func:`local_shape` turned with them, and gaps there; the least one.
+
+    ``tiles`` are modal data and positions at rest in tiles; ``pushed`` stored shapes, slots of these, and forces there.
+    ``out`` are positions and displacements (n, 3) [m], and gaps (r,) [m] of all rows.
+    """
+    (modal, rest), (base, local, gaps), work = tiles, out, np.empty(WORK)
+    local_shape(pushed[0], pushed[1], pushed[2], base[:0], local)
+    for tile in range(modal.shape[0]):
+        warp_tiles(tile, tile + 1, modal, rest, q, work, base)
+        _turn_tile(work, local[tile * TILE : (tile + 1) * TILE])
+    return gaps_beyond(bodies, rows_of[0], rows_of[1], base, local, np.empty(3), gaps)
+
+
+@_plain
+def _turn_tile(work, local):  # type: ignore[no-untyped-def]
+    """Turn displacements (j, 3) of a tile, in place, by the rotation vectors that its frame has left in ``work``."""
+    for j in range(local.shape[0]):
+        a, b, c = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+        second, third = work[6 * TILE + j], work[7 * TILE + j]
+        first = 1.0 - (a * a + b * b + c * c) * third
+        local[j, 0], local[j, 1], local[j, 2] = turned(a, b, c, first, second, local[j, 0], local[j, 1], local[j, 2])

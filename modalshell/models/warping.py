@@ -101,6 +101,11 @@ class ModalWarping(UnstretchedModel):
         """See :attr:`ModalShape.contact_shape`."""
         return contact_shape(self.basis, turns=True)
 
+    @property
+    def contact_tiles(self) -> tuple[Array, Array]:
+        """See :attr:`ModalShape.contact_tiles`."""
+        return self._frame.modal_data, self._frame.rest_data
+
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""
         return self._moved_rows(q, vertices)[1]

@@ -55,8 +55,9 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
         if contact.push_out:
             raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
-    hooks, shape = (model.warped_positions, model.contact_rows), model.contact_shape
-    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, shape=shape)
+    hooks = model.warped_positions, model.contact_rows
+    forms = {"shape": model.contact_shape, "tiles": model.contact_tiles}
+    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, **forms)
 
 
 def _not_together(model: ModalMotion) -> OptionError:
