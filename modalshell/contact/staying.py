@@ -6,19 +6,21 @@ no other vertex is a candidate, and all are looked at once, at the step's end.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, final
 
 import numpy as np
 
 from modalshell.contact import warp_kernels
-from modalshell.contact.modal import FAR, SETTLED, SMALL, ModalContacts
+from modalshell.contact.modal import ModalContacts
+from modalshell.contact.modal_kernels import implicit_euler
+from modalshell.contact.modal_rows import FAR, SETTLED, SMALL
 from modalshell.contact.pressed import Pressed
 from modalshell.core.typing import Array, Index
 
 
-@final
-class Staying:
-    """Steps of implicit Euler of warps in closed form on what stays pushed.
+class Staying(ABC):
+    """Steps of implicit Euler on what stays pushed, one after the other.
 
     Parameters
     ----------
@@ -29,42 +31,107 @@ class Staying:
     """
 
     def __init__(self, pressing: ModalContacts, eigenvalues: Array) -> None:
-        size = pressing.touching.size
         self._pressing, self._eigenvalues = pressing, eigenvalues
-        self._limits = SETTLED * size, FAR * size, SMALL * size
-        self._kept: Any = None
-        self._chosen = -1, b""
-        self._forces: Array
-        self._local: Array
-        self._pushes: Array
-        self._energy = 0.0
 
+    @abstractmethod
     def begin(self, before: Pressed) -> None:
         """Begin where contacts push ``before``."""
-        rows = np.flatnonzero(before.pushes)
-        shapes, key = self._pressing.shapes, rows.tobytes()
-        if self._chosen != (shapes.begun, key):
-            self._kept = self._pressing.gathered(rows)
-            self._chosen = shapes.begun, key
-        self._forces, self._local = before.pushes[rows], before.local[self._kept[1]].T.copy()
-        self._pushes = np.empty((rows.size, 3))
 
+    @abstractmethod
     def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
         """Coordinates (m,) where a step of ``dt`` [s] ends, under a modal ``force`` (m,); None where a vertex opens.
 
         ``begin`` are coordinates and rates (m,), ``compliance`` is G.
         """
-        end = np.empty(force.size)
-        step, found = (*begin, force, compliance, self._eigenvalues, dt), (end, self._forces, self._local, self._pushes)
-        self._energy, stays = warp_kernels.stay(self._kept, self._pressing.bodies, step, found, self._limits)
-        return end if stays else None
 
-    def end(self, q: Array) -> Pressed | None:
-        """Where the last part has led, q (m,); None where it leads another vertex inside."""
-        rows, _, slots = self._kept[:3]
-        base, local, gaps, least = self._pressing.ended(q, slots, self._pushes)
+    @abstractmethod
+    def end(self) -> Pressed | None:
+        """Where the last part has led; None where it leads another vertex inside."""
+
+
+def staying(pressing: ModalContacts, eigenvalues: Array) -> Staying:
+    """The steps on some contacts."""
+    return (StayingRows if pressing.asks else StayingWarp)(pressing, eigenvalues)
+
+
+@final
+class StayingWarp(Staying):
+    """Those of warps in closed form on colliders of known forms, which are compiled."""
+
+    def __init__(self, pressing: ModalContacts, eigenvalues: Array) -> None:
+        super().__init__(pressing, eigenvalues)
+        size = pressing.touching.size
+        self._limits = SETTLED * size, FAR * size, SMALL * size
+        self._kept: Any = None
+        self._chosen = -1, b""
+        self._found: tuple[Array, Array, Array, Array]
+        self._energy = 0.0
+
+    def begin(self, before: Pressed) -> None:
+        """See :meth:`Staying.begin`."""
+        rows = np.flatnonzero(before.pushes)
+        shapes, key = self._pressing.shapes, rows.tobytes()
+        if self._chosen != (shapes.begun, key):
+            self._kept = self._pressing.gathered(rows)
+            self._chosen = shapes.begun, key
+        local = before.local[self._kept[1]].T.copy()
+        self._found = before.q, before.pushes[rows], local, np.empty((rows.size, 3))
+
+    def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
+        """See :meth:`Staying.part`."""
+        step = *begin, force, compliance, self._eigenvalues, dt
+        found = self._found = np.empty(force.size), *self._found[1:]
+        self._energy, stays = warp_kernels.stay(self._kept, self._pressing.bodies, step, found, self._limits)
+        return found[0] if stays else None
+
+    def end(self) -> Pressed | None:
+        """See :meth:`Staying.end`."""
+        (q, forces, _, turned), (rows, _, slots) = self._found, self._kept[:3]
+        base, local, gaps, least = self._pressing.ended(q, slots, turned)
         if not least >= -self._limits[0]:
             return None
         pushes = self._pressing.no_pushes
-        pushes[rows] = self._forces
+        pushes[rows] = forces
         return Pressed(q, local, pushes, True, base, self._energy, None, gaps)
+
+
+@final
+class StayingRows(Staying):
+    """Those of models and colliders whose derivatives are asked for."""
+
+    _rows: Index
+    _state: Pressed
+    _turned: Array
+
+    def begin(self, before: Pressed) -> None:
+        """See :meth:`Staying.begin`."""
+        self._rows, self._state = np.flatnonzero(before.pushes), before
+        if self._pressing.by_rows.alone:
+            vertices, base = self._pressing.touching.vertices[self._rows], before.positions
+            assert base is not None
+            self._state = before._replace(
+                local=before.local[vertices], pushes=before.pushes[self._rows], positions=base[vertices]
+            )
+
+    def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
+        """See :meth:`Staying.part`."""
+        ends = np.empty((3, force.size))
+        implicit_euler(*begin, force, compliance, self._eigenvalues, dt, ends)
+        found, turned = self._pressing.by_rows.stay(ends[0], compliance, self._state, ends[2], self._rows)
+        if found is None or turned is None:
+            return None
+        self._state, self._turned = found, turned
+        return found.q
+
+    def end(self) -> Pressed | None:
+        """See :meth:`Staying.end`."""
+        found, pressing = self._state, self._pressing
+        if not pressing.by_rows.alone:
+            return found
+        slots = pressing.shapes.between(pressing.touching.vertices[self._rows])[0]
+        base, local, gaps, least = pressing.ended(found.q, slots, self._turned)
+        if not least >= -SETTLED * pressing.touching.size:
+            return None
+        pushes = pressing.no_pushes
+        pushes[self._rows] = found.pushes
+        return found._replace(local=local, pushes=pushes, positions=base, gaps=gaps)

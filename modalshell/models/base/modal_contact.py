@@ -14,7 +14,7 @@ from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.resting import STILL, Resting
-from modalshell.contact.staying import Staying
+from modalshell.contact.staying import staying
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -258,7 +258,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
         self._resting: Resting | None = None
-        self._staying = Staying(self._pressing, model.basis.eigenvalues)
+        self._staying = staying(self._pressing, model.basis.eigenvalues)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
     def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
@@ -307,7 +307,7 @@ class ModalContactMotion(ModalPressedMotion):
         go_on(q, v, half, dt, GAMMA, between)
         pushed = force(between[3], between[2], 1.0)
         last = steps.part((between[0], between[1]), pushed, part, compliance)
-        end = None if last is None else steps.end(last)
+        end = None if last is None else steps.end()
         if end is None:
             return None, None
         ends[0] = end.q
