@@ -7,8 +7,10 @@ import numpy as np
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_and_normal, gaps_beyond
 from modalshell.contact.modal_kernels import (
+    arrive,
     between_slots,
     candidates,
+    go_on,
     implicit_euler,
     local_at,
     local_shape,
@@ -18,6 +20,7 @@ from modalshell.contact.modal_kernels import (
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import TILE, WORK, warp_tiles
+from modalshell.kernels.push import ROWS, push_frame
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -257,6 +260,47 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
     for k in range(q.size):
         found[0][k] = ends[2, k]
     return _solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, True)
+
+
+@_kernel
+def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-untyped-def]
+    """Both parts of a step of SDIRK2 in which all of some vertices stay pushed; see :func:`stay`.
+
+    Parameters
+    ----------
+    kept, bodies, limits : tuple
+        As of :func:`stay`.
+    push : tuple
+        Modal data and a load, and powers, as of :func:`push_frame`; or none, and a modal force (m,) that stays.
+    step : tuple
+        Coordinates and rates (m,), G of a part (m,), stiffness of the modes (m,), how long it is [s], and gamma.
+    found : tuple
+        As of :func:`stay`, but first the rows of :func:`arrive`; then the modal force (m,) of its second part.
+
+    Returns
+    -------
+    tuple
+        Elastic energy [J] beyond the modes, whether all stay, and what :func:`arrive` returns.
+    """
+    q, rates, compliance, eigenvalues, dt, gamma = step
+    ends, forces, local, turned, force = found
+    begun, half, work, energy = np.empty((4, q.size)), np.empty(q.size), np.empty(ROWS), 0.0
+    begun[0], begun[1] = q, rates
+    for k in range(q.size):
+        begun[3, k] = q[k] + gamma * dt * rates[k]
+    for turn in range(2):  # one call of each long kernel, which is compiled where it is called
+        if push[0].size:
+            push_frame(push[0], push[1], push[2], begun[3], work, force)
+        else:
+            force[:] = push[1]
+        end = half if turn == 0 else ends[0]
+        part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
+        energy, stays = stay(kept, bodies, part, (end, forces, local, turned), limits)
+        if not stays:
+            return energy, False, (0.0, 0.0, 0.0, 0.0, 0.0)
+        if turn == 0:
+            go_on(q, rates, half, dt, gamma, begun)
+    return energy, True, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
 
 
 @_kernel

@@ -130,7 +130,7 @@ class ModalWarping(UnstretchedModel):
             return _dead_work(self._pushed, self._rows(load))
         felt, sample = (self._pushed, self._rows(load)), self._sample
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
-        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
+        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change), push=felt)
 
     @property
     def _pushed(self) -> Array:

@@ -37,12 +37,16 @@ class DeadForce(NamedTuple):
         :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on.
     work : callable, optional
         The load's work [J] from rest to coordinates, where that takes less than a pass over the vertices.
+    push : tuple of ndarray, optional
+        Modal data and load of :func:`~modalshell.kernels.push.push_frame`, where the force is by that; or no data, and
+        the force, where it stays.
     """
 
     at: Force
     change: ForceChange | None = None
     step: Callable[..., None] | None = None
     work: Callable[[Array], float] | None = None
+    push: tuple[Array, Array] | None = None
 
 
 class ModalStep(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -11,23 +11,23 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import creep_told
 from modalshell.contact.modal import ModalContacts
-from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler
+from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.resting import STILL, Resting
-from modalshell.contact.staying import staying
 from modalshell.contact.touching import checked_contacts, refuse_friction, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.full.sdirk2 import SDIRK2
 from modalshell.integrators.full.second_order import GAMMA
-from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
 from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion, given_back
 from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.staying import staying
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
 
@@ -201,18 +201,12 @@ class ModalPressedMotion(PressedMotion):
         return None
 
     def continued(
-        self,
-        before: MotionState,
-        force: ForceInTime,
-        when: tuple[float, float],
-        base: Array,
-        load: Array,
-        work: Callable[[Array], float] | None = None,
+        self, before: MotionState, dead: DeadForce, when: tuple[float, float], base: Array, load: Array
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of order two on contacts that stay as they are, ``when`` it begins and how long it is [s].
 
-        The ``force`` is that of a dead ``load`` (n, 3) [N], whose ``work`` [J] at coordinates may be known at once;
-        ``base`` and what else is returned are as for :meth:`follow`. None where what touches does not stay, and of motions that have no such step.
+        The force is that of a ``dead`` load (n, 3) [N]; ``base`` and what else is returned are as for :meth:`follow`.
+        None where what touches does not stay, and of motions that have no such step.
         """
         return None, None
 
@@ -259,6 +253,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._none |= self._moves
         self._resting: Resting | None = None
         self._staying = staying(self._pressing, model.basis.eigenvalues)
+        self._still = np.zeros(model.basis.count)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
     def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
@@ -280,50 +275,39 @@ class ModalContactMotion(ModalPressedMotion):
         return MotionState(after.coordinates, after.rates, kept)
 
     def continued(
-        self,
-        before: MotionState,
-        force: ForceInTime,
-        when: tuple[float, float],
-        base: Array,
-        load: Array,
-        work: Callable[[Array], float] | None = None,
+        self, before: MotionState, dead: DeadForce, when: tuple[float, float], base: Array, load: Array
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
 
         None where it would gain more than little energy, too, if the force has a potential.
         """
         model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
-        q, v, part, eigenvalues = before.coordinates, before.rates, GAMMA * dt, model.basis.eigenvalues
+        q, v = before.coordinates, before.rates
         if pressing.moving or COST not in memory:
             return None, None
-        if pressing.moved(q, q + v / self._slowest) <= _FAINT * pressing.touching.size:
+        if pressing.moved(self._still, v) <= _FAINT * pressing.touching.size * self._slowest:
             return None, None  # it is to come to rest
         pressing.at(begin + dt)
-        compliance, steps, between, ends = self._compliance(part), self._staying, np.empty((4, q.size)), np.empty((2, q.size))
+        steps = self._staying
         steps.begin(Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN)))
-        half = steps.part((q, v), force(q + part * v, v, GAMMA), part, compliance)
-        if half is None:
+        parts = steps.twice((q, v), dead, dt, self._compliance(GAMMA * dt))
+        end = None if parts is None else steps.end()
+        if parts is None or end is None or end.positions is None:
             return None, None
-        go_on(q, v, half, dt, GAMMA, between)
-        pushed = force(between[3], between[2], 1.0)
-        last = steps.part((between[0], between[1]), pushed, part, compliance)
-        end = None if last is None else steps.end()
-        if end is None:
-            return None, None
-        ends[0] = end.q
-        bent, *energies = arrive(q, v, half, dt, GAMMA, between, eigenvalues, ends)
-        rates = ends[1]
+        rates = parts.rates
         if model.conservative:
+            work, own = dead.work, self.energy(before)
             done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
-            slower = given_back((*energies[:2], end.energy), (*energies[2:], self.energy(before)), done)
+            energies = parts.kinetic, parts.elastic, end.energy
+            slower = given_back(energies, (parts.kinetic_before, parts.elastic_before, own), done)
             if slower is None:
                 return None, None
             rates *= slower
         after = MotionState(end.q, rates)
         self._ended = None if end.gaps is None else (end.q, end.gaps)
-        kept = self._kept(before, end) | model.integrator.stood_in_for(before, after, pushed, dt).memory
-        kept[COST][0] = (SDIRK2.error_constant * dt) ** 2 * bent
-        return MotionState(end.q, rates, kept), end.positions
+        after.memory = self._kept(before, end) | model.integrator.stood_in_for(before, after, parts.force, dt).memory
+        after.memory[COST][0] = (SDIRK2.error_constant * dt) ** 2 * parts.bent
+        return after, end.positions
 
     def _kept(self, before: MotionState, pressed: Pressed) -> dict[str, Array]:
         """What is kept of the end of a step."""

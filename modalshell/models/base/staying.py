@@ -7,16 +7,44 @@ no other vertex is a candidate, and all are looked at once, at the step's end.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from modalshell.contact import warp_kernels
 from modalshell.contact.modal import ModalContacts
-from modalshell.contact.modal_kernels import implicit_euler
+from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler
 from modalshell.contact.modal_rows import FAR, SETTLED, SMALL
 from modalshell.contact.pressed import Pressed
+from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.full.second_order import GAMMA
+from modalshell.integrators.modal.base import DeadForce
+from modalshell.kernels.push import POWERS
+
+
+class Parts(NamedTuple):
+    """Both parts of a step of SDIRK2.
+
+    Attributes
+    ----------
+    rates : ndarray, shape (m,)
+        At its end.
+    force : ndarray, shape (m,)
+        Modal force of the second part.
+    bent : float
+        Square of the change of the rates' derivative in the step.
+    kinetic, elastic, kinetic_before, elastic_before : float
+        Energies [J] of the modes at its end and its beginning.
+    """
+
+    rates: Array
+    force: Array
+    bent: float
+    kinetic: float
+    elastic: float
+    kinetic_before: float
+    elastic_before: float
 
 
 class Staying(ABC):
@@ -43,6 +71,21 @@ class Staying(ABC):
 
         ``begin`` are coordinates and rates (m,), ``compliance`` is G.
         """
+
+    def twice(self, begin: tuple[Array, Array], dead: DeadForce, dt: float, compliance: Array) -> Parts | None:
+        """Both parts of a step of ``dt`` [s] of SDIRK2 under a dead load; None where a vertex opens."""
+        (q, rates), part = begin, GAMMA * dt
+        half = self.part(begin, dead.at(q + part * rates), part, compliance)
+        if half is None:
+            return None
+        go_on(q, rates, half, dt, GAMMA, begun := np.empty((4, q.size)))
+        force = dead.at(begun[3])
+        last = self.part((begun[0], begun[1]), force, part, compliance)
+        if last is None:
+            return None
+        ends = np.empty((2, q.size))
+        ends[0] = last
+        return Parts(ends[1], force, *arrive(q, rates, half, dt, GAMMA, begun, self._eigenvalues, ends))
 
     @abstractmethod
     def end(self) -> Pressed | None:
@@ -83,6 +126,18 @@ class StayingWarp(Staying):
         found = self._found = np.empty(force.size), *self._found[1:]
         self._energy, stays = warp_kernels.stay(self._kept, self._pressing.bodies, step, found, self._limits)
         return found[0] if stays else None
+
+    def twice(self, begin: tuple[Array, Array], dead: DeadForce, dt: float, compliance: Array) -> Parts | None:
+        """See :meth:`Staying.twice`; in one call where the force is compiled, too."""
+        if dead.push is None:
+            return super().twice(begin, dead, dt, compliance)
+        count_read(2 * dead.push[0].nbytes)
+        ends, force, further = np.empty((2, compliance.size)), np.empty(compliance.size), self._found[1:]
+        step, push = (*begin, compliance, self._eigenvalues, dt, GAMMA), (*dead.push, POWERS)
+        given = self._kept, self._pressing.bodies, push, step, (ends, *further, force), self._limits
+        self._energy, stays, ended = warp_kernels.stay_twice(*given)
+        self._found = ends[0], *further
+        return Parts(ends[1], force, *ended) if stays else None
 
     def end(self) -> Pressed | None:
         """See :meth:`Staying.end`."""
