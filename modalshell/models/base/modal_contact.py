@@ -277,20 +277,19 @@ class ModalContactMotion(ModalPressedMotion):
     def continued(
         self, before: MotionState, dead: DeadForce, when: tuple[float, float], base: Array, load: Array
     ) -> tuple[MotionState, Array] | tuple[None, None]:
-        """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
+        """The end of a step of SDIRK2; see :meth:`ModalPressedMotion.continued`.
 
         None where it would gain more than little energy, too, if the force has a potential.
         """
-        model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
+        model, pressing, memory, dt = self._model, self._pressing, before.memory, when[1]
         q, v = before.coordinates, before.rates
-        if pressing.moving or COST not in memory:
+        if COST not in memory:
             return None, None
         if pressing.moved(self._still, v) <= _FAINT * pressing.touching.size * self._slowest:
             return None, None  # it is to come to rest
-        pressing.at(begin + dt)
         steps = self._staying
         steps.begin(Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN)))
-        parts = steps.twice((q, v), dead, dt, self._compliance(GAMMA * dt))
+        parts = steps.twice((q, v), dead, when, self._compliance(GAMMA * dt))
         end = None if parts is None else steps.end()
         if parts is None or end is None or end.positions is None:
             return None, None
@@ -299,12 +298,12 @@ class ModalContactMotion(ModalPressedMotion):
             work, own = dead.work, self.energy(before)
             done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
             energies = parts.kinetic, parts.elastic, end.energy
-            slower = given_back(energies, (parts.kinetic_before, parts.elastic_before, own), done)
+            slower = given_back(energies, (parts.kinetic_before, parts.elastic_before, own), done + parts.given)
             if slower is None:
                 return None, None
             rates *= slower
         after = MotionState(end.q, rates)
-        self._ended = None if end.gaps is None else (end.q, end.gaps)
+        self._ended = None if end.gaps is None or pressing.moving else (end.q, end.gaps)
         after.memory = self._kept(before, end) | model.integrator.stood_in_for(before, after, parts.force, dt).memory
         after.memory[COST][0] = (SDIRK2.error_constant * dt) ** 2 * parts.bent
         return after, end.positions

@@ -36,6 +36,8 @@ class Parts(NamedTuple):
         Square of the change of the rates' derivative in the step.
     kinetic, elastic, kinetic_before, elastic_before : float
         Energies [J] of the modes at its end and its beginning.
+    given : float
+        Work [J] of moving colliders.
     """
 
     rates: Array
@@ -45,6 +47,7 @@ class Parts(NamedTuple):
     elastic: float
     kinetic_before: float
     elastic_before: float
+    given: float
 
 
 class Staying(ABC):
@@ -72,20 +75,44 @@ class Staying(ABC):
         ``begin`` are coordinates and rates (m,), ``compliance`` is G.
         """
 
-    def twice(self, begin: tuple[Array, Array], dead: DeadForce, dt: float, compliance: Array) -> Parts | None:
-        """Both parts of a step of ``dt`` [s] of SDIRK2 under a dead load; None where a vertex opens."""
-        (q, rates), part = begin, GAMMA * dt
+    @abstractmethod
+    def now(self) -> tuple[Index, Array, Array]:
+        """Rows (k,) that are pushed, forces (k,) [N] on them now, and where (k, 3) [m] their vertices are."""
+
+    def _given(self) -> float:
+        """Power [W] that moving colliders give now."""
+        touching, (rows, forces, points) = self._pressing.touching, self.now()
+        x = np.zeros_like(touching.shell.rest_positions)
+        x[touching.vertices[rows]] = points
+        along = np.sum(touching.normals(x, rows) * touching.velocities(x, rows), axis=1)
+        return float(forces @ along)
+
+    def twice(
+        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
+    ) -> Parts | None:
+        """Both parts of a step of SDIRK2 under a dead load; None where a vertex opens.
+
+        ``when`` it begins, and how long it is [s].
+        """
+        (q, rates), (time, dt), pressing, given = begin, when, self._pressing, 0.0
+        part = GAMMA * dt
+        pressing.at(time + part)
         half = self.part(begin, dead.at(q + part * rates), part, compliance)
         if half is None:
             return None
+        if pressing.moving:
+            given = (dt - part) * self._given()
+        pressing.at(time + dt)
         go_on(q, rates, half, dt, GAMMA, begun := np.empty((4, q.size)))
         force = dead.at(begun[3])
         last = self.part((begun[0], begun[1]), force, part, compliance)
         if last is None:
             return None
+        if pressing.moving:
+            given += part * self._given()
         ends = np.empty((2, q.size))
         ends[0] = last
-        return Parts(ends[1], force, *arrive(q, rates, half, dt, GAMMA, begun, self._eigenvalues, ends))
+        return Parts(ends[1], force, *arrive(q, rates, half, dt, GAMMA, begun, self._eigenvalues, ends), given)
 
     @abstractmethod
     def end(self) -> Pressed | None:
@@ -127,17 +154,25 @@ class StayingWarp(Staying):
         self._energy, stays = warp_kernels.stay(self._kept, self._pressing.bodies, step, found, self._limits)
         return found[0] if stays else None
 
-    def twice(self, begin: tuple[Array, Array], dead: DeadForce, dt: float, compliance: Array) -> Parts | None:
-        """See :meth:`Staying.twice`; in one call where the force is compiled, too."""
-        if dead.push is None:
-            return super().twice(begin, dead, dt, compliance)
+    def now(self) -> tuple[Index, Array, Array]:
+        """See :meth:`Staying.now`."""
+        (q, forces, local, _), (rows, vertices) = self._found, self._kept[:2]
+        return rows, forces, self._pressing.positions(q)[vertices] + local.T
+
+    def twice(
+        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
+    ) -> Parts | None:
+        """See :meth:`Staying.twice`; in one call on colliders at rest where the force is compiled, too."""
+        if dead.push is None or self._pressing.moving:
+            return super().twice(begin, dead, when, compliance)
+        dt = when[1]
         count_read(2 * dead.push[0].nbytes)
         ends, force, further = np.empty((2, compliance.size)), np.empty(compliance.size), self._found[1:]
         step, push = (*begin, compliance, self._eigenvalues, dt, GAMMA), (*dead.push, POWERS)
         given = self._kept, self._pressing.bodies, push, step, (ends, *further, force), self._limits
         self._energy, stays, ended = warp_kernels.stay_twice(*given)
         self._found = ends[0], *further
-        return Parts(ends[1], force, *ended) if stays else None
+        return Parts(ends[1], force, *ended, 0.0) if stays else None
 
     def end(self) -> Pressed | None:
         """See :meth:`Staying.end`."""
@@ -177,6 +212,15 @@ class StayingRows(Staying):
             return None
         self._state, self._turned = found, turned
         return found.q
+
+    def now(self) -> tuple[Index, Array, Array]:
+        """See :meth:`Staying.now`."""
+        rows, found = self._rows, self._state
+        assert found.positions is not None
+        points, forces = found.positions + found.local, found.pushes
+        if self._pressing.by_rows.alone:
+            return rows, forces, points
+        return rows, forces[rows], points[self._pressing.touching.vertices[rows]]
 
     def end(self) -> Pressed | None:
         """See :meth:`Staying.end`."""
