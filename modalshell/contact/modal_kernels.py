@@ -205,7 +205,7 @@ def arrive(q, rates, half, dt, gamma, begun, eigenvalues, out):  # type: ignore[
         lost += 0.5 * rates[k] ** 2
         stored += 0.5 * eigenvalues[k] * out[0, k] ** 2
         held += 0.5 * eigenvalues[k] * q[k] ** 2
-    return bent, ended, stored, lost, held
+    return bent, (ended, stored), (lost, held)
 
 
 @_kernel

@@ -1,19 +1,20 @@
-"""Frames of modal models, and on colliders, that are not compiled as a whole: derivatives are asked for, by vertices."""
+"""Frames of modal models, and on colliders, that are not compiled: derivatives are asked for, vertex by vertex."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, final
+from typing import Protocol, final
 
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
+from modalshell.contact.gap_kernels import Packed
+from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.pressed import Pressed
+from modalshell.contact.touching import Touching
+from modalshell.contact.turning import Turning
 from modalshell.core.typing import Array, Index
-
-if TYPE_CHECKING:
-    from modalshell.contact.modal import ModalContacts
 
 SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a frame is solved."""
@@ -32,19 +33,42 @@ Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
 """Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
 
 
+class Pressing(Protocol):
+    """What frames need of the contacts that ask for them; see :class:`~modalshell.contact.modal.ModalContacts`."""
+
+    touching: Touching
+    bodies: Packed | None
+    directions: Array
+    shapes: LocalShapes
+    spins: Turning
+    reach: Array
+
+    def positions(self, q: Array) -> Array:
+        """Positions (n, 3) [m] at q (m,)."""
+
+    def moves(self, q: Array, vertices: Index) -> Array:
+        """Their derivatives (k, 3, m) at some vertices."""
+
+    def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
+        """Rows (k,) of the candidates."""
+
+    def ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
+        """Positions and displacements (n, 3) [m], gaps (r,) [m], and the least of these."""
+
+
 @final
 class RowFrames:
     """Problems of the rows of contacts, of vertices whose positions and derivatives are asked for.
 
     Parameters
     ----------
-    pressing : ModalContacts
+    pressing : Pressing
         The contacts.
     near : callable, optional
         Positions and derivatives of some vertices; by default those of all.
     """
 
-    def __init__(self, pressing: ModalContacts, near: Near | None) -> None:
+    def __init__(self, pressing: Pressing, near: Near | None) -> None:
         self._pressing, self._near = pressing, near
         self._reach, self._still = pressing.reach, _STILL * pressing.touching.size
         self._taken: tuple[bytes, Array, Array] | None = None

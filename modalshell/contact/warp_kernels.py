@@ -297,7 +297,7 @@ def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-unty
         part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
         energy, stays = stay(kept, bodies, part, (end, forces, local, turned), limits)
         if not stays:
-            return energy, False, (0.0, 0.0, 0.0, 0.0, 0.0)
+            return energy, False, (0.0, (0.0, 0.0), (0.0, 0.0))
         if turn == 0:
             go_on(q, rates, half, dt, gamma, begun)
     return energy, True, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
@@ -307,8 +307,8 @@ def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-unty
 def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
     """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
 
-    ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it. Also
-    returns the elastic energy beyond the modes, first.
+    ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it.
+    Returns the elastic energy [J] beyond the modes, and whether gaps met their tolerance.
     """
     q, forces, local, pushes = found
     free, compliance = way

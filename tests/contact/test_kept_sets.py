@@ -285,11 +285,10 @@ def test_a_step_on_contacts_that_stay_looks_at_all_vertices_once(strip, modal, n
 def test_one_call_for_both_parts_is_two_calls(strip, modal, name, monkeypatch):
     model = modal[name]
     start = model.equilibrium(gravity=tuple(WEIGHT), contacts=[lying()]).positions
-    frames = []
+    frames, given = [], type(model).dead_force
     for apart in (False, True):
         motion = Motion(model, strip.loading(LESS), dt=1 / 120, contacts=[lying()], start=start)
         if apart:
-            given = type(model).dead_force
             monkeypatch.setattr(type(model), "dead_force", lambda *one: given(*one)._replace(push=None))
         for _ in range(12):
             motion.advance()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import final
@@ -55,9 +56,9 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
         if contact.push_out:
             raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
+    turns, shape, tiles = not model.straight, model.contact_shape, model.contact_tiles
     hooks = model.warped_positions, model.contact_rows
-    forms = {"shape": model.contact_shape, "tiles": model.contact_tiles}
-    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, **forms)
+    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=turns, shape=shape, tiles=tiles)
 
 
 def _not_together(model: ModalMotion) -> OptionError:
@@ -261,7 +262,7 @@ class ModalContactMotion(ModalPressedMotion):
         memory, model = before.memory, self._model
         at, compliance, resting = memory[REST], self._compliance(dt), self._resting
         if resting is None or resting.about[0] is not at or resting.compliance is not compliance:
-            if not np.isfinite(at[0]):
+            if not math.isfinite(at[0]):
                 return None
             about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
             resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
@@ -297,8 +298,7 @@ class ModalContactMotion(ModalPressedMotion):
         if model.conservative:
             work, own = dead.work, self.energy(before)
             done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
-            energies = parts.kinetic, parts.elastic, end.energy
-            slower = given_back(energies, (parts.kinetic_before, parts.elastic_before, own), done + parts.given)
+            slower = given_back((*parts.after, end.energy), (*parts.before, own), done + parts.given)
             if slower is None:
                 return None, None
             rates *= slower
@@ -314,7 +314,7 @@ class ModalContactMotion(ModalPressedMotion):
         if pressed.at is not None:
             memory[TAKEN] = pressed.at
         # Not at once after one that did not stay: what creeps is not given a problem every frame.
-        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
+        begins = pressed.solved and pressing.rests and not math.isfinite(before.memory[REST][0])
         if begins and pressing.moved(before.coordinates, pressed.q) <= STILL * pressing.touching.size:
             memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         return memory

@@ -103,10 +103,8 @@ class PressedMotion(ABC):
 
         None where that is more than little; see :func:`given_back`.
         """
-        model, energies = self._model, []
-        for state in (after, before):
-            energies.append([one(state) for one in (model.kinetic_energy, model.elastic_energy, self.energy)])
-        return given_back(*energies, work)
+        energies = self._model.kinetic_energy, self._model.elastic_energy, self.energy
+        return given_back([one(after) for one in energies], [one(before) for one in energies], work)
 
     def local(self, state: MotionState) -> Array:
         """Displacement (n, 3) [m] of a state beyond the modes."""

@@ -32,22 +32,20 @@ class Parts(NamedTuple):
         At its end.
     force : ndarray, shape (m,)
         Modal force of the second part.
-    bent : float
-        Square of the change of the rates' derivative in the step.
-    kinetic, elastic, kinetic_before, elastic_before : float
-        Energies [J] of the modes at its end and its beginning.
     given : float
         Work [J] of moving colliders.
+    bent : float
+        Square of the change of the rates' derivative in the step.
+    after, before : tuple of float
+        Kinetic and elastic energies [J] of the modes at its end and its beginning.
     """
 
     rates: Array
     force: Array
-    bent: float
-    kinetic: float
-    elastic: float
-    kinetic_before: float
-    elastic_before: float
     given: float
+    bent: float
+    after: tuple[float, float]
+    before: tuple[float, float]
 
 
 class Staying(ABC):
@@ -112,7 +110,7 @@ class Staying(ABC):
             given += part * self._given()
         ends = np.empty((2, q.size))
         ends[0] = last
-        return Parts(ends[1], force, *arrive(q, rates, half, dt, GAMMA, begun, self._eigenvalues, ends), given)
+        return Parts(ends[1], force, given, *arrive(q, rates, half, dt, GAMMA, begun, self._eigenvalues, ends))
 
     @abstractmethod
     def end(self) -> Pressed | None:
@@ -172,7 +170,7 @@ class StayingWarp(Staying):
         given = self._kept, self._pressing.bodies, push, step, (ends, *further, force), self._limits
         self._energy, stays, ended = warp_kernels.stay_twice(*given)
         self._found = ends[0], *further
-        return Parts(ends[1], force, *ended, 0.0) if stays else None
+        return Parts(ends[1], force, 0.0, *ended) if stays else None
 
     def end(self) -> Pressed | None:
         """See :meth:`Staying.end`."""
