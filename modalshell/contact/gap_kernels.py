@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalshell.contact.base import BOX, CYLINDER, PLANE, ROUND
 from modalshell.contact.contact import Contact
 from modalshell.core.typing import Array
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 
 _NUMBERS = 20
 """Numbers of a collider at most."""
@@ -74,9 +74,10 @@ def common_normal(bodies: Packed) -> Array | None:
 
 
 _kernel = njit(error_model="numpy", fastmath=False)
+_plain = njit(error_model="numpy", fastmath=False, **UNCOUNTED)
 
 
-@njit(error_model="numpy", fastmath=False, forceinline=True)
+@njit(error_model="numpy", fastmath=False, forceinline=True, **UNCOUNTED)
 def _away(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
     """Distance from a ball about the origin, and the normal there."""
     distance = math.sqrt(x * x + y * y + z * z)
@@ -85,7 +86,7 @@ def _away(x, y, z, radius, normal):  # type: ignore[no-untyped-def]
     return distance - radius
 
 
-@_kernel
+@_plain
 def _across(along, normal):  # type: ignore[no-untyped-def]
     """A unit normal across a unit vector, where every one serves."""
     axis = 0
@@ -97,19 +98,26 @@ def _across(along, normal):  # type: ignore[no-untyped-def]
         normal[i] = ((1.0 if i == axis else 0.0) - along[axis] * along[i]) / size
 
 
-@_kernel
-def _round(p, x, y, z, normal):  # type: ignore[no-untyped-def]
-    """Of a capsule, or a ball: its axis has no length. Numbers: a, the axis, its length, the radius."""
+@njit(error_model="numpy", fastmath=False, forceinline=True, **UNCOUNTED)
+def _from_axis(p, x, y, z):  # type: ignore[no-untyped-def]
+    """The way to a point from the nearest one of a capsule's axis. Numbers: a, the axis, its length, the radius."""
     x, y, z = x - p[0], y - p[1], z - p[2]
     along = min(max(x * p[3] + y * p[4] + z * p[5], 0.0), p[6])
+    return x - along * p[3], y - along * p[4], z - along * p[5]
+
+
+@_plain
+def _round(p, x, y, z, normal):  # type: ignore[no-untyped-def]
+    """Of a capsule, or a ball: its axis has no length."""
+    x, y, z = _from_axis(p, x, y, z)
     normal[0], normal[1], normal[2] = 0.0, 0.0, 0.0
-    gap = _away(x - along * p[3], y - along * p[4], z - along * p[5], p[7], normal)
+    gap = _away(x, y, z, p[7], normal)
     if gap == -p[7]:
         _across(p[3:6], normal)
     return gap
 
 
-@_kernel
+@_plain
 def _cylinder(p, x, y, z, normal):  # type: ignore[no-untyped-def]
     """Of a cylinder with flat ends; numbers as those of a capsule."""
     x, y, z, half = x - p[0], y - p[1], z - p[2], 0.5 * p[6]
@@ -133,7 +141,7 @@ def _cylinder(p, x, y, z, normal):  # type: ignore[no-untyped-def]
     return far
 
 
-@_kernel
+@_plain
 def _box(p, x, y, z, normal):  # type: ignore[no-untyped-def]
     """Of a rounded box. Numbers: its centre, its rotation by rows, its half lengths less the rounding, this."""
     x, y, z = x - p[0], y - p[1], z - p[2]
@@ -161,7 +169,7 @@ def _box(p, x, y, z, normal):  # type: ignore[no-untyped-def]
     return gap
 
 
-@_kernel
+@_plain
 def gap_at(kind, p, x, y, z, normal):  # type: ignore[no-untyped-def]
     """Gap [m] of a point from a packed contact, and the ``normal`` (3,) there."""
     if kind == PLANE:
@@ -189,17 +197,29 @@ def gap_and_normal(bodies, contact, x, y, z, normal):  # type: ignore[no-untyped
 @_kernel
 def gaps_of(bodies, vertices, contact_of, x, out):  # type: ignore[no-untyped-def]
     """Gaps ``out`` (r,) [m] of rows, each a vertex of positions x (n, 3) and a packed contact; the least one."""
+    return gaps_beyond(bodies, vertices, contact_of, x, x[:0], np.empty(3), out)
+
+
+@_plain
+def gaps_beyond(bodies, vertices, contact_of, x, local, normal, out):  # type: ignore[no-untyped-def]
+    """The same at ``x + local``, if these are any (0, 3) or (n, 3); ``normal`` (3,) is written to."""
     kinds, numbers = bodies
-    normal, least = np.empty(3), np.inf
+    least, moved = np.inf, local.size > 0
     for row in range(vertices.size):
         contact, v = contact_of[row], vertices[row]
+        a, b, c = x[v, 0], x[v, 1], x[v, 2]
+        if moved:
+            a, b, c = a + local[v, 0], b + local[v, 1], c + local[v, 2]
         if kinds[contact] == PLANE:
-            p = numbers[contact]
-            out[row] = x[v, 0] * p[0] + x[v, 1] * p[1] + x[v, 2] * p[2] - p[3]
+            gap = a * numbers[contact, 0] + b * numbers[contact, 1] + c * numbers[contact, 2] - numbers[contact, 3]
+        elif kinds[contact] == ROUND:
+            a, b, c = _from_axis(numbers[contact], a, b, c)
+            gap = math.sqrt(a * a + b * b + c * c) - numbers[contact, 7]
         else:
-            out[row] = gap_at(kinds[contact], numbers[contact], x[v, 0], x[v, 1], x[v, 2], normal)
-        if not out[row] >= least:
-            least = out[row]
+            gap = gap_at(kinds[contact], numbers[contact], a, b, c, normal)
+        out[row] = gap
+        if not gap >= least:
+            least = gap
     return least
 
 

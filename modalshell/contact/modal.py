@@ -14,15 +14,16 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.contact import modal_kernels as kernels
-from modalshell.contact import row_kernels as rows_by
 from modalshell.contact import warp_kernels
 from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import common_normal, frame_of, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
+from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, Near, RowFrames
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.contact.turning import Turning
+from modalshell.core.cost import count_read
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
@@ -32,23 +33,11 @@ CANDIDATES = 50
 """Vertices of a frame, the nearest, that may touch it; all that are inside may, as far as their shapes are kept."""
 _NEAR = 0.02
 """Gap, as a share of the shell's size, up to which a vertex is a candidate at most."""
-_SETTLED = 1e-9
-"""Gap, as a share of the shell's size, at which a frame is solved."""
-_MOVED = 1e-3
-"""Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
-_PASSES = 12
-"""Linearisations of a frame at most."""
-_CORRECTIONS = 8
-"""Corrections of one by the gaps that it leads to, at most."""
-_STILL = 1e-5
-"""Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
 _RENEWED = 12
 """Times that vertices are taken in which a frame's end would leave inside."""
 
 Rows = Callable[[Array, Index], Array]
 """Derivatives (k, 3, m) of some vertices' positions by the coordinates (m,)."""
-Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
-"""Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
 Shape = tuple[Array, Array, Array]
 """Positions at rest (n, 3), modes and modal rotations (3n, m), none where these do not turn the modes."""
 
@@ -73,6 +62,8 @@ class ModalContacts:
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
     shape : tuple, optional
         Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
+    tiles : tuple, optional
+        Of those whose positions are by a :class:`WarpFrame`: its data.
 
     Attributes
     ----------
@@ -86,6 +77,10 @@ class ModalContacts:
         What the shell gives way beyond its modes.
     spins : Turning
         How its vertices turn.
+    reach : ndarray, shape (m,)
+        How far [m] each coordinate may move a vertex, by a unit.
+    by_rows : RowFrames
+        Frames that are not compiled as a whole.
     """
 
     def __init__(
@@ -98,24 +93,24 @@ class ModalContacts:
         near: Near | None = None,
         turns: bool | Callable[[Array], Array] = True,
         shape: Shape | None = None,
+        tiles: tuple[Array, Array] | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
-        self._near = near
-        self._shape = shape
+        self._shape, self._tiles = shape, tiles
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
         both = (each.reshape(-1, 3, each.shape[1]) for each in (basis.modes, basis.rotations))  # lengths: in any axes
-        self._reach, self._largest_turns = (np.linalg.norm(each, axis=1).max(axis=0) for each in both)  # of a vertex
-        self._taken: tuple[bytes, Array, Array] | None = None
+        self.reach, self._largest_turns = (np.linalg.norm(each, axis=1).max(axis=0) for each in both)  # of a vertex
         self._kept: Any = None
+        self.by_rows = RowFrames(self, near)
 
     @property
     def asks(self) -> bool:
         """Whether frames ask for derivatives, so that these may be kept."""
-        return self._shape is None or self._bodies is None
+        return self._shape is None or self.bodies is None
 
     @property
     def no_pushes(self) -> Array:
@@ -124,15 +119,15 @@ class ModalContacts:
 
     def at(self, time: float) -> None:
         """Look at the colliders as they are at ``time`` [s]."""
-        if (self.moving or self._bodies is None) and time != self.touching.time:
+        if (self.moving or self.bodies is None) and time != self.touching.time:
             self.touching = self.touching.at(time)
             self._see()
 
     def _see(self) -> None:
         """Take the colliders as they are, and the directions (d, 3) that their normals are made of."""
-        self._bodies = self.touching.packed()
-        normal = None if self._bodies is None else common_normal(self._bodies)
-        self._directions = np.eye(3) if normal is None else normal[None]
+        self.bodies = self.touching.packed()
+        normal = None if self.bodies is None else common_normal(self.bodies)
+        self.directions = np.eye(3) if normal is None else normal[None]
 
     def friction(self, pushes: Array, x: Array, when: tuple[float, float, float]) -> Friction | None:
         """Friction of a step by ``pushes`` (r,) [N]; None without any.
@@ -155,15 +150,15 @@ class ModalContacts:
     @property
     def rests(self) -> bool:
         """Whether all colliders rest, and are of known forms."""
-        return not self.moving and self._bodies is not None
+        return not self.moving and self.bodies is not None
 
     def moved(self, before: Array, after: Array) -> float:
         """How far [m] a vertex may go between coordinates (m,)."""
-        return float(kernels.reach_of(before, after, self._reach))
+        return float(kernels.reach_of(before, after, self.reach))
 
     def reach_within(self, local: Array) -> Array:
         """How far [m] each coordinate (m,) may move a vertex, by a unit, with what turns with it of (n, 3) [m]."""
-        return self._reach + float(np.linalg.norm(local, axis=1).max(initial=0.0)) * self._largest_turns
+        return self.reach + float(np.linalg.norm(local, axis=1).max(initial=0.0)) * self._largest_turns
 
     def along(self, q: Array, rows: Index) -> Array:
         """Derivatives (k, m) of the gaps of some rows."""
@@ -184,18 +179,18 @@ class ModalContacts:
 
     def gaps(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows at positions x (n, 3)."""
-        if self._bodies is None:
+        if self.bodies is None:
             return self.touching.distances(x)
         touching, gaps = self.touching, np.empty(self.touching.vertices.size)
-        gaps_of(self._bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
+        gaps_of(self.bodies, touching.vertices, touching.contact_of, np.ascontiguousarray(x), gaps)
         return gaps
 
     def frame(self, x: Array, pushes: Array) -> TouchedFrame:
         """What touches at positions x (n, 3) [m], with forces (r,) [N] along the normals."""
-        if self._bodies is None:
+        if self.bodies is None:
             return touched_frame(self.touching, x, pushes)
         rows = self.touching.vertices, self.touching.contact_of
-        least = frame_of(self._bodies, rows, pushes, x, forces := np.empty(x.shape), touches := np.empty(len(x), bool))
+        least = frame_of(self.bodies, rows, pushes, x, forces := np.empty(x.shape), touches := np.empty(len(x), bool))
         return TouchedFrame(forces, touches, max(0.0, -least))
 
     def candidates(self, gaps: Array, pushes: Array, reach: float = np.inf) -> Index:
@@ -236,77 +231,60 @@ class ModalContacts:
         (local, pushes, at), start = before, begin[0]
         reach = self.moved(begin[1], start)
         if self.asks:
-            return self._press_by_rows(free, compliance, begin, gaps, (local, pushes, reach, at))
+            return self.by_rows.press(free, compliance, begin, gaps, (local, pushes, reach, at))
         size, most = self.touching.size, self.shapes.most
-        limits = min(reach, _NEAR * size), CANDIDATES, most, _SETTLED * size, _MOVED * size, 1e-12 * size
+        limits = min(reach, _NEAR * size), CANDIDATES, most, SETTLED * size, FAR * size, SMALL * size
         step = free, compliance, start
         for _ in range(_RENEWED):
             kept = self._gathered(None)
             while True:
-                found = warp_kernels.press(kept, self._bodies, step, (gaps, pushes, local), limits)
+                found = warp_kernels.press(kept, self.bodies, step, (gaps, pushes, local), limits)
                 if found[1].size:
                     break
                 kept = self._gathered(found[0])
             _, q, pushes, forces, energy, solved = found
-            base, shape, after, least = self._ended(q, kept[2], forces)
+            base, shape, after, least = self.ended(q, kept[2], forces)
             if not solved or least >= -limits[3]:
                 break
             gaps, local = np.minimum(gaps, after), shape  # what entered is taken in, too
         return Pressed(q, shape, pushes, bool(solved and least >= -limits[3]), base, energy, None, after)
 
     def _gathered(self, rows: Index | None) -> Any:
-        """What compiled frames read of candidates (k,), or of those of the last frame; see :func:`gather`."""
-        shapes, vertices = self.shapes, self.touching.vertices
+        """The same of candidates (k,), or of those of the last frame."""
         if rows is None:
-            if self._kept is not None and self._kept[0] == shapes.begun:
+            if self._kept is not None and self._kept[0] == self.shapes.begun:
                 return self._kept[1]
             rows = np.empty(0, np.int64)
-        slots = shapes.slots(vertices[rows])
-        rows_of = vertices, self.touching.contact_of
-        self._kept = shapes.begun, warp_kernels.gather(self._shape, rows_of, rows, slots, shapes.blocks)
-        return self._kept[1]
+        found = self.gathered(rows)
+        self._kept = self.shapes.begun, found
+        return found
 
-    def _ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
+    def gathered(self, rows: Index) -> Any:
+        """What compiled frames read of candidates (k,); see :func:`gather`."""
+        vertices = self.touching.vertices
+        slots = self.shapes.slots(vertices[rows])
+        rows_of = vertices, self.touching.contact_of
+        return warp_kernels.gather(self._shape, rows_of, rows, slots, self.shapes.blocks)
+
+    def ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.
 
         ``forces`` (k, 3) [N] are in the axes at rest.
         """
-        touching, pushed, base = self.touching, (self.shapes.store, slots, forces), self._positions(q)
-        local, turns, spin = np.empty(base.shape), self.spins.unspun(q), self.spins.spin
-        if self._bodies is not None:
-            rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
-            least = kernels.ended(pushed, spin, q, turns, base, rows, self._bodies, local, gaps)
+        touching, pushed = self.touching, (self.shapes.store, slots, forces)
+        rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
+        local = np.empty_like(self._basis.shell.rest_positions)
+        if self._tiles is not None and self.bodies is not None:
+            count_read(self._tiles[0].nbytes)
+            out = base, local, gaps = np.empty_like(local), local, gaps
+            return *out, warp_kernels.warp_ended(self._tiles, q, pushed, rows, self.bodies, out)
+        base, turns, spin = self._positions(q), self.spins.unspun(q), self.spins.spin
+        if self.bodies is not None:
+            least = kernels.ended(pushed, spin, q, turns, base, rows, self.bodies, local, gaps)
             return base, local, gaps, least
         kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
         return base, local, gaps, float(gaps.min())
-
-    def _press_by_rows(
-        self,
-        free: Array,
-        compliance: Array,
-        begin: tuple[Array, Array, Array],
-        gaps: Array,
-        before: tuple[Array, Array, float, Array | None],
-    ) -> Pressed:
-        """The same of models and colliders whose frames are not compiled: their derivatives are asked for.
-
-        Those of earlier frames serve as long as the shell is almost where they were taken.
-        """
-        start, q, base = begin
-        local, pushes, reach, at = before
-        still = at is not None and kernels.reach_of(at, start, self._reach) <= _STILL * self.touching.size
-        if at is None or not still:
-            at = q = start
-        pressed = Pressed(q, local, pushes, False, base if q is not at else None, at=at)
-        for _ in range(_PASSES):
-            rows = self.candidates(gaps, pressed.pushes, reach)
-            pressed = self._newton(free, compliance, pressed, rows, _CORRECTIONS, at)
-            assert pressed.gaps is not None
-            if pressed.solved:
-                break
-            gaps, at = np.minimum(gaps, pressed.gaps), pressed.q  # what entered is taken in, too
-        return pressed
 
     def press_once(self, free: Array, compliance: Array, q: Array, pushes: Array) -> Pressed:
         """The same to first order about ``q`` (m,) with ``pushes`` (r,) [N]; solved if its end meets the gaps.
@@ -319,7 +297,7 @@ class ModalContacts:
         """The same about a :meth:`state`."""
         assert begin.positions is not None
         rows = self.candidates(self.gaps(begin.positions + begin.local), begin.pushes)
-        return self._newton(free, compliance, begin, rows, 1, begin.q)
+        return self.by_rows.newton(free, compliance, begin, rows, 1, begin.q)[0]
 
     def state(self, q: Array, pushes: Array, local: Array | float) -> Pressed:
         """What forces (r,) [N] press in at q (m,), along the normals where ``local`` (n, 3) [m] was pressed in."""
@@ -341,60 +319,3 @@ class ModalContacts:
         local, slots = np.empty_like(self._basis.shell.rest_positions), self.shapes.slots(vertices)
         kernels.local_shape(self.shapes.store, slots, forces, turns, local)
         return local
-
-    def _frame(self, q: Array, vertices: Index) -> tuple[Array, Array]:
-        """Positions (k, 3) [m] of some vertices at q (m,), and derivatives (k, d, m); those of the last are kept."""
-        asked, kept = b"".join(part.tobytes() for part in (q, vertices, self._directions)), self._taken
-        if kept is None or kept[0] != asked:
-            if self._near is None:
-                points, moves = self._positions(q)[vertices], self._directions @ self._rows(q, vertices)
-            else:
-                points, moves = self._near(q, vertices, self._directions)  # type: ignore[assignment]
-            kept = self._taken = asked, points, np.ascontiguousarray(moves)
-        return kept[1:]
-
-    def _newton(
-        self, free: Array, compliance: Array, begin: Pressed, rows: Index, corrections: int, at: Array
-    ) -> Pressed:
-        """The problem of some rows linearised at ``begin``, by derivatives at ``at`` (m,), corrected by its gaps."""
-        touching, size, q = self.touching, self.touching.size, begin.q
-        vertices, contact_of = touching.vertices[rows], touching.contact_of[rows]
-        points, moves = self._frame(at, vertices)
-        begun_anew = at is q  # not whether they were known: that is not the same once resumed
-        if begin.positions is not None:
-            points = begin.positions[vertices]
-        (slots, between), symmetric = self.shapes.between(vertices), compliance.ndim == 1
-        forces, pushes, turning = begin.pushes[rows], np.zeros(begin.pushes.size), self.spins.parts(q, vertices)
-        count, place, near = rows.size, (vertices, contact_of, begin.local, between), self._near
-        square, own = np.empty((2, count, count)), np.empty((3, count))
-        problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), own
-        if self._bodies is not None:
-            given = q, free, forces
-            rows_by.row_begin(self._bodies, place, points, moves, given, turning, compliance, problem)
-        else:
-            x = begin.local.copy()
-            x[vertices] += points
-            frame = *touching.gaps(x, rows)[:2], vertices, begin.local
-            turns = self.spins.of(q, vertices)
-            rows_by.row_problem(moves, frame, (free - q, forces), turns, between, compliance, problem)
-        turned, expected, reached = np.empty((count, 3)), np.empty(count), np.empty(count)
-        for left in reversed(range(corrections)):
-            after = np.empty(q.size)
-            energy = rows_by.row_end(problem, forces, free, 1e-12 * size, symmetric, (after, turned, expected))
-            # Where derivatives stay, near rest, the first solve mostly serves: all vertices are asked for at once.
-            few = 0 < left < corrections - 1 + begun_anew and self._bodies is not None
-            if few and near is not None:
-                turning = self.spins.parts(after, vertices)
-                ended, bodies = near(after, vertices, None)[0], self._bodies
-                off = rows_by.row_reached(place, ended, turned, forces, turning, after, bodies, reached)
-            else:
-                base, local, gaps, least = self._ended(after, slots, turned)
-                reached, off = gaps[rows], rows_by.row_off(gaps[rows], forces)
-            if not _SETTLED * size < off < np.inf:
-                break
-            problem[3][:] += reached - expected
-        if few and near is not None:
-            base, local, gaps, least = self._ended(after, slots, turned)
-        move = rows_by.row_ended(base, vertices, points, rows, forces, pushes)
-        solved = max(off, -least) <= _SETTLED * size and move <= _MOVED * size
-        return Pressed(after, local, pushes, solved, base, energy, at, gaps)

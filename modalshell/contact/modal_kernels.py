@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.contact.gap_kernels import gaps_of
+from modalshell.contact.gap_kernels import gaps_beyond
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.rotations import rotate
 
@@ -160,7 +160,7 @@ def ended(pushed, spin, q, turns, base, rows_of, bodies, local, gaps):  # type: 
         turns = np.empty(base.shape)
         turns_at(spin, q, turns.reshape(-1))
     local_shape(pushed[0], pushed[1], pushed[2], turns, local)
-    return gaps_of(bodies, rows_of[0], rows_of[1], base + local, gaps)
+    return gaps_beyond(bodies, rows_of[0], rows_of[1], base, local, np.empty(3), gaps)
 
 
 @_kernel
@@ -170,6 +170,42 @@ def implicit_euler(q, rates, force, compliance, eigenvalues, dt, out):  # type: 
         out[0, k] = q[k] + compliance[k] * (rates[k] / dt + force[k] - eigenvalues[k] * q[k])
         out[1, k] = (out[0, k] - q[k]) / dt
         out[2, k] = q[k] + dt * rates[k]
+
+
+@_kernel
+def go_on(q, rates, half, dt, gamma, out):  # type: ignore[no-untyped-def]
+    """What a step of SDIRK2 knows at the end ``half`` (m,) of its first part, of implicit Euler over ``gamma dt``.
+
+    Rows of ``out`` (4, m): coordinates and rates at which the second part begins, rates at its end if they change as in
+    the first part, and coordinates there by these.
+    """
+    part = gamma * dt
+    for k in range(q.size):
+        moved = (half[k] - q[k]) / part
+        change = moved - rates[k]
+        last = rates[k] + change / gamma
+        out[0, k] = q[k] + (dt - part) * moved
+        out[1, k] = rates[k] + (1.0 - gamma) / gamma * change
+        out[2, k], out[3, k] = last, q[k] + 0.5 * dt * (rates[k] + last)
+
+
+@_kernel
+def arrive(q, rates, half, dt, gamma, begun, eigenvalues, out):  # type: ignore[no-untyped-def]
+    """Rates at the end of its second part, out of the row of ``out`` (2, m) that has its coordinates into the other.
+
+    ``begun`` are the rows of :func:`go_on`. Also returns the square of the rates' second derivative, ``dt`` of it, and
+    kinetic and elastic energies [J] at the end, and at the beginning of the step.
+    """
+    part, bent, ended, lost, stored, held = gamma * dt, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(q.size):
+        out[1, k] = (out[0, k] - begun[0, k]) / part
+        change = (half[k] - q[k]) / part - rates[k]
+        bent += ((out[1, k] - begun[1, k] - change) / (part * (1.0 - gamma)) * dt) ** 2
+        ended += 0.5 * out[1, k] ** 2
+        lost += 0.5 * rates[k] ** 2
+        stored += 0.5 * eigenvalues[k] * out[0, k] ** 2
+        held += 0.5 * eigenvalues[k] * q[k] ** 2
+    return bent, (ended, stored), (lost, held)
 
 
 @_kernel

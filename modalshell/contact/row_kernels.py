@@ -133,12 +133,13 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 
 
 @_kernel
-def row_reached(place, points, pushes, forces, turning, q, bodies, gaps):  # type: ignore[no-untyped-def]
-    """Gaps (k,) [m] of candidates at ``points`` (k, 3) under ``pushes`` (k, 3) on them; how far [m] they are off.
+def row_reached(place, points, pushes, forces, turning, q, bodies, out):  # type: ignore[no-untyped-def]
+    """Gaps of candidates at ``points`` (k, 3) under ``pushes`` (k, 3) on them; how far [m] they are off.
 
     ``place`` and ``turning`` are as those of :func:`row_begin`. ``pushes`` [N] are in the axes at rest, in
-    which their turns at q turn what these press in.
+    which their turns at q turn what these press in. ``out`` are gaps (k,) [m], and displacements (k, 3) [m] pressed in.
     """
+    gaps, shift = out
     _, contact_of, _, between = place
     turns = _turned_by(turning, q)
     local, n = np.empty((3, contact_of.size)), np.empty(3)
@@ -149,6 +150,7 @@ def row_reached(place, points, pushes, forces, turning, q, bodies, gaps):  # typ
             w = turns[i]
             c1, c2, _ = coefficients(w[0], w[1], w[2])
             a, b, c = turned(w[0], w[1], w[2], c1, c2, a, b, c)
+        shift[i, 0], shift[i, 1], shift[i, 2] = a, b, c
         x, y, z = points[i, 0] + a, points[i, 1] + b, points[i, 2] + c
         gaps[i] = gap_and_normal(bodies, contact_of[i], x, y, z, n)
     return row_off(gaps, forces)

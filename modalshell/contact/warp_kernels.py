@@ -5,9 +5,22 @@ from typing import Any
 import numpy as np
 
 from modalshell.contact.complementarity import complementary
-from modalshell.contact.gap_kernels import gap_and_normal
-from modalshell.contact.modal_kernels import between_slots, candidates, local_at, residual_compliance, response, turned
+from modalshell.contact.gap_kernels import gap_and_normal, gaps_beyond
+from modalshell.contact.modal_kernels import (
+    arrive,
+    between_slots,
+    candidates,
+    go_on,
+    implicit_euler,
+    local_at,
+    local_shape,
+    residual_compliance,
+    response,
+    turned,
+)
 from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.frame import TILE, WORK, warp_tiles
+from modalshell.kernels.push import ROWS, push_frame
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -211,7 +224,96 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         forces[i] = before[1][rows[i]]
         for j in range(3):
             local[j, i] = before[2][vertices[i], j]
-    q, solved, move, energy = begin.copy(), False, np.inf, 0.0
+    q = begin.copy()
+    found = q, forces, local, pushes
+    energy, solved = _solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), False)
+    pushed = np.zeros(before[1].size)
+    for i in range(count):
+        pushed[rows[i]] = forces[i]
+    return rows, q, pushed, pushes, energy, solved
+
+
+@_kernel
+def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
+    """End of a step of implicit Euler in which all of some vertices stay pushed, with no look at others.
+
+    Parameters
+    ----------
+    kept, bodies : tuple
+        As of :func:`press`.
+    step : tuple
+        Coordinates and rates (m,), modal force (m,), G (m,), stiffness of the modes (m,), and how long it is [s].
+    found : tuple
+        Coordinates (m,) of its end; and forces (k,), displacements (3, k) [m] beyond the modes and forces (k, 3) in
+        the axes at rest: those at its beginning, which become those at its end.
+    limits : tuple
+        Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
+
+    Returns
+    -------
+    tuple
+        Elastic energy [J] beyond the modes, and whether all stay.
+    """
+    q, rates, force, compliance, eigenvalues, dt = step
+    ends = np.empty((3, q.size))
+    implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
+    for k in range(q.size):
+        found[0][k] = ends[2, k]
+    return _solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, True)
+
+
+@_kernel
+def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-untyped-def]
+    """Both parts of a step of SDIRK2 in which all of some vertices stay pushed; see :func:`stay`.
+
+    Parameters
+    ----------
+    kept, bodies, limits : tuple
+        As of :func:`stay`.
+    push : tuple
+        Modal data and a load, and powers, as of :func:`push_frame`; or none, and a modal force (m,) that stays.
+    step : tuple
+        Coordinates and rates (m,), G of a part (m,), stiffness of the modes (m,), how long it is [s], and gamma.
+    found : tuple
+        As of :func:`stay`, but first the rows of :func:`arrive`; then the modal force (m,) of its second part.
+
+    Returns
+    -------
+    tuple
+        Elastic energy [J] beyond the modes, whether all stay, and what :func:`arrive` returns.
+    """
+    q, rates, compliance, eigenvalues, dt, gamma = step
+    ends, forces, local, turned, force = found
+    begun, half, work, energy = np.empty((4, q.size)), np.empty(q.size), np.empty(ROWS), 0.0
+    begun[0], begun[1] = q, rates
+    for k in range(q.size):
+        begun[3, k] = q[k] + gamma * dt * rates[k]
+    for turn in range(2):  # one call of each long kernel, which is compiled where it is called
+        if push[0].size:
+            push_frame(push[0], push[1], push[2], begun[3], work, force)
+        else:
+            force[:] = push[1]
+        end = half if turn == 0 else ends[0]
+        part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
+        energy, stays = stay(kept, bodies, part, (end, forces, local, turned), limits)
+        if not stays:
+            return energy, False, (0.0, (0.0, 0.0), (0.0, 0.0))
+        if turn == 0:
+            go_on(q, rates, half, dt, gamma, begun)
+    return energy, True, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
+
+
+@_kernel
+def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
+    """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
+
+    ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it.
+    Returns the elastic energy [J] beyond the modes, and whether gaps met their tolerance.
+    """
+    q, forces, local, pushes = found
+    free, compliance = way
+    deep, far, accuracy = limits
+    count, solved, move, energy = forces.size, False, np.inf, 0.0
     gap, offset, expected, matrix = np.empty(count), np.empty(count), np.empty(count), np.empty((count, count))
     triples = np.empty((5, 3, count))
     normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
@@ -223,6 +325,8 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         _offsets(gap, normals, local, across, (free, q), offset)
         for _ in range(_CORRECTIONS):
             complementary(matrix, offset, forces, accuracy, True)
+            if stays and not forces.min() > 0.0:
+                return energy, False
             _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
             local_at(between, pushes, local)
             energy = 0.0
@@ -240,10 +344,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
                 offset[i] += gap[i] - expected[i]
         if (solved and move <= far) or not move < np.inf:
             break
-    pushed = np.zeros(before[1].size)
-    for i in range(count):
-        pushed[rows[i]] = forces[i]
-    return rows, q, pushed, pushes, energy, solved and move <= far
+    return energy, solved and move <= far
 
 
 @_plain
@@ -267,3 +368,28 @@ def _ended_small(matrix, offset, forces, step, own, out):  # type: ignore[no-unt
         if pushed:
             for j in range(expected.size):
                 expected[j] += row[j] * force
+
+
+@_kernel
+def warp_ended(tiles, q, pushed, rows_of, bodies, out):  # type: ignore[no-untyped-def]
+    """Positions at q by :func:`warp_tiles`, a :func:`local_shape` turned with them, and gaps there; the least one.
+
+    ``tiles`` are modal data and positions at rest in tiles; ``pushed`` stored shapes, slots of these, and forces there.
+    ``out`` are positions and displacements (n, 3) [m], and gaps (r,) [m] of all rows.
+    """
+    (modal, rest), (base, local, gaps), work = tiles, out, np.empty(WORK)
+    local_shape(pushed[0], pushed[1], pushed[2], base[:0], local)
+    for tile in range(modal.shape[0]):
+        warp_tiles(tile, tile + 1, modal, rest, q, work, base)
+        _turn_tile(work, local[tile * TILE : (tile + 1) * TILE])
+    return gaps_beyond(bodies, rows_of[0], rows_of[1], base, local, np.empty(3), gaps)
+
+
+@_plain
+def _turn_tile(work, local):  # type: ignore[no-untyped-def]
+    """Turn displacements (j, 3) of a tile, in place, by the rotation vectors that its frame has left in ``work``."""
+    for j in range(local.shape[0]):
+        a, b, c = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+        second, third = work[6 * TILE + j], work[7 * TILE + j]
+        first = 1.0 - (a * a + b * b + c * c) * third
+        local[j, 0], local[j, 1], local[j, 2] = turned(a, b, c, first, second, local[j, 0], local[j, 1], local[j, 2])

@@ -43,7 +43,7 @@ class LinearModal(ModalModel):
     def dead_force(self, load: Array) -> DeadForce:
         """:meth:`warped_force`, the same at every q."""
         force = self.warped_force(np.zeros(self.basis.count), load)
-        return DeadForce(partial(_same, force), work=partial(_along, force))
+        return DeadForce(partial(_same, force), work=partial(_along, force), push=(np.empty(0), force))
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . Phi q`` [J] and its gradient (m,)."""

@@ -101,6 +101,11 @@ class ModalWarping(UnstretchedModel):
         """See :attr:`ModalShape.contact_shape`."""
         return contact_shape(self.basis, turns=True)
 
+    @property
+    def contact_tiles(self) -> tuple[Array, Array]:
+        """See :attr:`ModalShape.contact_tiles`."""
+        return self._frame.modal_data, self._frame.rest_data
+
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""
         return self._moved_rows(q, vertices)[1]
@@ -125,7 +130,7 @@ class ModalWarping(UnstretchedModel):
             return _dead_work(self._pushed, self._rows(load))
         felt, sample = (self._pushed, self._rows(load)), self._sample
         change = None if sample is None else partial(_change_of, sample[1], load_rows(load[sample[0]]))
-        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change))
+        return DeadForce(partial(_force_of, *felt), change, partial(_step, *felt, change), push=felt)
 
     @property
     def _pushed(self) -> Array:

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.contact.modal import ModalContacts
+from modalshell.contact.modal_kernels import local_shape
 from modalshell.models.base.kept_sets import KeptSteps
+from modalshell.models.base.modal_contact import modal_contacts
 from modalshell.motion.stepping import Motion
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
@@ -210,3 +213,100 @@ def test_what_steps_gain_is_given_back_and_not_damped(name):
     assert motion.unconverged == 0
     assert np.ptp(heights[-48:]) > 0.97 * np.ptp(heights[:48])
     assert np.diff(np.sum(energies, axis=1)).max() <= 1e-9 * np.ptp(energies, axis=0)[2]
+
+
+@pytest.fixture(scope="module")
+def modal(strip):
+    """Modal models of the strip."""
+    basis = ms.solve_modes(strip, 8)
+    return {one.name: one(basis) for one in (ms.LinearModal, ms.ModalWarping, ms.RotationStrain)}
+
+
+def moved(model, rate, path, duration=0.3):
+    """A strip that a cylinder moves which begins at rest."""
+    start = model.equilibrium(gravity=tuple(WEIGHT), contacts=[lying()]).positions
+    contacts = [lying(motion=path)]
+    return ms.simulate(model, duration=duration, dt=1.0 / rate, gravity=LESS, start=start, contacts=contacts)
+
+
+@pytest.mark.by_default("MWTS")
+@pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW"])
+def test_modal_models_on_a_collider_that_moves_keep_order_two(modal, name):
+    """All steps were of implicit Euler: 0.2 off at 60 steps a second, and 0.1 at 240."""
+    times = np.linspace(0.0, 0.6, 121)
+    up = 0.005 * (1.0 - np.cos(2.0 * np.pi * times / 0.6))
+    path = ms.SupportPath(times, up[:, None] * [0.0, 0.0, 1.0])
+    truth, errors = moved(modal[name], 960, path).positions[::16], []
+    for rate in (60, 240):
+        run = moved(modal[name], rate, path)
+        assert run.unconverged_steps == 0
+        assert run.in_contact[1:].any(axis=1).all()
+        assert run.deepest.max() <= 1e-9
+        errors.append(np.abs(run.positions[:: rate // 60] - truth).max() / np.abs(truth - truth[0]).max())
+    assert errors[0] < 0.07
+    assert errors[0] / errors[1] > 8.0  # 16 by order two, 4 by order one
+
+
+@pytest.mark.by_default("LMA")
+@pytest.mark.parametrize("name", ["LMA", "RSW"])
+def test_modal_models_gain_no_more_than_a_collider_gives(modal, name):
+    """Its work is the integral of the force over its way, to order two, and nothing any more once it rests."""
+    times = np.linspace(0.0, 0.5, 101)
+    up = 0.002 * (1.0 - np.cos(np.pi * np.minimum(times, 0.2) / 0.2))
+    path = ms.SupportPath(times, up[:, None] * [0.0, 0.0, 1.0])
+    run = moved(modal[name], 240, path, 0.5)
+    energies, resting = run.energies.sum(axis=1), run.times[:-1] >= 0.35
+    assert run.unconverged_steps == 0
+    assert np.diff(energies)[resting].max() <= 2e-9 * np.ptp(run.energies[:, 2])
+    way = np.diff([path.at(time).to_world(np.zeros((1, 3)))[0, 2] for time in run.times])
+    forces = run.contact_forces[..., 2].sum(axis=1)
+    given = 0.5 * float((forces[1:] + forces[:-1]) @ way)
+    assert energies[-1] - energies[0] == pytest.approx(given, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW"])
+def test_a_step_on_contacts_that_stay_looks_at_all_vertices_once(strip, modal, name, monkeypatch):
+    """Each of its parts did."""
+    looks, ended = [], ModalContacts.ended
+    monkeypatch.setattr(ModalContacts, "ended", lambda *given: looks.append(1) or ended(*given))
+    model = modal[name]
+    start = model.equilibrium(gravity=tuple(WEIGHT), contacts=[lying()]).positions
+    motion = Motion(model, strip.loading(LESS), dt=1 / 240, contacts=[lying()], start=start)
+    for _ in range(6):  # of which the first are of implicit Euler
+        motion.advance()
+    looks.clear()
+    for _ in range(12):
+        motion.advance()
+    assert motion.touched().touches.any()
+    assert len(looks) == 12
+
+
+@pytest.mark.parametrize("name", ["LMA", "MWTS"])
+def test_one_call_for_both_parts_is_two_calls(strip, modal, name, monkeypatch):
+    model = modal[name]
+    start = model.equilibrium(gravity=tuple(WEIGHT), contacts=[lying()]).positions
+    frames, given = [], type(model).dead_force
+    for apart in (False, True):
+        motion = Motion(model, strip.loading(LESS), dt=1 / 120, contacts=[lying()], start=start)
+        if apart:
+            monkeypatch.setattr(type(model), "dead_force", lambda *one: given(*one)._replace(push=None))
+        for _ in range(12):
+            motion.advance()
+        frames.append(motion.positions())
+    np.testing.assert_allclose(frames[0], frames[1], rtol=0.0, atol=1e-12)
+
+
+def test_positions_of_contacts_are_those_of_the_frame(modal):
+    """To the last bit, or a motion that is resumed would be another one."""
+    model, random = modal["MWTS"], np.random.default_rng(0)
+    pressing, forces = modal_contacts(model, [lying()]), random.standard_normal((3, 3))
+    for size in (0.01, 0.3):
+        q = size * random.standard_normal(8) / np.sqrt(model.basis.eigenvalues / model.basis.eigenvalues[0])
+        slots = pressing.shapes.slots(np.array([20, 30, 38]))
+        base, local, gaps, least = pressing.ended(q, slots, forces)
+        assert base.tobytes() == model.warped_positions(q).tobytes()
+        expected = np.empty_like(local)
+        local_shape(pressing.shapes.store, slots, forces, model.rotation_vectors(q), expected)
+        np.testing.assert_allclose(local, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+        assert gaps == pytest.approx(pressing.touching.distances(base + local), abs=1e-14)
+        assert least == gaps.min()

@@ -35,6 +35,11 @@ class DeadForce(NamedTuple):
     :func:`~modalshell.models.reduction.warp_step_kernels.warp_step` from ``c`` on."""
     work: Callable[[Array], float] | None = None
     """The load's work [J] from rest to coordinates, where that takes less than a pass over the vertices."""
+    push: tuple[Array, Array] | None = None
+    """Modal data and load of :func:`~modalshell.kernels.push.push_frame`, where the force is by that.
+
+    Or no data, and the force, where it stays.
+    """
 
 
 class ModalStep(NamedTuple):

@@ -355,8 +355,8 @@ class ModalStepper(ContactStepper):
         after, solved, own = self._contacts.rest(state, pushed, when[1]) if gaps is None else None, True, None
         if after is None:
             base = self.loaded_positions(state)
-            if gaps is None and self._stays:
-                after, own = self._contacts.continued(state, force, when, base, load)
+            if gaps is None and self._stays and self._dead is not None:
+                after, own = self._contacts.continued(state, self._dead, when, base, load)
         if after is None:
             after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
         if own is not None:

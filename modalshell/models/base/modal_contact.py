@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import final
@@ -20,13 +21,14 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.full.sdirk2 import SDIRK2
 from modalshell.integrators.full.second_order import GAMMA
-from modalshell.integrators.modal.base import ForceInTime
+from modalshell.integrators.modal.base import DeadForce
 from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
-from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion, given_back
 from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.staying import staying
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
 
@@ -54,8 +56,9 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
         if contact.push_out:
             raise OptionError(f"contact {index} has push_out, which {model.name} does not take: take DS")
 
-    hooks, shape = (model.warped_positions, model.contact_rows), model.contact_shape
-    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=not model.straight, shape=shape)
+    turns, shape, tiles = not model.straight, model.contact_shape, model.contact_tiles
+    hooks = model.warped_positions, model.contact_rows
+    return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=turns, shape=shape, tiles=tiles)
 
 
 def _not_together(model: ModalMotion) -> OptionError:
@@ -199,17 +202,12 @@ class ModalPressedMotion(PressedMotion):
         return None
 
     def continued(
-        self,
-        before: MotionState,
-        force: ForceInTime,
-        when: tuple[float, float],
-        base: Array,
-        load: Array,
+        self, before: MotionState, dead: DeadForce, when: tuple[float, float], base: Array, load: Array
     ) -> tuple[MotionState, Array] | tuple[None, None]:
         """The end of a step of order two on contacts that stay as they are, ``when`` it begins and how long it is [s].
 
-        The ``force`` is that of a dead ``load`` (n, 3) [N]; ``base`` and what else is returned are as for
-        :meth:`follow`. None where what touches does not stay, and of motions that have no such step.
+        The force is that of a ``dead`` load (n, 3) [N]; ``base`` and what else is returned are as for :meth:`follow`.
+        None where what touches does not stay, and of motions that have no such step.
         """
         return None, None
 
@@ -255,6 +253,8 @@ class ModalContactMotion(ModalPressedMotion):
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
         self._resting: Resting | None = None
+        self._staying = staying(self._pressing, model.basis.eigenvalues)
+        self._still = np.zeros(model.basis.count)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
     def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
@@ -262,7 +262,7 @@ class ModalContactMotion(ModalPressedMotion):
         memory, model = before.memory, self._model
         at, compliance, resting = memory[REST], self._compliance(dt), self._resting
         if resting is None or resting.about[0] is not at or resting.compliance is not compliance:
-            if not np.isfinite(at[0]):
+            if not math.isfinite(at[0]):
                 return None
             about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
             resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
@@ -276,52 +276,37 @@ class ModalContactMotion(ModalPressedMotion):
         return MotionState(after.coordinates, after.rates, kept)
 
     def continued(
-        self, before: MotionState, force: ForceInTime, when: tuple[float, float], base: Array, load: Array
+        self, before: MotionState, dead: DeadForce, when: tuple[float, float], base: Array, load: Array
     ) -> tuple[MotionState, Array] | tuple[None, None]:
-        """The end of a step of SDIRK2 on colliders at rest; see :meth:`ModalPressedMotion.continued`.
+        """The end of a step of SDIRK2; see :meth:`ModalPressedMotion.continued`.
 
         None where it would gain more than little energy, too, if the force has a potential.
         """
-        model, pressing, memory, (begin, dt) = self._model, self._pressing, before.memory, when
-        q, v, part, rest = before.coordinates, before.rates, GAMMA * dt, (1.0 - GAMMA) * dt
-        if pressing.moving or COST not in memory:
+        model, pressing, memory, dt = self._model, self._pressing, before.memory, when[1]
+        q, v = before.coordinates, before.rates
+        if COST not in memory:
             return None, None
-        if pressing.moved(q, q + v / self._slowest) <= _FAINT * pressing.touching.size:
+        if pressing.moved(self._still, v) <= _FAINT * pressing.touching.size * self._slowest:
             return None, None  # it is to come to rest
-        pressing.at(begin + dt)
-        at = Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN), self._gaps(before, base))
-        half = self._part((q, v), force(q + part * v, v, GAMMA), part, at)
-        if half is None:
+        steps = self._staying
+        steps.begin(Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN)))
+        parts = steps.twice((q, v), dead, when, self._compliance(GAMMA * dt))
+        end = None if parts is None else steps.end()
+        if parts is None or end is None or end.positions is None:
             return None, None
-        w = (half.q - q) / part
-        last, middle, faster = v + (w - v) / GAMMA, q + rest * w, v + rest / part * (w - v)
-        pushed = force(q + 0.5 * dt * (v + last), last, 1.0)
-        end = self._part((middle, faster), pushed, part, half)
-        if end is None or end.positions is None:
-            return None, None
-        ended = (end.q - middle) / part
-        after = MotionState(end.q, ended, self._kept(before, end))
+        rates = parts.rates
         if model.conservative:
-            slower = self.slower(before, after, float(np.vdot(load, end.positions - base)))
+            work, own = dead.work, self.energy(before)
+            done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
+            slower = given_back((*parts.after, end.energy), (*parts.before, own), done + parts.given)
             if slower is None:
                 return None, None
-            after = MotionState(end.q, slower * ended, after.memory)
-        self._ended = None if end.gaps is None else (end.q, end.gaps)
-        memory = after.memory | model.integrator.stood_in_for(before, after, pushed, dt).memory
-        bend = dt / (1.0 - GAMMA) * ((ended - faster) - (w - v)) / part
-        memory[COST] = np.array([(SDIRK2.error_constant * dt) ** 2 * (bend @ bend), *memory[COST][1:]])
-        return MotionState(after.coordinates, after.rates, memory), end.positions
-
-    def _part(self, begin: tuple[Array, Array], force: Array, dt: float, at: Pressed) -> Pressed | None:
-        """Where a step of implicit Euler ends that presses on what is pressed ``at`` its beginning, else None."""
-        (q, rates), compliance, ends = begin, self._compliance(dt), np.empty((3, force.size))
-        implicit_euler(q, rates, force, compliance, self._model.basis.eigenvalues, dt, ends)
-        assert at.positions is not None
-        assert at.gaps is not None
-        place = ends[2], at.q, at.positions
-        pressed = self._pressing.press(ends[0], compliance, place, at.gaps, (at.local, at.pushes, at.at))
-        stays = pressed.solved and np.array_equal(pressed.pushes > 0.0, at.pushes > 0.0)
-        return pressed if stays else None
+            rates *= slower
+        after = MotionState(end.q, rates)
+        self._ended = None if end.gaps is None or pressing.moving else (end.q, end.gaps)
+        after.memory = self._kept(before, end) | model.integrator.stood_in_for(before, after, parts.force, dt).memory
+        after.memory[COST][0] = (SDIRK2.error_constant * dt) ** 2 * parts.bent
+        return after, end.positions
 
     def _kept(self, before: MotionState, pressed: Pressed) -> dict[str, Array]:
         """What is kept of the end of a step."""
@@ -329,7 +314,7 @@ class ModalContactMotion(ModalPressedMotion):
         if pressed.at is not None:
             memory[TAKEN] = pressed.at
         # Not at once after one that did not stay: what creeps is not given a problem every frame.
-        begins = pressed.solved and pressing.rests and not np.isfinite(before.memory[REST][0])
+        begins = pressed.solved and pressing.rests and not math.isfinite(before.memory[REST][0])
         if begins and pressing.moved(before.coordinates, pressed.q) <= STILL * pressing.touching.size:
             memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         return memory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -29,12 +30,23 @@ TAKEN = "derivatives_at"
 """Name of the coordinates (m,) at which derivatives at contacts were taken; infinite for none."""
 _STIFF = 1e-6
 """Softness of modes by which a start stays as it is, but for what is beyond them."""
-
-
 _AGAIN = 8
 """Projections of a start at most that account for what is pressed in."""
 _SETTLED = 1e-7
 """Change of what is pressed in, as a share of the shell's size, at which it has settled."""
+
+
+def given_back(after: Sequence[float], before: Sequence[float], work: float) -> float | None:
+    """Factor of the rates at a step's end by which it has gained no more energy than the ``work`` [J] of its load.
+
+    ``after`` and ``before`` are the energies [J] at its end and beginning, kinetic ones first. None where it has gained
+    more than little. A rule of order two gains and loses some of that order in turn; implicit Euler in the place of
+    every step that gains would damp as nobody has asked for.
+    """
+    gained, moving = sum(after) - sum(before) - work, after[0]
+    if gained <= _NO_GAIN * (sum(map(abs, after)) + sum(map(abs, before)) + abs(work)):
+        return 1.0
+    return math.sqrt(1.0 - gained / moving) if gained <= _SLOWED * moving else None
 
 
 class PressedMotion(ABC):
@@ -117,16 +129,10 @@ class PressedMotion(ABC):
     def slower(self, before: MotionState, after: MotionState, work: float) -> float | None:
         """Factor of the rates that gives back what a step has gained beyond the ``work`` [J] of its load.
 
-        None where that is more than little. A rule of order two gains and loses some of that order in turn; implicit
-        Euler in the place of every step that gains would damp as nobody has asked for.
+        None where that is more than little; see :func:`given_back`.
         """
-        model, parts = self._model, [-work]
-        for state, sign in ((after, 1.0), (before, -1.0)):
-            parts += [sign * one(state) for one in (model.kinetic_energy, model.elastic_energy, self.energy)]
-        gained, moving = sum(parts), parts[1]
-        if gained <= _NO_GAIN * sum(map(abs, parts)):
-            return 1.0
-        return float(np.sqrt(1.0 - gained / moving)) if gained <= _SLOWED * moving else None
+        energies = self._model.kinetic_energy, self._model.elastic_energy, self.energy
+        return given_back([one(after) for one in energies], [one(before) for one in energies], work)
 
     def local(self, state: MotionState) -> Array:
         """Displacement (n, 3) [m] of a state beyond the modes."""

@@ -32,6 +32,7 @@ OF_SHAPE = (
     "contact_frame",
     "contact_rows",
     "contact_shape",
+    "contact_tiles",
     "load_quadrature",
     "_free_statics",
 )
@@ -152,6 +153,11 @@ class ModalShape(ABC):
     @property
     def contact_shape(self) -> tuple[Array, Array, Array] | None:
         """Positions at rest (n, 3), modes, and rotations (3n, m) if they turn; None without a closed form."""
+        return None
+
+    @property
+    def contact_tiles(self) -> tuple[Array, Array] | None:
+        """Modal data and positions at rest as a :class:`WarpFrame` has them, if positions are by one; else None."""
         return None
 
     def largest_turn(self, q: Array) -> float:

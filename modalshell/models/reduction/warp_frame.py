@@ -81,6 +81,11 @@ class WarpFrame:
         return self._modal
 
     @property
+    def rest_data(self) -> NDArray[Any]:
+        """Positions at rest in the same order (tiles, 3 * 128)."""
+        return self._rest
+
+    @property
     def bytes_read(self) -> int:
         """Bytes of modal data (padded to whole tiles) that a frame must read."""
         return self._modal.nbytes
