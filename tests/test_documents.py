@@ -43,7 +43,7 @@ SHORTER = {
     TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4",
     f"modalshell path {SNAPPING}": "modalshell path v_beam_stiff.toml",
     f"modalshell run {PANEL}": "modalshell run panel_wind.toml",
-    f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml",
+    f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml --workers 1",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
     "modalshell bench": "modalshell bench --only hinge_kernel",
