@@ -34,7 +34,7 @@ FILES, SHAPES = 6, 12
 """Files and shapes of one package, at most."""
 LIMIT, BUSY = 120.0, 8.0
 """Processor time [s] that one command may take, and how many times that a busy machine may take for it."""
-QUICK = ("annulus", "sliced capsule", "soup", "torus")
+QUICK = ("annulus", "sliced capsule", "soup")
 """Shapes of the quick version."""
 
 

@@ -55,7 +55,11 @@ SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drif
 
 SHORTER = {
     "engines": {"studies.engines._FRAMES": 2},
-    "motion_truth": {"studies.motion_scenes.SWING_FINE": 8, "studies.motion_limits.COST_FINE": 640},
+    "motion_truth": {
+        "studies.motion_limits.COST_FINE": 640,
+        "studies.motion_limits.SHEET_TIME": 0.1,
+        "studies.motion_scenes.SWING_FINE": 4,
+    },
     "stability_atlas": {"studies.stability_atlas.FEWEST": 10, "studies.stability_atlas.MOST": 20},
     "tradeoff": {"studies.tradeoff.REPEATS": 1},
     "validity_map": {"studies.validity_map.MOTIONS": 4},

@@ -17,6 +17,7 @@ from modalshell.commands import pages
 from modalshell.export import compress
 from modalshell.files.provenance import repository_file
 from modalshell.page import clip_page
+from modalshell.run.run_shell import ShellRun
 from modalshell.shell.damping import Damping
 
 GRAVITY = (0.0, 0.0, -3.0)
@@ -215,9 +216,10 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
 def test_every_scene_has_a_page(tmp_path, monkeypatch):
     def load(file, load=ms.load_scene):
         scene = load(file)
-        if file.stem not in ("creature", "folded_strip"):  # the longest
-            return scene
-        return replace(scene, motion=msgspec.structs.replace(scene.motion, duration=0.5))
+        if file.stem in ("creature", "folded_strip"):  # the longest
+            scene = replace(scene, motion=msgspec.structs.replace(scene.motion, duration=0.5))
+        scenes[file.stem] = scene
+        return scene
 
     def solve(shell, count, solve=ms.solve_modes):
         """Once for both scenes of the creature at rest, whose shells are the same."""
@@ -227,12 +229,27 @@ def test_every_scene_has_a_page(tmp_path, monkeypatch):
             solved[count] = solve(shell, count)
         return solved[count]
 
+    def ended(run, files, resumed, result=ShellRun.result):
+        """Their runs are whole, and leave their files; test_run.py runs those that are live."""
+        trajectory = (found := result(run, files, resumed)).trajectory
+        scene = scenes[run.name]
+        assert trajectory.status in ("completed", "converged")
+        assert trajectory.times[-1] == pytest.approx(0.0 if scene.motion is None else scene.motion.duration)
+        assert trajectory.positions.dtype == scene.output.positions
+        assert [path.name for path in files] == [f"{run.name}.npz", f"{run.name}.json"]
+        assert all(path.stat().st_size > 500 for path in files)
+        ran.append(run.name)
+        return found
+
+    scenes, ran = {}, []
+    monkeypatch.setattr(ShellRun, "result", ended)
     solved = {}
     monkeypatch.setattr(pages.ms, "load_scene", load)
     monkeypatch.setattr(pages.ms, "solve_modes", solve)
     written = pages.write_pages(tmp_path)
     folder = repository_file("studies/scenes/v_beam.toml").parent
     assert [file.stem for file in written] == [file.stem for file in sorted(folder.glob("*.toml"))]
+    assert ran == [name for name in scenes if name not in ("flat_beam", "flock")]
     sizes = {file.stem: file.stat().st_size for file in written}
     assert 500_000 < sizes["creature"] < 4_000_000  # a record in motion, with a colour for each frame
     committed = {file.stem for file in folder.glob("*.html")}
