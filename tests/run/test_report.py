@@ -66,12 +66,11 @@ def test_a_report_has_the_numbers_of_the_run(plate):
     np.testing.assert_allclose(numbers["reactions"], -np.array(numbers["load"]), atol=1e-6)
     assert numbers["balance"] < 1e-8
     assert numbers["frequencies"][0] == pytest.approx(19.6, rel=0.02)
-    factors = ms.buckling_factors(shell, 1, loads=[ms.Pressure(200.0)]).factors
-    assert numbers["buckling"] == pytest.approx(float(np.real(factors[0])), rel=1e-6)
+    assert numbers["buckling"].startswith("none: linear theory does not hold at the lowest factor")
     for shown in (
         f"{numbers['displacement']['value']:.5g} m",
         f"{numbers['stress']['value'] / 1e6:.5g} MPa",
-        f"at {numbers['buckling']:.4g} times the load",
+        numbers["buckling"],
         f"{len(shell.mesh.vertices)} vertices",
         "modalshell report plate.toml",
         "young 2.1e+11",
