@@ -87,6 +87,8 @@ def test_a_run_by_ds_keeps_its_reactions_and_writes_tables_of_them(plate):
     scene = ms.load_scene("plate.toml").require_shell()
     held = scene.build_shell().reactions(ran.answer.positions, loads=[ms.Pressure(200.0)])
     np.testing.assert_array_equal(ran.trajectory.reactions[0], held)
+    np.testing.assert_allclose(ran.load, -held.sum(axis=0), atol=1e-6)
+    assert f"load (0, 0, {ran.load[2]:.4g}) N in all" in ran.summary
     table = np.genfromtxt("results/plate.csv", delimiter=",", names=True)
     assert table["reaction_z_N"].sum() == pytest.approx(-200.0 * 0.25, rel=1e-3)
     triangles = plate / "results" / "plate_triangles.csv"
