@@ -140,6 +140,8 @@ class ShellRun(SceneRun[SceneResult]):
             found = load_trajectory(self.path("npz"), verify=True)
         except FileFormatError:
             return False
+        if has_reactions(self._scene) and not found.reactions.size:  # stored before runs had them
+            return False
         if set(found.fields) != set(self._fields):
             whole.clear()
             found = replace(found, fields={name: found.fields[name] for name in self._fields if name in found.fields})

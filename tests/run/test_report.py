@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from printed import check_numbers, stands_for
 
 import modalshell as ms
 from modalshell.commands.cli import main
+from modalshell.files.atomic_io import read_record, write_record
+from modalshell.run.protocol import result_digest
 from modalshell.run.report_numbers import report_numbers
 
 PLATE = """
@@ -96,6 +99,11 @@ def test_a_run_by_ds_keeps_its_reactions_and_writes_tables_of_them(plate):
     triangles.unlink()
     assert ms.run_scene("plate.toml", out="results").answer is None  # nothing is computed again
     assert triangles.read_bytes() == whole
+    record = read_record("results/plate.json")
+    ms.save_trajectory(replace(ran.trajectory, reactions=np.empty((0, 0, 3))), "results/plate.npz")  # as once stored
+    record["digests"]["npz"] = result_digest(plate / "results", "plate", "npz")
+    write_record("results/plate.json", record)
+    np.testing.assert_array_equal(ms.run_scene("plate.toml", out="results").trajectory.reactions[0], held)
     for text in (PLATE.replace('"ds"', '"lma"'), PLATE + "[motion]\nduration = 0.001\ndt = 0.001\n"):
         (plate / "plate.toml").write_text(text)
         assert not ms.run_scene("plate.toml", out="others").trajectory.reactions.size
