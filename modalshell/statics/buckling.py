@@ -147,13 +147,13 @@ def buckling_factors(
     factors = 1.0 / inverses[order]
     moved = factors * np.linalg.norm(answer, axis=1).max()
     found = Buckling(read_only(factors), read_only(modes), loading.conservative, read_only(moved))
-    if remark := bent_remark(shell, found):
-        warnings.warn(remark, ModalShellWarning, stacklevel=2)
+    if bent := bent_remark(shell, found):
+        warnings.warn(bent, ModalShellWarning, stacklevel=2)
     return found
 
 
 def bent_remark(shell: Shell, found: Buckling) -> str | None:
-    """What is to be said where the linear answer at the lowest factor is larger than the shell: it bends before."""
+    """A remark where the linear answer at the lowest factor is larger than the shell, which bends before; else None."""
     share = float(found.displacements.min(initial=np.inf)) / shell.mesh.extent
     if not 1.0 < share < np.inf:
         return None
