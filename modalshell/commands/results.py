@@ -81,9 +81,12 @@ def _played(run: ms.Trajectory, title: str) -> Page:
     """A page that plays a motion."""
     motion = compress(centred(run)[0])
     shapes = motion.displacements()
+    # What touched the shell is known to the scene alone, and would be missed.
+    notes = ["Colliders are not shown: runs do not store them. modalshell page SCENE shows them."]
     return clip_page(
-        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=title, units=motion.units
-    )
+        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=title, units=motion.units,
+        notes=notes if run.contact_forces.size else [],
+    )  # fmt: skip
 
 
 def open_result(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 from modalshell.analysis.paths import equilibrium_path
 from modalshell.compare.case import Case
-from modalshell.core.errors import ModalShellError
+from modalshell.core.errors import ModalShellError, ModalShellWarning
 from modalshell.statics.bifurcation import BIFURCATION
 from modalshell.statics.buckling import buckling_factors
 
@@ -20,7 +22,8 @@ def first_bifurcation(case: Case) -> float | None:
     Linear buckling alone cannot say so: a shell that bends away from the load never buckles.
     """
     try:
-        factors = buckling_factors(case.shell, force=case.load).factors
+        with warnings.catch_warnings(action="ignore", category=ModalShellWarning):  # the path says what happens
+            factors = buckling_factors(case.shell, force=case.load).factors
         if not factors.size or factors[0] > _LINEAR:
             return None
         events = equilibrium_path(case.shell, force=case.load, points=_POINTS).events

@@ -173,7 +173,12 @@ SI: Final = UnitSystem()
 """Metres, kilograms and seconds."""
 
 
+def in_two_digits(value: float) -> str:
+    """A number to two digits; "900" rather than "9e+02"."""
+    text = f"{value:.2g}"
+    return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e6 else text
+
+
 def in_percent(share: float) -> str:
-    """A share in percent, to two digits; "900 %" rather than "9e+02 %"."""
-    text = f"{100.0 * share:.2g}"
-    return f"{float(text):.0f} %" if "e+0" in text and abs(float(text)) < 1e6 else f"{text} %"
+    """A share in percent, to two digits."""
+    return f"{in_two_digits(100.0 * share)} %"

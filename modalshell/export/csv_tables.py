@@ -19,6 +19,10 @@ from modalshell.files.atomic_io import write_atomically
 from modalshell.files.outputs import TABLE_SIGNATURE, refuse_foreign
 from modalshell.motion import Trajectory
 
+_VERTEX, _TRIANGLE = "vertex", "triangle"
+"""What a table's rows are of, and the name of its third column."""
+_LONGEST_NAMES = 200
+"""Characters that are read of a table to find that column."""
 _MOST_ROWS = 1_048_575
 """Rows under the header of a spreadsheet."""
 
@@ -40,16 +44,34 @@ def save_csv(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
             stacklevel=4,
         )
     triangles = path.with_name(f"{path.stem}_triangles.csv")
+    _refuse_other(path, _VERTEX)
     if run.fields:
         refuse_foreign(triangles)
+        _refuse_other(triangles, _TRIANGLE)
         corners = FrameArray("vertex", "", run.faces, ("0", "1", "2"))
         centre = FrameArray("rest", units.of("m"), rest[run.faces].mean(axis=1), ("x", "y", "z"))
-        _write(run, triangles, "triangle", [corners, centre], of_triangles, None)
+        _write(run, triangles, _TRIANGLE, [corners, centre], of_triangles, None)
     else:
         with suppress(OptionError):  # of another run of this name
             refuse_foreign(triangles)
+            _refuse_other(triangles, _TRIANGLE)
             triangles.unlink(missing_ok=True)
-    return _write(run, path, "vertex", [place], of_vertices, on_frame)
+    return _write(run, path, _VERTEX, [place], of_vertices, on_frame)
+
+
+def _refuse_other(path: Path, counted: str) -> None:
+    """OptionError where a table of the other kind is there: run ``a`` and run ``a_triangles`` have a file in common."""
+    other = _TRIANGLE if counted == _VERTEX else _VERTEX
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            found = file.readline(_LONGEST_NAMES).split(",")[2:3]
+    except OSError:
+        return
+    if found == [other]:
+        raise OptionError(
+            f"{path} is there already, a table of another run, one {other} a row, where one {counted} a row is "
+            "expected: it is not replaced; name the run otherwise, or another folder with --out"
+        )
 
 
 def _write(

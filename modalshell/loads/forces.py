@@ -24,7 +24,7 @@ class _SelectedForce(Load, ReadOnlyArrays):
 
 @final
 class PointForce(_SelectedForce, key="point"):
-    """A force at each selected vertex.
+    """A force at each selected vertex: k vertices bear k times as much in all.
 
     Parameters
     ----------

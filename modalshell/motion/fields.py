@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.errors import OptionError
+from modalshell.core.units import in_two_digits
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.fields import FIELDS
@@ -89,7 +90,8 @@ def with_stretch_remark(
     if not stored > _UNLIKE * own > 0.0:
         return run
     rounding, single = np.finfo(run.positions.dtype).eps, run.positions.dtype == np.float32
-    remark = f"{', '.join(wrong)}: wrong, as these positions hold {stored / own:.2g} times the model's energy, in "
+    times = in_two_digits(stored / own)
+    remark = f"{', '.join(wrong)}: wrong, as these positions hold {times} times the model's energy, in "
     if stored - own > _energy_of_rounding(bent, 0.5 * float(rounding * np.abs(x).max())):
         remark += "stretch that it does not describe; take ds, or of an equilibrium ms.error_bar(...).corrected"
     elif single:

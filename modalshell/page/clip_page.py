@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,12 +23,13 @@ def clip_page(
     *,
     title: str,
     units: UnitSystem = SI,
+    notes: Sequence[str] = (),
 ) -> Page:
     """A page that plays ``rest + sum_k amplitudes[f, k] shapes[k]`` in a loop.
 
     Rest positions (n, 3) and ``shapes`` (K, n, 3) are in [m], ``amplitudes`` (F, K) those of the shapes in each frame,
-    ``times`` (F,) [s] increase. All numbers are in the ``units``. OptionError if there are more shapes than a browser's
-    shader takes.
+    ``times`` (F,) [s] increase. All numbers are in the ``units``; ``notes`` are shown below. OptionError if there are
+    more shapes than a browser's shader takes.
     """
     return shell_page(
         np.asarray(rest_positions, float),
@@ -35,6 +38,7 @@ def clip_page(
         tip=farthest(shapes, amplitudes),
         record=recorded(times, shapes, amplitudes, label="Recorded motion"),
         units=units,
+        notes=notes,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError
+from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.files.atomic_io import read_record
 from modalshell.modes import solve_modes
@@ -23,7 +23,7 @@ from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.shell import Shell
-from modalshell.statics.buckling import buckling_factors
+from modalshell.statics.buckling import bent_remark, buckling_factors
 
 FREQUENCIES = 6
 """Natural frequencies that a report names."""
@@ -151,7 +151,9 @@ def _buckling(scene: ShellScene, shell: Shell) -> float | str:
     """The lowest factor of the load at which linear theory has the shell buckle."""
     _, force, loads, _ = scene.build_loading(shell)
     found = buckling_factors(shell, 1, gravity=scene.gravity, force=force, loads=loads)
-    return float(np.real(found.factors[0])) if len(found.factors) else "the load does not buckle it"
+    if remark := bent_remark(shell, found):
+        raise SolverError(remark)
+    return float(found.factors[0]) if len(found.factors) else "the load does not buckle it"
 
 
 def _attempt(compute: Callable[[], Any], name: str, warned: list[str]) -> Any:

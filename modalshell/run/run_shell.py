@@ -45,6 +45,8 @@ _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
 _REMARK_BYTES = 512
 """Bytes of what the model has remarked, in a stored record."""
+_ROUNDING = 1e-12
+"""Share of all forces below which their sum is rounding."""
 _SNAPSHOT, _STATE, _EXTENT = "snapshot_", "snapshot_state_", "extent_"
 
 
@@ -60,10 +62,13 @@ class SceneResult(RunResult):
         The stored frames, mapped from the ``.npz`` file; one frame for an equilibrium.
     answer : Equilibrium or None
         The equilibrium, where there is one and it was computed now.
+    load : ndarray, shape (3,), or None
+        Resultant of the load on it.
     """
 
     trajectory: Trajectory
     answer: Equilibrium | None = None
+    load: Array | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -78,6 +83,8 @@ class SceneResult(RunResult):
         work = f"{len(run.times)} frames in {run.seconds:.3g} s{kept}"
         if self.answer is not None:
             work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
+        if self.load is not None and self.load.any():
+            work += f", load ({', '.join(f'{part:.4g}' for part in self.load)}) {run.units.of('N')} in all"
         bar = "" if run.bars is None else f"; {run.units.restated(str(run.bars))}"
         return f"{run.outcome.with_message(run.message)}, {work}{bar}"
 
@@ -110,6 +117,7 @@ class ShellRun(SceneRun[SceneResult]):
             checked_fields(self._fields, shell)
         self._trajectory: Trajectory
         self._answer: Equilibrium | None = None
+        self._load: Array | None = None
 
     def _take(self, run: Trajectory) -> None:
         path = build_path(self._scene.supports)
@@ -131,6 +139,8 @@ class ShellRun(SceneRun[SceneResult]):
         try:
             found = load_trajectory(self.path("npz"), verify=True)
         except FileFormatError:
+            return False
+        if has_reactions(self._scene) and not found.reactions.size:  # stored before runs had them
             return False
         if set(found.fields) != set(self._fields):
             whole.clear()
@@ -156,6 +166,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._contacts = built.contacts
         if scene.motion is None:
             self._answer = built.equilibrium()
+            self._load = _resultant(built.loading().force(self._answer.positions))
             run, resumed = Trajectory.still(self._answer, self.shell, built.loading(), scene.output.positions), 0
             if has_reactions(scene):
                 load: dict[str, Any] = {"gravity": built.gravity, "force": built.force, "loads": built.loads}
@@ -199,7 +210,13 @@ class ShellRun(SceneRun[SceneResult]):
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
         written = replace(load_trajectory(files[0]), contacts=tuple(self._contacts))
-        return SceneResult(files, resumed, written, self._answer)
+        return SceneResult(files, resumed, written, self._answer, self._load)
+
+
+def _resultant(force: Array) -> Array:
+    """Sum (3,) of forces (n, 3) [N]; a component that is rounding is zero."""
+    total = np.asarray(force.sum(axis=0))
+    return np.where(np.abs(total) > _ROUNDING * np.abs(force).sum(), total, 0.0)
 
 
 def _gravity(scene: ShellScene) -> Sequence[float] | None:

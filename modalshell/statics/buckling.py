@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
@@ -61,11 +61,15 @@ class Buckling(ReadOnlyArrays):
     conservative : bool
         Whether the load has a potential. Without one a shell may flutter below every factor, which linear buckling does
         not see: ``stable`` of an equilibrium does.
+    displacements : ndarray, shape (k,)
+        Largest displacement of the linear answer at each factor [m]: where it is not small against the shell, the shell
+        bends before it buckles, and the factor means nothing.
     """
 
     factors: Array
     modes: Array
     conservative: bool = True
+    displacements: Array = field(default_factory=lambda: np.empty(0))
 
 
 def buckling_factors(
@@ -98,7 +102,7 @@ def buckling_factors(
     -------
     Buckling
         Load factors and mode shapes. A ModalShellWarning names shapes with fewer than four edges of the mesh a half
-        wave.
+        wave, and a shell that bends farther than its own extent before the lowest factor.
 
     Raises
     ------
@@ -119,7 +123,8 @@ def buckling_factors(
         raise OptionError(f"buckling needs a shell that its supports hold, but {loose}: hold more vertices")
     rest, unknowns, pattern = shell.rest_positions, shell.unknowns, shell.pattern
     stiffness, factor = _at_rest(shell)
-    softer = _loaded(shell, factor, load) - stiffness
+    answer = _linear_answer(shell, factor, load)
+    softer = _loaded(shell, answer) - stiffness
     LiveLoads(loading).add_stiffness(pattern, rest, softer)
     geometric = pattern.matrix(softer)
     size = unknowns.count
@@ -139,7 +144,23 @@ def buckling_factors(
     modes /= np.linalg.norm(modes.reshape(len(rest), 3, order.size), axis=1).max(axis=0, initial=1e-300)
     if remark := unresolved_remark(shell.mesh, modes, "buckling mode", "load factors"):
         warnings.warn(remark, ModalShellWarning, stacklevel=2)
-    return Buckling(read_only(1.0 / inverses[order]), read_only(modes), loading.conservative)
+    factors = 1.0 / inverses[order]
+    moved = factors * np.linalg.norm(answer, axis=1).max()
+    found = Buckling(read_only(factors), read_only(modes), loading.conservative, read_only(moved))
+    if bent := bent_remark(shell, found):
+        warnings.warn(bent, ModalShellWarning, stacklevel=2)
+    return found
+
+
+def bent_remark(shell: Shell, found: Buckling) -> str | None:
+    """A remark where the linear answer at the lowest factor is larger than the shell, which bends before; else None."""
+    share = float(found.displacements.min(initial=np.inf)) / shell.mesh.extent
+    if not 1.0 < share < np.inf:
+        return None
+    return (
+        f"linear theory does not hold at the lowest factor, {found.factors[0]:.4g}: by it the shell moves {share:.3g} "
+        "times its own extent there. It bends and does not buckle; modalshell path (ms.equilibrium_path) follows it"
+    )
 
 
 def _at_rest(shell: Shell) -> tuple[Array, Factor]:
@@ -255,7 +276,7 @@ def buckles(shell: Shell, load: Array) -> bool:
     if not (load.any() and shell.unknowns.supported.any()):
         return False
     factor = _definite_factor(shell, _unloaded(shell))
-    return factor is not None and _definite_factor(shell, _loaded(shell, factor, load)) is None
+    return factor is not None and _definite_factor(shell, _loaded(shell, _linear_answer(shell, factor, load))) is None
 
 
 def _unloaded(shell: Shell) -> Array:
@@ -263,10 +284,15 @@ def _unloaded(shell: Shell) -> Array:
     return shell.hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)
 
 
-def _loaded(shell: Shell, factor: Factor, load: Array) -> Array:
-    """Hessian values at rest with the stresses of the linear answer to a load (n, 3)."""
-    rest, unknowns = shell.rest_positions, shell.unknowns
-    answer = unknowns.prolong(factor.solve(unknowns.restrict(load.ravel()))).reshape(-1, 3)
+def _linear_answer(shell: Shell, factor: Factor, load: Array) -> Array:
+    """Displacements (n, 3) [m] of linear theory under a load (n, 3) [N]."""
+    unknowns = shell.unknowns
+    return np.asarray(unknowns.prolong(factor.solve(unknowns.restrict(load.ravel())))).reshape(-1, 3)
+
+
+def _loaded(shell: Shell, answer: Array) -> Array:
+    """Hessian values at rest with the stresses of the linear answer (n, 3) [m] to a load."""
+    rest = shell.rest_positions
     return shell.hessian(rest, MIXED, shell.predicted_stresses(rest, answer))
 
 

@@ -7,6 +7,7 @@ import itertools
 import json
 import math
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.read import checked_name, checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
 
+_ENTRY, _DOTTED = re.compile(r"\[(\d+)\]"), r".\1"
+"""An entry of a list as messages name it, contacts[0], and as a part of a dotted key."""
 _KEYS = ("name", "scene", "axes", "truth", "output")
 _LARGEST = 100_000
 """Cases of one sweep at most: more is a slip in an axis."""
@@ -144,8 +147,8 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     ----------
     path : path
         A TOML file: ``scene`` (a scene file's path, relative to the sweep file, or a scene's own tables); ``[axes]``
-        with dotted keys of the scene and for each a list of values or ``{from, to, count, spacing}``; optionally
-        ``name``, ``[truth]`` (a ``[model]`` table) and ``[output]``.
+        with dotted keys of the scene (``contacts.0.radius`` of its first contact) and for each a list of values or
+        ``{from, to, count, spacing}``; optionally ``name``, ``[truth]`` (a ``[model]`` table) and ``[output]``.
 
     Raises
     ------
@@ -180,7 +183,7 @@ def _axes(file: Path, tables: Any, path: str) -> Iterator[Axis]:
     if not isinstance(tables, dict):
         raise SceneError(f"{file}: axes: must be a table of keys and their values (got {tables!r:.60})")
     for key, given in tables.items():
-        place = f"{path}{key}"
+        place = f"{path}{_ENTRY.sub(_DOTTED, key)}"
         if isinstance(given, dict) and not {"from", "to", "count"}.isdisjoint(given):
             table = checked_table(file, f"axes.{place}", given, Range)
             if table.spacing == "log" and min(table.start, table.stop) <= 0:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from modalshell.core.units import in_percent
+from modalshell.core.units import in_percent, in_two_digits
 from modalshell.motion.bars import check_text
 
 
@@ -22,6 +22,7 @@ from modalshell.motion.bars import check_text
 )
 def test_shares_have_two_digits_and_no_power_of_ten_that_one_could_write_out(share, text):
     assert in_percent(share) == text
+    assert in_two_digits(3312.0) == "3300"
 
 
 def test_checks_far_off_are_said_in_plain_numbers():

@@ -8,6 +8,7 @@ from later import later
 from scenes import cantilever
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.export import check_formats
 from modalshell.shell.fields import FIELDS
 
@@ -248,6 +249,31 @@ def test_a_table_of_triangles_is_of_the_run_that_it_is_named_after(fielded, tmp_
     with pytest.raises(ms.OptionError, match="was not written by modalshell"):
         ms.save_trajectory(fielded, tmp_path / "run.csv")
     assert (tmp_path / "run_triangles.csv").read_text() == "my,own\n"
+
+
+def test_runs_whose_tables_would_have_one_name_leave_each_other_alone(fielded, tmp_path):
+    """Writing ``a`` removed the table of the vertices of ``a_triangles``."""
+    plain = replace(fielded, fields={})
+    other = ms.save_trajectory(plain, tmp_path / "a_triangles.csv")
+    whole = other.read_bytes()
+    ms.save_trajectory(plain, tmp_path / "a.csv")
+    with pytest.raises(ms.OptionError, match="of another run, one vertex a row, where one triangle a row"):
+        ms.save_trajectory(fielded, tmp_path / "a.csv")
+    assert other.read_bytes() == whole
+    other.unlink()
+    ms.save_trajectory(fielded, tmp_path / "a.csv")
+    with pytest.raises(ms.OptionError, match="one triangle a row, where one vertex a row is expected"):
+        ms.save_trajectory(plain, other)
+
+
+def test_a_page_of_a_run_says_that_its_colliders_are_not_shown(run, tmp_path):
+    forces = np.ones(run.positions.shape)
+    touching = replace(run, contact_forces=forces, in_contact=forces[:, :, 0] > 0.0, deepest=np.zeros(len(run.times)))
+    for name, one, told in (("alone", run, 0), ("touching", touching, 1)):
+        ms.save_trajectory(one, tmp_path / f"{name}.npz")
+        with pytest.raises(SystemExit, match="0"):
+            main(["export", str(tmp_path / f"{name}.npz"), "--to", "page"])
+        assert (tmp_path / f"{name}.html").read_text().count("Colliders are not shown") == told
 
 
 def test_tables_too_long_for_spreadsheets_are_named(fielded, tmp_path, monkeypatch):

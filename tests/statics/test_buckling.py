@@ -107,6 +107,19 @@ def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
             ms.buckling_factors(warm, loads=push)
 
 
+@pytest.mark.parametrize("follower", [True, False])
+def test_a_plate_that_pressure_bends_is_not_said_to_buckle(follower):
+    """Its factors are of what little stress there is beyond bending: kilometres of linear deflection."""
+    sheet = ms.Isotropic(young=210e9, poisson=0.3, thickness=1e-3, density=7850.0)
+    shell = ms.Shell(ms.sheet(length=0.5, width=0.5, cells=(6, 6)), sheet, supports=[ms.Pin("boundary")])
+    load = ms.Pressure(2000.0, follower=follower)
+    with pytest.warns(ms.ModalShellWarning, match=r"linear theory does not hold .* times its own extent .* bends"):
+        found = ms.buckling_factors(shell, loads=[load])
+    small = ms.DiscreteShell(shell).equilibrium(loads=[ms.Pressure(1e-3)]).positions - shell.rest_positions
+    linear = np.linalg.norm(small, axis=1).max() * 2000.0 / 1e-3
+    assert found.displacements[0] == pytest.approx(found.factors[0] * linear, rel=1e-4)
+
+
 def test_shells_that_nothing_holds_or_that_have_no_stiffness_are_not_said_to_buckle():
     mesh = ms.flat_beam(cells=(8, 2))
     for material, held in ((ms.Material(20.0, 20.0, 0.05, 0.2), None), (ms.Material(0.0, 0.0, 0.0, 0.2), [0, 1, 2])):

@@ -36,7 +36,7 @@ def test_ranges(write):
 def test_keys_lead_anywhere_and_need_no_quotes(write):
     quoted = scenes(write('"loads.forces.0.total" = [[1, 2, 3]]\n"motion.duration" = [0.5]'))
     plain = scenes(write("loads.forces.0.total = [[1, 2, 3]]\nmotion.duration = [0.5]"))
-    assert quoted == plain
+    assert quoted == plain == scenes(write('"loads.forces[0].total" = [[1, 2, 3]]\n"motion.duration" = [0.5]'))
     assert quoted[0]["loads"]["forces"][0]["total"] == [1, 2, 3]
     assert quoted[0]["motion"] == {"duration": 0.5}
 
