@@ -54,6 +54,8 @@ LOOSE = 1e-3
 """Residual of the steps of a descent: the next step lowers the rest."""
 NEAR = 0.3
 """Residual from which a descent tries to end by Newton's method."""
+ONCE_MORE = 0.1
+"""Residual from which it tries once more to end where it is no minimum, over that of the try before."""
 FIRST_MOVE = 0.05
 """Move of a free shell under the out-of-balance force, in its sizes, that the first drag of a descent allows."""
 HIGHER = 1e-9
@@ -106,7 +108,11 @@ def residual(problem: Any) -> float:
 
 
 def solve(problem: Any, accuracy: float) -> bool:
-    """Find Newton's direction at the iterate, the linear equations to ``accuracy``; whether there is one."""
+    """Find Newton's direction at the iterate, the linear equations to ``accuracy``; whether there is one.
+
+    Under a drag there is none unless the Hessian is definite: a step on an indefinite one comes to nothing most of the
+    time, and one with more drag costs less than to find that out.
+    """
     return bool(problem.solve(accuracy))
 
 
@@ -233,7 +239,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
-    factor, iterations, saddles, left = first_drag(problem, size), 0, 0, -np.inf
+    factor, iterations, saddles, left, tried = first_drag(problem, size), 0, 0, -np.inf, np.inf
     for _ in range(DESCENT):
         write(x, slots[START])
         drag(problem, factor)
@@ -250,8 +256,10 @@ def descend(problem: Any, rules: Rules) -> Solved:
         value, size = reached, out_of_balance
         if step.iterations <= EASY:
             factor *= 0.5
-        if size > NEAR or (size > LOOSE and not is_minimum(problem)):
+        # At the first signs of a saddle Newton's method may end there; else most tries on the way are in vain.
+        if size > NEAR or (size > min(LOOSE, ONCE_MORE * tried) and not is_minimum(problem)):
             continue
+        tried = size
         write(x, slots[START])
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
@@ -265,7 +273,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
             continue
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
-        saddles, left = saddles + 1, reached
+        saddles, left, tried = saddles + 1, reached, np.inf
         value, factor = leave_saddle(problem, reached)
     return Solved(size, iterations, False, saddles)
 
