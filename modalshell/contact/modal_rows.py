@@ -18,7 +18,7 @@ from modalshell.core.typing import Array, Index
 
 SETTLED = 1e-9
 """Gap, as a share of the shell's size, at which a frame is solved."""
-FAR = 1e-3
+FAR = 1e-4
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
 SMALL = 1e-12
 """Gap, as a share of the shell's size, that is none in small problems."""
