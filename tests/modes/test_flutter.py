@@ -75,33 +75,6 @@ def test_pairs_above_the_lowest_flutter_too(coupled):
     assert found == (0.0 if coupled else pytest.approx(basis.eigenvalues[0], rel=1e-6))
 
 
-@pytest.fixture(scope="module")
-def tube():
-    """A round tube held at one end, its vibrations in pairs, that forces along its other end make flutter."""
-    around = 2.0 * np.pi / 12 * np.arange(12)
-    points = [(0.2 * np.cos(a + row % 2 * np.pi / 12), 0.2 * np.sin(a + row % 2 * np.pi / 12), row / 8.0)
-              for row in range(9) for a in around]  # fmt: skip
-    faces = []
-    for row in range(8):
-        for k in range(12):
-            a, b = 12 * row + k, 12 * row + (k + 1) % 12
-            faces += [(a, b, a + 12), (b, b + 12, a + 12)] if row % 2 else [(a, b, b + 12), (a, b + 12, a + 12)]
-    shell = ms.Shell(ms.TriangleMesh(points, faces), ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "z < 1e-6")
-    return ms.solve_modes(shell, 8)
-
-
-@pytest.mark.parametrize("make", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
-@pytest.mark.parametrize("load", [ms.FollowerForce, ms.PointForce])
-def test_modal_answers_flutter_where_the_shell_does(tube, make, load):
-    """Their eigenvalues were asked for their real parts alone. Dead forces do not make it flutter."""
-    push = load("z > 0.99", (0.0, 0.0, -10.0))
-    states = [model.equilibrium(loads=[push]) for model in (ms.DiscreteShell(tube.shell), make(tube))]
-    for state in states:
-        assert bool(state.stable) is (load is ms.PointForce)
-        assert state.converged is (load is ms.PointForce)
-        assert ("flutter" in state.message) is (load is ms.FollowerForce)
-
-
 @pytest.mark.parametrize("make", [ms.LinearModal, ms.RotationStrain])
 def test_pressure_on_a_closed_shell_never_makes_modes_flutter(make):
     """It has a potential, and its modes repeat."""
