@@ -27,7 +27,11 @@ _SMALL = 200
 """Unknowns up to which a dense solver finds all eigenvalues."""
 _REAL = 1e-6
 """Imaginary part, as a share of an eigenvalue, that rounding explains."""
-_NONE = 1e-12
+_BLOCKS = 6
+"""Times that the space is widened at most."""
+_NEAR = 1e-4
+"""Change of an eigenvalue by that up to which it has settled."""
+_NONE = 1e-9
 """Share of a direction's length up to which it is rounding of the others."""
 
 
@@ -41,8 +45,9 @@ def flutters(matrix: sps.csc_array, half: Factor, mass: Array) -> bool:
 
     ``half`` is the factor (N, N) of the stiffness's symmetric half, positive definite. The lowest vibrations V of that
     half, and ``S^-1 A V``, by which A changes them, span a space that holds the eigenvectors of K and of its transpose
-    to the second order of A: the eigenvalues of K projected onto it are right to the fourth. In it A is exactly odd,
-    and S exactly symmetric, so that rounding of S makes no pair of vibrations complex that A does not couple.
+    to the second order of A: the eigenvalues of K projected onto it are right to the fourth. Where A is strong that is
+    not enough: the space is widened by what A makes of it until they settle. In it A is exactly odd, and S exactly
+    symmetric, so that rounding of S makes no pair of vibrations complex that A does not couple.
     """
     root = np.sqrt(mass)
     odd = _odd_half(matrix, root)
@@ -63,18 +68,38 @@ def flutters(matrix: sps.csc_array, half: Factor, mass: Array) -> bool:
         found = values[::-1][:count], vectors[:, ::-1][:, :count]
     order = np.argsort(-found[0], kind="stable")
     values, vectors = 1.0 / found[0][order], found[1][:, order]
-    pushed = odd @ vectors
-    changed = solve(pushed)
-    within = vectors.T @ changed
-    further, sizes, turned = np.linalg.svd(changed - vectors @ within, full_matrices=False)
-    kept = sizes > max(_NONE, _NONE * sizes[0])
-    further = further[:, kept]
-    resisted = (pushed - vectors @ (values[:, None] * within)) @ (turned[kept].T / sizes[kept])
-    space, stiff = np.hstack([vectors, further]), np.hstack([vectors * values, resisted])
+    space, stiff, newest = vectors, vectors * values, vectors
+    before: NDArray[Any] | None = None
+    for _ in range(_BLOCKS):
+        pushed = odd @ newest
+        changed = solve(pushed)
+        size = float(np.linalg.norm(changed))
+        within = space.T @ changed
+        again = space.T @ (changed - space @ within)  # rounding leaves some of it at first
+        within += again
+        further, sizes, turned = np.linalg.svd(changed - space @ within, full_matrices=False)
+        kept = sizes > _NONE * size
+        newest = further[:, kept]
+        resisted = (pushed - stiff @ within) @ (turned[kept].T / sizes[kept])
+        space, stiff = np.hstack([space, newest]), np.hstack([stiff, resisted])
+        lowest = _lowest(space, stiff, odd)
+        if not newest.size or (before is not None and _settled(lowest, before)):
+            break
+        before = lowest
+    return complex_among(lowest)
+
+
+def _lowest(space: Array, stiff: Array, odd: sps.csr_array) -> NDArray[Any]:
+    """Lowest eigenvalues of a stiffness within a space (N, k), which its symmetric half makes ``stiff``."""
     symmetric, skew = space.T @ stiff, space.T @ (odd @ space)
-    whole = 0.5 * (symmetric + symmetric.T) + 0.5 * (skew - skew.T)
-    found_values = scipy.linalg.eigvals(whole)
-    return complex_among(found_values[np.argsort(np.abs(found_values))][:LOWEST])
+    found = scipy.linalg.eigvals(0.5 * (symmetric + symmetric.T) + 0.5 * (skew - skew.T))
+    return np.asarray(found[np.argsort(np.abs(found))][:LOWEST])
+
+
+def _settled(values: NDArray[Any], before: NDArray[Any]) -> bool:
+    """Whether eigenvalues are about those of a smaller space, real or complex as these."""
+    near = np.abs(np.abs(values) - np.abs(before)) <= _NEAR * np.abs(values)
+    return bool(near.all()) and complex_among(values) == complex_among(before)
 
 
 def oscillates(factor: Factor, mass: Array) -> bool:

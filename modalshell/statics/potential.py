@@ -281,15 +281,17 @@ class Potential(Problem[sps.csc_array]):
 
     def _settle(self, start: Array, scale: float) -> NewtonResult:
         """Descend under dead loads, those of the last answer each time, until Newton's method ends at a minimum."""
-        result, iterations = NewtonResult(start, np.inf, 0, False), 0
+        x, iterations = start, 0
         for _ in range(_SETTLING):
-            calm = self.frozen(result.point).descend(result.point, scale)
-            result = mixed_newton(self, calm.point, scale, stresses=_present(self.shell, calm.point))
+            calm = self.frozen(x).descend(x, scale)
+            x = calm.point
+            result = mixed_newton(self, x, scale, stresses=_present(self.shell, x))
             iterations += calm.iterations + result.iterations
             if is_minimum(self, result):
-                break
-            result = replace(result, point=calm.point, converged=False)
-        return replace(result, iterations=iterations)
+                return replace(result, iterations=iterations)
+        if not result.converged:  # in balance or not, the residual is that of the answer
+            result = replace(result, point=x, residual=self.measure(self.residual(x)) / scale)
+        return replace(result, iterations=iterations, converged=False)
 
     def _product(self, u: Array) -> Array:
         product = np.zeros_like(u) if self.inertia is None else self.inertia[:, None] * u

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sps
+from spheres import icosphere
 
 import modalshell as ms
 from modalshell.modes import lowest_tangent_eigenvalue
@@ -40,11 +41,13 @@ def test_vibrations_flutter_where_the_odd_half_is_half_their_distance(size, firs
     assert flutters(matrix, factor, mass) is complex_pair
 
 
-@pytest.mark.parametrize("strength", [0.003, 0.01, 0.03, 0.1])
-def test_drawn_matrices_agree_with_all_their_eigenvalues(strength):
-    """The odd half couples all to all, beyond what its first order says."""
+@pytest.mark.parametrize(
+    ("strength", "seeds"), [(0.003, range(6)), (0.01, range(6)), (0.03, range(6)), (0.1, range(6)), (1.0, (19, 27, 35))]
+)
+def test_drawn_matrices_agree_with_all_their_eigenvalues(strength, seeds):
+    """The odd half couples all to all, beyond what its first order says; a strong one beyond its third."""
     verdicts = []
-    for seed in range(6):
+    for seed in seeds:
         random = np.random.default_rng(seed)
         values = np.sort(random.uniform(1.0, 4.0, 12))
         values = np.concatenate([values, np.linspace(6.0, 500.0, 288)])
@@ -70,3 +73,31 @@ def test_pairs_above_the_lowest_flutter_too(coupled):
     load = sps.csr_array(odd * (np.outer(one, other) - np.outer(other, one)))
     found = lowest_tangent_eigenvalue(shell, mesh.vertices, load, symmetric=False)
     assert found == (0.0 if coupled else pytest.approx(basis.eigenvalues[0], rel=1e-6))
+
+
+@pytest.mark.parametrize("make", [ms.LinearModal, ms.RotationStrain])
+def test_pressure_on_a_closed_shell_never_makes_modes_flutter(make):
+    """It has a potential, and its modes repeat."""
+    shell = ms.Shell(icosphere(1), ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "z < -0.6")
+    state = make(ms.solve_modes(shell, 8)).equilibrium(loads=[ms.Pressure(200.0)])
+    assert state.conservative
+    assert state.stable
+
+
+@pytest.mark.parametrize("make", [lambda basis: ms.ModalWarping(basis, consistent_force=True), ms.RotationStrain])
+def test_modal_tangents_know_how_loads_follow_far_turns(make):
+    """The vertices' velocities were those of rows that leave out how the turns move them: -120 for 110 1/s^2."""
+    mesh = ms.flat_beam(length=1.0, width=1.0, cells=(6, 6))
+    basis = ms.solve_modes(ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 5e-3, 1000.0), "x < 1e-6"), 6)
+    model = make(basis)
+    state = model.equilibrium(loads=[ms.Pressure(28.0 * 1e9 * 5e-3**3 / 12.0)])
+    assert np.abs(basis.rotations @ state.coordinates).max() > 1.5
+
+    def balance(q):
+        return basis.eigenvalues * q - model.modal_force(q, state.loading.force(model.warped_positions(q)))
+
+    exact = scipy.linalg.eigvals(model.by_differences(balance, state.coordinates)).real.min()
+    assert exact > 0.0
+    found = model.tangent_eigenvalue(state, state.loading.force(state.positions))
+    assert found == pytest.approx(exact, rel=1e-5)
+    assert state.stable

@@ -194,16 +194,24 @@ def tube(around, along, radius=0.05):
     return ms.TriangleMesh(vertices, np.array(faces))
 
 
-@pytest.mark.parametrize("kind", ["DS", "coarse DS", "MD-ROM"])
+MODAL = {"LMA": ms.LinearModal, "MWTS": ms.ModalWarping, "RSW": ms.RotationStrain}
+
+
+@pytest.mark.parametrize("kind", ["DS", "coarse DS", "MD-ROM", *MODAL])
 @pytest.mark.parametrize("torque", [0.0, 0.1])
 def test_a_torque_that_follows_makes_a_tube_flutter(kind, torque):
-    """Its two equal bending frequencies become a pair 152.4 + 0.41i, 152.4 - 0.41i 1/s^2; DS said stable."""
+    """Its two equal bending frequencies become a pair 152.4 + 0.41i, 152.4 - 0.41i 1/s^2; DS said stable.
+
+    Modal models asked for the real parts alone.
+    """
     mesh = tube(8, 12)
     shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 3e-3, 1000.0), "x < 1e-6")
     if kind == "coarse DS":
         model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, tube(8, 6)))
     elif kind == "MD-ROM":
         model = ms.ModalDerivatives(shell, count=4)
+    elif kind in MODAL:
+        model = MODAL[kind](ms.solve_modes(shell, 6))
     else:
         model = ms.DiscreteShell(shell)
     end = np.flatnonzero(mesh.vertices[:, 0] > 1.0 - 1e-6)
@@ -214,3 +222,16 @@ def test_a_torque_that_follows_makes_a_tube_flutter(kind, torque):
     answer = model.equilibrium(loads=loads)
     assert answer.stable is answer.converged is (torque == 0.0)
     assert torque == 0.0 or "flutter" in answer.message
+
+
+def test_an_answer_that_follows_its_load_into_no_minimum_has_the_residual_that_is_told():
+    """A hinged strip that a follower pushes to its hinge: told was the residual of another shape, 1e-12 for 2."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    material = ms.Material.from_physical(young=1e9, poisson=0.0, thickness=0.02, density=1000.0, mesh=mesh)
+    shell = ms.Shell(mesh, material, "x < 1e-6")
+    state = ms.DiscreteShell(shell).equilibrium(loads=[ms.FollowerForce("x > 0.99", (-2600.0, 0.0, 0.0))])
+    force = state.loading.force(state.positions)
+    left = (force + shell.force(state.positions))[shell.free]
+    assert state.outcome is ms.Outcome.UNSTABLE
+    assert np.linalg.norm(left) < 1e-6 * np.linalg.norm(force)
+    assert np.linalg.norm(left) == pytest.approx(state.residual * np.linalg.norm(force), rel=0.2)

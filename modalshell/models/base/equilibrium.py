@@ -139,6 +139,26 @@ class Equilibrium(Drawn):
         lowest = float(values.real.min())
         return min(lowest, 0.0) if not self.conservative and complex_among(values) else lowest
 
+    def lowest_real_part(
+        self, tangent: Array, pattern: SparsePattern, moves: Callable[[], Array], push: Callable[[Array], Array]
+    ) -> float:
+        """Lowest real part of the eigenvalues [1/s^2] of a tangent (m, m) by modal coordinates, and of the load's.
+
+        ``moves`` finds what takes rates of coordinates to velocities (3n, m), and ``push`` the force on coordinates
+        (m,) of a load (n, 3). Where loads without a potential make the shell flutter, it is no more than 0: of the
+        tangent under the load as it is the symmetric half is asked then, as warps make the other one, not the shell.
+        """
+        if (resisting := self.load_matrix(pattern)) is None:
+            return float(scipy.linalg.eigvals(tangent).real.min())
+        moved = moves()
+        pulled = resisting @ moved
+        further = np.stack([push(column.reshape(-1, 3)) for column in pulled.T], axis=1)
+        lowest = float(scipy.linalg.eigvals(tangent + further).real.min())
+        if self.conservative:
+            return lowest
+        own = 0.5 * (tangent + tangent.T) + moved.T @ pulled
+        return min(lowest, 0.0) if complex_among(scipy.linalg.eigvals(own)) else lowest
+
     @property
     def converged(self) -> bool:
         """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, cast, final
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.core.errors import OptionError, SolverError
@@ -24,7 +23,7 @@ from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
-from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.settle import judged, self_consistent
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import ContactStepper, Stepper
 from modalshell.modes import Basis
@@ -100,7 +99,9 @@ class ModalModel(ModalMotion):
             found = balance(
                 force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, first_step=1.0, retry=True
             )
-        return self._answer(found)
+        asked = found.stable and not (loading.conservative or basis.rigid_modes)
+        answer = self._answer(found)
+        return judged(answer, loading, self.tangent_eigenvalue) if asked else answer
 
     def _solve_touching(
         self,
@@ -230,14 +231,14 @@ class ModalModel(ModalMotion):
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2], that of loads that follow in it."""
-        q = answer.coordinates
-        if q is None:
+        if (q := answer.coordinates) is None:
             return None
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(q, load)
-        if (resisting := answer.load_matrix(self.shell.pattern)) is not None:
-            further = resisting @ self.warped_rows(q, np.arange(len(load))).reshape(-1, q.size)
-            tangent += np.stack([self.modal_force(q, column.reshape(-1, 3)) for column in further.T], axis=1)
-        return float(scipy.linalg.eigvals(tangent).real.min())
+
+        def moves() -> Array:  # of the answer itself: rows for contacts leave out what far turns add to them
+            return self.by_differences(self.raw_displacement, q).reshape(-1, q.size)
+
+        return answer.lowest_real_part(tangent, self.shell.pattern, moves, lambda force: self.modal_force(q, force))
 
 
 @final
