@@ -204,8 +204,9 @@ def general_pairs(shell: Shell, matrix: sps.csc_array, count: int) -> tuple[Arra
             "about must be a stable state (got one that flutters or drifts away under its load, which has no "
             "potential): see its stable and its converged"
         )
-    # Real ones, as the largest entry is.
-    vectors = np.stack([(one / one[np.argmax(np.abs(one))]).real for one in vectors.T], axis=1)
+    # Real ones, as the largest entry is; of a pair that hardly flutters one takes what is left, the imaginary part.
+    turned = [(one / one[np.argmax(np.abs(one))], value) for one, value in zip(vectors.T, inverses, strict=True)]
+    vectors = np.stack([one.imag if value.imag < 0.0 else one.real for one, value in turned], axis=1)
     vectors /= np.linalg.norm(vectors, axis=0)
     found = canonical_pairs(shell, 1.0 / inverses.real, vectors, count)
     finite_answer("the modes", *found[:2])

@@ -24,7 +24,7 @@ def coupled(size, first, apart, odd):
     values[first + 1] = values[first] * (1.0 + apart)
     half = np.outer(root, root) * ((vectors * values) @ vectors.T)
     one, other = (root * vectors[:, k] for k in (first, first + 1))
-    coupling = odd * max(apart, 1e-4) * values[first] * (np.outer(one, other) - np.outer(other, one))
+    coupling = odd * max(apart, 1e-2) * values[first] * (np.outer(one, other) - np.outer(other, one))
     return sps.csc_array(0.5 * (half + half.T) + coupling), mass
 
 
@@ -32,7 +32,14 @@ def coupled(size, first, apart, odd):
 @pytest.mark.parametrize("first", [0, 5])
 @pytest.mark.parametrize(
     ("apart", "odd", "complex_pair"),
-    [(0.0, 0.0, False), (1e-9, 0.0, False), (0.0, 1.0, True), (0.01, 0.49, False), (0.01, 0.51, True)],
+    [
+        (0.0, 0.0, False),
+        (1e-9, 0.0, False),
+        (0.0, 1.0, True),
+        (0.0, 0.05, False),
+        (0.01, 0.49, False),
+        (0.01, 0.55, True),
+    ],
 )
 def test_vibrations_flutter_where_the_odd_half_is_half_their_distance(size, first, apart, odd, complex_pair):
     matrix, mass = coupled(size, first, apart, odd)
@@ -57,7 +64,7 @@ def test_drawn_matrices_agree_with_all_their_eigenvalues(strength, seeds):
         lowest = lowest[np.argsort(np.abs(lowest))][:8]
         sparse = sps.csc_array(matrix)
         found = flutters(sparse, Factoriser().definite(symmetric_half(sparse)), np.ones(300))
-        assert found is bool((np.abs(lowest.imag) > 1e-6).any())
+        assert found is bool((np.abs(lowest.imag) > 1e-3 * np.abs(lowest)).any())
         verdicts.append(found)
     assert strength > 0.02 or not all(verdicts)
 
