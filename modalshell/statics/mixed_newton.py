@@ -108,11 +108,7 @@ def residual(problem: Any) -> float:
 
 
 def solve(problem: Any, accuracy: float) -> bool:
-    """Find Newton's direction at the iterate, the linear equations to ``accuracy``; whether there is one.
-
-    Under a drag there is none unless the Hessian is definite: a step on an indefinite one comes to nothing most of the
-    time, and one with more drag costs less than to find that out.
-    """
+    """Find Newton's direction at the iterate, the linear equations to ``accuracy``; whether there is one."""
     return bool(problem.solve(accuracy))
 
 

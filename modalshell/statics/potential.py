@@ -322,11 +322,6 @@ class _Descent(Iterate[sps.csc_array]):
         self.stable = self.factor is not None and self.factor.is_definite()
         return self.stable
 
-    def solve(self, accuracy: float) -> bool:
-        """Find Newton's direction; under a drag none but those of a definite Hessian."""
-        found = super().solve(accuracy)
-        return found and (self.problem is self._free or (self.factor is not None and self.factor.is_definite()))
-
     def potential(self) -> tuple[float, float]:
         """Potential and residual."""
         value, gradient = self.problem.potential(self.x)

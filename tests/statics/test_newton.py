@@ -157,29 +157,6 @@ def test_descent_goes_downhill_only(monkeypatch):
     assert values[-1] < values[0]
 
 
-def test_descent_takes_no_step_on_an_indefinite_hessian(monkeypatch):
-    """Such a step fails most of the time, after many iterations; with more drag the Hessian becomes definite."""
-    shell = cantilever()
-    problem = potential_of(shell, shell.gravity_force((0.0, 0.0, -2.0)))
-    start = shell.rest_positions + noise(shell, 0.4, 7)
-    direction, moved, definite, wrong = Potential.direction, Potential.moved, [], []
-
-    def found(self, *rest):
-        factor, step = direction(self, *rest)
-        definite.append(factor.is_definite() or not self.is_step)
-        return factor, step
-
-    def gone(self, *rest):
-        wrong.append(not definite[-1])
-        return moved(self, *rest)
-
-    monkeypatch.setattr(Potential, "direction", found)
-    monkeypatch.setattr(Potential, "moved", gone)
-    assert problem.descend(start, problem.scale_at(None)).converged
-    assert not all(definite)
-    assert not any(wrong)
-
-
 def test_a_dragged_potential_adds_the_drag_and_a_constant():
     shell = cantilever()
     load = np.random.default_rng(3).standard_normal(shell.rest_positions.shape)

@@ -183,7 +183,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     if negative >= 0:
         solve(values, body.first, body.starts, room.own, room.pivots, room.residual)
         spread(body, room, room.residual, -1.0)
-    return negative == 0 or (negative > 0 and room.numbers[_DRAG] == 0.0)
+    return negative >= 0
 
 
 @njit(entry=False, **_options)

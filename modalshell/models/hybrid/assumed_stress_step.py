@@ -154,7 +154,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     p.numbers[_NEGATIVE], p.numbers[_FACTORED] = negative, 1.0
     if negative >= 0:
         solve(p.hessian, p.gradient)
-    return negative == 0 or (negative > 0 and p.numbers[_DRAG] == 0.0)
+    return negative >= 0
 
 
 @operation_of(Step, method.advance, **_operation)
