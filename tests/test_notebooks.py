@@ -38,7 +38,7 @@ def objects(v_basis):
         shell.fields(answer.positions), shell.loading((0.0, 0.0, -1.0)),
         ms.solve_modes(shell, 2, about=shell.rest_positions),
         ms.equilibrium_path(ms.DiscreteShell(shell), gravity=(0.0, 0.0, -0.1), until=0.1),
-        ms.buckling_factors(shell, gravity=(0.0, 0.0, -1.0)), ms.WarpFrame(v_basis), v_basis.page(),
+        ms.buckling_factors(shell, gravity=(-1.0, 0.0, 0.0)), ms.WarpFrame(v_basis), v_basis.page(),
         *[kind(chosen) for kind in kinds], ms.PointForce(chosen, (0.0, 0.0, 1.0)), ms.Pressure(3.0),
         ms.SupportPath([0.0, 0.1], [[0, 0, 0], [0, 0, 0.1]], [[0, 0, 0], [0, 0.2, 0]]),
         ms.PositionConstraint(chosen, np.zeros(3)), springs.shell_springs(shell),

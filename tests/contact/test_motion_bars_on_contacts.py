@@ -140,7 +140,8 @@ def test_bars_are_void_from_where_the_margin_fails():
     mesh = ms.TriangleMesh(np.stack([x, y, 0.06 * np.sin(np.pi * x)], axis=1), flat.faces)
     shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0), "x < 1e-6 or x > 0.999")
     ball = ms.Contact(ms.Sphere((0.5, 0.0, 0.17), 0.1), motion=along(2, [0, 0.2, 1.6], [0, 0, -0.14]))
-    run = move(ms.RotationStrain(ms.solve_modes(shell, 6)), ball, (0.0, 0.0, 0.0), duration=1.8)
+    # With less damping its halves swing apart, in steps of a sixteenth of these, too.
+    run = move(ms.RotationStrain(ms.solve_modes(shell, 6)), ball, (0.0, 0.0, 0.0), duration=1.8, damping=(2.0, 0.01))
     first = run.bars.times.tolist().index(run.bars.void_from)
     unjudged = np.array(run.bars.unjudged) != ""
     assert run.bars.valid[:first][~unjudged[:first]].all()

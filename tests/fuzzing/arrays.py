@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+import modalshell as ms
 from fuzzing.calls import Target, targets
 from fuzzing.harness import Input, LongWork
 from fuzzing.mutations import array_like, scalars
@@ -34,7 +36,8 @@ def measures(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001
 def _warm_up() -> None:
     """Compile and load what the calls need, which may take longer than an input may; their own arguments are sound."""
     for target in targets():
-        with contextlib.suppress(LongWork):
+        with contextlib.suppress(LongWork), warnings.catch_warnings():
+            warnings.simplefilter("ignore", ms.ModalShellWarning)  # as in each attempt
             if target.always and target.name not in ("run_sweep", "tradeoff", "advise"):
                 continue  # valid arguments are not known, or slow
             for dtype in [{"dtype": "float64"}, {"dtype": "float32"}] if "dtype" in target.words else [{}]:
