@@ -54,8 +54,6 @@ LOOSE = 1e-3
 """Residual of the steps of a descent: the next step lowers the rest."""
 NEAR = 0.3
 """Residual from which a descent tries to end by Newton's method."""
-ONCE_MORE = 0.1
-"""Residual from which it tries once more to end where it is no minimum, over that of the try before."""
 FIRST_MOVE = 0.05
 """Move of a free shell under the out-of-balance force, in its sizes, that the first drag of a descent allows."""
 HIGHER = 1e-9
@@ -235,7 +233,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
-    factor, iterations, saddles, left, tried = first_drag(problem, size), 0, 0, -np.inf, np.inf
+    factor, iterations, saddles, left = first_drag(problem, size), 0, 0, -np.inf
     for _ in range(DESCENT):
         write(x, slots[START])
         drag(problem, factor)
@@ -252,10 +250,8 @@ def descend(problem: Any, rules: Rules) -> Solved:
         value, size = reached, out_of_balance
         if step.iterations <= EASY:
             factor *= 0.5
-        # At the first signs of a saddle Newton's method may end there; else most tries on the way are in vain.
-        if size > NEAR or (size > min(LOOSE, ONCE_MORE * tried) and not is_minimum(problem)):
+        if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
-        tried = size
         write(x, slots[START])
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
@@ -269,7 +265,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
             continue
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
-        saddles, left, tried = saddles + 1, reached, np.inf
+        saddles, left = saddles + 1, reached
         value, factor = leave_saddle(problem, reached)
     return Solved(size, iterations, False, saddles)
 

@@ -9,7 +9,6 @@ import scipy.linalg
 import modalshell as ms
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.modes import lowest_tangent_eigenvalue
-from modalshell.statics import mixed_newton as method
 
 SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "v_beam_stiff.toml"
 
@@ -89,33 +88,6 @@ def test_a_straight_column_leaves_its_saddle_and_says_so():
     assert answer.stable
     assert "symmetry was broken" in answer.message
     assert np.abs(answer.positions[tip, 2]).max() > 0.3
-
-
-def test_a_descent_past_saddles_does_not_end_on_the_way(monkeypatch):
-    """A panel of springs, whose light load has buckled it long before: the answer is near that of a growing load."""
-    mesh = ms.cylinder_panel(cells=(6, 8), angle=35.0)
-    across = np.abs(mesh.vertices[:, 1])
-    shell = ms.Shell(mesh, ms.Material(100.0, 100.0, 0.05, 0.2), across > across.max() - 1e-9)
-    model, tries, iterate = ms.SpringSheet(shell), [], method.iterate
-
-    def counted(problem, rules):
-        solved = iterate(problem, rules)
-        if rules.goal < method.LOOSE:
-            tries.append(solved.solved)
-        return solved
-
-    monkeypatch.setattr(method, "iterate", counted)
-    answer = model.equilibrium(gravity=(0.0, 0.0, -1.0))
-    monkeypatch.undo()
-    assert answer.converged
-    assert tries.count(False) <= 3  # by which Newton's method was to end a descent
-    assert answer.iterations < 500
-    slow = None
-    for share in np.linspace(0.1, 1.0, 10):
-        grown = model.equilibrium(gravity=(0.0, 0.0, -share), start=slow)
-        slow = grown.positions
-    rest = shell.rest_positions
-    assert np.abs(answer.positions - rest).max() < 1.2 * np.abs(slow - rest).max()
 
 
 def test_a_jump_on_the_way_from_rest_is_named():
