@@ -221,8 +221,8 @@ def _resultant(force: Array) -> Array:
 
 def _gravity(scene: ShellScene) -> Sequence[float] | None:
     """The gravity of a scene, or that of its first weight."""
-    if scene.loads is None or scene.loads.gravity is not None:
-        return None if scene.loads is None else scene.loads.gravity
+    if scene.gravity is not None:
+        return scene.gravity
     weights: list[Any] = getattr(scene.loads, "weight", [])
     return next((weight.gravity for weight in weights), None)
 
