@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from modalshell.core.errors import MaterialError
 from modalshell.core.typing import Array
+from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import in_plane_angles, orient
 
@@ -115,9 +116,8 @@ def hinge_operator(mesh: TriangleMesh) -> sps.csr_array:
         ],
         axis=1,
     )
-    rows = np.repeat(np.arange(len(mesh.hinges)), 4)
-    shape = (len(mesh.hinges), len(mesh.vertices))
-    return sps.csr_array(sps.coo_array((values.ravel(), (rows, mesh.hinges.ravel())), shape=shape))
+    rows = np.arange(len(mesh.hinges))[:, None]
+    return assembled(values[:, None, :], rows, mesh.hinges, (len(rows), len(mesh.vertices)))
 
 
 def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) -> BendingConstants:

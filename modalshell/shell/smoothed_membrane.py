@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
-from modalshell.linalg.small_inverses import inverses
+from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
@@ -246,11 +246,7 @@ def membrane_elements(strained: list[Strained], elastic: Array | list[Any]) -> l
 
 def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.csr_array:
     """Q (E, E) of all elements together."""
-    kinds = []
-    for e in elements:
-        edges = e.edges.astype(np.int32)
-        places = (np.broadcast_to(side, e.matrices.shape).ravel() for side in (edges[:, :, None], edges[:, None, :]))
-        kinds.append(sps.csr_array(sps.coo_array((e.matrices.ravel(), tuple(places)), shape=(edge_count, edge_count))))
+    kinds = [assembled(e.matrices, e.edges, e.edges, (edge_count, edge_count)) for e in elements]
     return sps.csr_array(sum(kinds[1:], kinds[0]))
 
 
@@ -264,11 +260,16 @@ def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -
     length = np.linalg.norm(edge, axis=1)
     along = np.sum(arm * edge, axis=1) / length
     across = side * np.linalg.norm(np.cross(edge, arm), axis=1) / length
-    zero = np.zeros_like(length)
-    vectors = [(length, zero), (along, across), (along - length, across)]
-    # d . E d = (l^2 - l0^2) / 2 for each edge d of the triangle laid flat
-    rows = np.stack([np.stack([t * t, n * n, t * n], axis=1) for t, n in vectors], axis=1)
-    return inverses(rows, len(mesh.faces))
+    # Laid flat the edges are d = (t, n). The strain of one of them is the product of the two others' normals, which
+    # leaves these as long as they are, over +- 4 times the squared area.
+    edges = (length, 0.0), (along, across), (along - length, across)
+    area = (length * across) ** 2
+    strain = np.empty((len(triangles), 3, 3))
+    for k, sign in enumerate((1.0, -1.0, 1.0)):
+        (t, n), (s, m) = (edges[other] for other in range(3) if other != k)
+        weight = sign / area
+        strain[:, 0, k], strain[:, 1, k], strain[:, 2, k] = weight * n * m, weight * t * s, -weight * (n * s + t * m)
+    return strain
 
 
 def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, shares: Array) -> Array:

@@ -35,6 +35,7 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
+from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import colour_triangles
@@ -95,23 +96,11 @@ class SplitFolds:
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""
-        rows = np.arange(5 * len(self.stencils), dtype=np.int32)
-        columns = np.broadcast_to(rows.reshape(-1, 1, 5), self.moments.shape).ravel()
-        starts = np.arange(0, columns.size + 1, 5, dtype=np.int32)
-        blocks = sps.csr_array((self.moments.ravel(), columns, starts), shape=(rows.size, rows.size))
-
-        def selection(numbers: Index, factors: Array, size: int) -> sps.csr_array:
-            used = numbers.ravel() >= 0
-            entries = (factors.ravel()[used], (rows[used], numbers.ravel()[used].astype(np.int32)))
-            return sps.csr_array(sps.coo_array(entries, shape=(rows.size, size)))
-
-        by_fold = selection(self.folds, np.ones(self.folds.shape), len(self.hinges))
-        by_share = selection(self.share_index, self.shares, self.share_count)
-        stressed = blocks @ by_fold
+        folds, shares, weighted = len(self.hinges), self.share_count, self.shares[:, :, None] * self.moments
         return (
-            sps.csr_array(by_fold.T @ stressed),
-            sps.csr_array(by_share.T @ stressed),
-            sps.csr_array(by_share.T @ blocks @ by_share),
+            assembled(self.moments, self.folds, self.folds, (folds, folds)),
+            assembled(weighted, self.share_index, self.folds, (shares, folds)),
+            assembled(weighted * self.shares[:, None, :], self.share_index, self.share_index, (shares, shares)),
         )
 
     def parts_of_folds(self, angles: Array, shares: Array) -> Array:

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
-from modalshell.linalg.small_inverses import inverses
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import match_triangles, quadratic_forms
@@ -189,10 +188,7 @@ def _joined(
     else:
         axes = (_edge_normals(mesh, faces[:, side], corners[:, side])[1:] for side in (0, 1))
         compliances = np.stack(
-            [
-                inverses(bending.in_axes(mesh, own, *along), len(mesh.faces))
-                for own, along in zip(faces.T, axes, strict=True)
-            ]
+            [np.linalg.inv(bending.in_axes(mesh, own, *along)) for own, along in zip(faces.T, axes, strict=True)]
         )
     compliances = np.ascontiguousarray(compliances * areas[:, :, None, None])
     mean = np.einsum("sp,spik->pik", areas / areas.sum(axis=0), tensors)
@@ -203,7 +199,7 @@ def _joined(
     kept_pairs = ~free[:, :, None] & ~free[:, None, :]
     # A free edge has no moment: the others' flexibility alone is inverted.
     flexibility = np.where(kept_pairs, flexibility, np.eye(5) * np.einsum("pkk->p", flexibility)[:, None, None])
-    return np.where(kept_pairs, inverses(flexibility, len(mesh.faces)), 0.0)
+    return np.where(kept_pairs, np.linalg.inv(flexibility), 0.0)
 
 
 def _pair_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array]:
@@ -220,17 +216,26 @@ def moment_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
     Axis 1 is along the edge opposite the corner ``corners`` (P,), the first of the three; seen from the triangle across
     that edge it is the same axis, turned by 180 degrees.
     """
-    return inverses(_edge_normals(mesh, faces, corners)[0], len(mesh.faces))
+    s, t, _, _ = _laid_flat(mesh, faces, corners)
+    # A moment at one edge is the product of the two others: it has no part across these.
+    weight = -np.hypot(s, t) / (s[:, :1] * t[:, 1:2]) ** 2
+    s1, s2, t1, t2 = (np.roll(a, -k, axis=1) for a in (s, t) for k in (1, 2))
+    return np.asarray(weight[:, None] * np.stack([s1 * s2, t1 * t2, 0.5 * (s1 * t2 + s2 * t1)], axis=1))
 
 
-def _edge_normals(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array, Array]:
-    """Rows (P, 3, 3) of ``l_k (n_k1^2, n_k2^2, 2 n_k1 n_k2)`` of the edges, and axes 1 and 2 (P, 3)."""
+def _laid_flat(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array, Array, Array]:
+    """Components (P, 3) of the edges along axes 1 and 2, and these axes (P, 3)."""
     turned = (corners[:, None] + np.arange(3)) % 3
     x = np.take_along_axis(mesh.vertices[mesh.faces[faces]], turned[:, :, None], axis=1)
     edges = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
     along = edges[:, 0] / np.linalg.norm(edges[:, 0], axis=1)[:, None]
     across = np.cross(mesh.face_normals[faces], along)
-    s, t = np.einsum("tki,ti->tk", edges, along), np.einsum("tki,ti->tk", edges, across)
+    return np.einsum("tki,ti->tk", edges, along), np.einsum("tki,ti->tk", edges, across), along, across
+
+
+def _edge_normals(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Array, Array, Array]:
+    """Rows (P, 3, 3) of ``l_k (n_k1^2, n_k2^2, 2 n_k1 n_k2)`` of the edges, and axes 1 and 2 (P, 3)."""
+    s, t, along, across = _laid_flat(mesh, faces, corners)
     # An edge with components (s, t) has the normal (t, -s): its square is (t^2, s^2, -2 s t) over the length squared.
     return np.stack([t * t, s * s, -2.0 * s * t], axis=2) / np.hypot(s, t)[:, :, None], along, across
 

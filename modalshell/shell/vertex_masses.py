@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
+from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
 from modalshell.shell.material import Material
@@ -70,9 +70,7 @@ def vertex_masses(
     gradients = np.cross(mesh.face_normals[:, None], np.roll(sides, -1, axis=1)) / 2.0
     meeting = np.bincount(corners.ravel(), np.repeat(areas, 3), count)
     moved = np.einsum("tcx,tvx->tcv", (reach / meeting[:, None])[corners], gradients)
-    rows = np.broadcast_to(corners.astype(np.int32)[:, :, None], moved.shape).ravel()
-    columns = np.broadcast_to(mesh.faces.astype(np.int32)[:, None, :], moved.shape).ravel()
-    moves = sps.csr_array(sps.coo_array((moved.ravel(), (rows, columns)), shape=(count, thirds.size)))
+    moves = assembled(moved, corners, mesh.faces, (count, thirds.size))
     taken = moves.data < 0.0
     givers = moves.indices[taken]
     given = -np.bincount(givers, moves.data[taken], thirds.size)

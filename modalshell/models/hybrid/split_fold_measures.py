@@ -20,6 +20,7 @@ import numpy as np
 import scipy.sparse as sps
 
 from modalshell.core.typing import Array, Index
+from modalshell.linalg.elements import assembled
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
 from modalshell.shell.constant_forms import ConstantForms
@@ -227,8 +228,5 @@ def _root_of(elements: MembraneElements, edge_count: int) -> sps.csr_array:
     """Roots (elements times edges, E) of the elements' matrices."""
     values, vectors = np.linalg.eigh(elements.matrices)
     roots = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.transpose(0, 2, 1)
-    count, size = elements.edges.shape
-    rows = np.arange(count * size, dtype=np.int32).reshape(count, size)
-    row_of = np.broadcast_to(rows[:, :, None], roots.shape).ravel()
-    columns = np.broadcast_to(elements.edges.astype(np.int32)[:, None, :], roots.shape).ravel()
-    return sps.csr_array(sps.coo_array((roots.ravel(), (row_of, columns)), shape=(count * size, edge_count)))
+    rows = np.arange(elements.edges.size).reshape(elements.edges.shape)
+    return assembled(roots, rows, elements.edges, (rows.size, edge_count))

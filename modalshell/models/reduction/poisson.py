@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import SupportError
 from modalshell.core.typing import Array
+from modalshell.linalg.elements import assembled
 from modalshell.modes import Factor, Factoriser
 from modalshell.shell import Shell
 
@@ -82,10 +83,8 @@ class PoissonFit:
         two, three = np.stack([height, -foot], axis=1), np.stack([zero, length], axis=1)
         gradients = np.stack([-two - three, two, three], axis=1)  # 2 A_t grad N_i
         blocks = np.einsum("tia,tja->tij", gradients, gradients) / (2.0 * height * length)[:, None, None]
-        rows = np.broadcast_to(self.slots[:, :, None], blocks.shape)
-        columns = np.broadcast_to(self.slots[:, None, :], blocks.shape)
         size = self._kept.size
-        whole = sps.coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size + 1, size + 1))
+        whole = assembled(blocks, self.slots, self.slots, (size + 1, size + 1))
         return sps.csc_array(sps.csc_array(whole)[:size, :size])
 
     @property
