@@ -70,14 +70,19 @@ def vertex_masses(
     gradients = np.cross(mesh.face_normals[:, None], np.roll(sides, -1, axis=1)) / 2.0
     meeting = np.bincount(corners.ravel(), np.repeat(areas, 3), count)
     moved = np.einsum("tcx,tvx->tcv", (reach / meeting[:, None])[corners], gradients)
-    moves = assembled(moved, corners, mesh.faces, (count, thirds.size))
+    # Sums of a group at a vertex are at least those of its negative parts: few vertices can come to lack mass.
+    least, kept = np.ones(count), (1.0 - _LEAST) * thirds
+    negative = np.bincount(mesh.faces.ravel(), np.minimum(moved, 0.0).sum(axis=1).ravel(), thirds.size)
+    triangle, place = np.nonzero((negative < -kept)[mesh.faces])
+    at = corners[triangle], mesh.faces[triangle, place, None]
+    moves = assembled(moved[triangle, :, place][:, :, None], *at, (count, thirds.size))
     taken = moves.data < 0.0
     givers = moves.indices[taken]
     given = -np.bincount(givers, moves.data[taken], thirds.size)
-    share = np.divide((1.0 - _LEAST) * thirds, given, out=np.ones(thirds.size), where=given > 0.0)
-    least = np.ones(count)
+    share = np.divide(kept, given, out=np.ones(thirds.size), where=given > 0.0)
     np.minimum.at(least, np.repeat(np.arange(count), np.diff(moves.indptr))[taken], share[givers])
-    return np.asarray(thirds + moves.T @ least)
+    moved *= least[corners][:, :, None]
+    return np.asarray(thirds + np.bincount(mesh.faces.ravel(), moved.sum(axis=1).ravel(), thirds.size))
 
 
 def _alike(mesh: TriangleMesh, corners: Index) -> Array:
