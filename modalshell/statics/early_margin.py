@@ -10,7 +10,7 @@ import scipy.sparse as sps
 from modalshell.core.typing import Array
 from modalshell.modes import Factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
-from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.margin import CLEAR, LITTLE_STEP, lowest_ratio, probe
 from modalshell.statics.warped import turned_axes
 
@@ -19,13 +19,13 @@ _CLOSE = 1e-3
 
 
 class Begun(NamedTuple):
-    """Positions (n, 3) [m] where a step began, the stresses that its Hessian took, and the factor that solved it.
+    """Positions (n, 3) [m] where a step began, its Hessian, and the factor that solved it.
 
     That is of the Hessian, or where that is ``unstressed``, of the first step's.
     """
 
     x: Array
-    stresses: list[Array] | None
+    hessian: sps.csc_array
     factor: Factor
     unstressed: bool = False
 
@@ -42,11 +42,13 @@ class Begun(NamedTuple):
         """
         if not (off <= LITTLE_STEP * moved and self.factor.is_definite()):
             return None
-        stressed = shell.hessian(self.x, MIXED, self.stresses)
-        geometric = shell.pattern.matrix(stressed - shell.hessian(self.x, GAUSS_NEWTON))
+        # Internal unknowns, the last ones, have no part in the difference.
+        geometric = self.hessian - shell.pattern.free_matrix(shell.hessian(self.x, GAUSS_NEWTON))
+        whole = np.zeros(geometric.shape[0])
 
         def softening(values: Array) -> Array:
-            return np.asarray(shell.unknowns.restrict(geometric @ shell.unknowns.prolong(values)))
+            whole[: values.size] = values
+            return np.asarray((geometric @ whole)[: values.size])
 
         ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count)).value
         margin = ratio if self.unstressed else 1.0 / (2.0 - ratio)

@@ -319,10 +319,10 @@ class ErrorEstimator(Estimator):
             gradient, hessian = problem.linearise(x, geometric, stresses)
             found = begun.direction(self.shell, x, hessian, gradient) if begun is not None and self._early else None
             if begun is not None and found is not None:
-                begun = Begun(x, stresses, begun.factor, unstressed=True)
+                begun = Begun(x, hessian, begun.factor, unstressed=True)
             else:
                 factor = problem.factor(hessian)
-                begun, found = Begun(x, stresses, factor), problem.step(factor, gradient)
+                begun, found = Begun(x, hessian, factor), problem.step(factor, gradient)
             x, stresses, _ = problem.moved(x, found)
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")

@@ -66,7 +66,7 @@ def test_early_margins_are_near_and_small_ones_the_same(kind):
         x = exactly.equilibrium(force=force).positions
         x += 0.003 * (x - shell.rest_positions)
         (one, exact), (other, near) = whole(x - origin, force), early(x - origin, force)
-        assert np.array_equal(one, other)
+        assert other == pytest.approx(one, abs=1e-5 * np.abs(one - one[0]).max())  # iterations solve to 1e-3
         assert near == exact or near > 0.5
         assert 1.0 - near == pytest.approx(1.0 - exact, rel=0.1, abs=0.01)
         found.append(near == exact)

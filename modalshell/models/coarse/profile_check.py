@@ -28,6 +28,9 @@ _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 _STAGES: int = np.int64(3)  # type: ignore[assignment]
 """Factorisations: of the first step, of the second, and for the margin where that of the second does not serve."""
 _LITTLE_STEP, _CLEAR = margin.LITTLE_STEP, margin.CLEAR
+_CLOSE = 1e-3
+_ITERATIONS: int = np.int64(4)  # type: ignore[assignment]
+"""Residual at which iterations with the factor of another step have solved a step's equations, and the most of them."""
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
@@ -145,61 +148,102 @@ def _lowest_ratio(body, room, lanczos, probe):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
+def _solve_near(body, room, lanczos):  # type: ignore[no-untyped-def]
+    """Solve for ``room.residual`` into ``room.way`` by conjugate gradients with the factor in ``room.second``.
+
+    The matrix is in ``room.values``. Returns the iterations; 0 where they do not serve.
+    """
+    first, starts, wide, way = body.first, body.starts, room.way.size, room.way
+    direction, rest = lanczos.vectors[:wide], lanczos.vectors[wide : 2 * wide]
+    image, solved = lanczos.images[:wide], lanczos.images[wide : 2 * wide]
+    write(room.residual, rest)
+    way[:] = 0.0
+    direction[:] = 0.0
+    target, slope = _CLOSE**2 * dot(rest, 0, rest, 0, wide), np.inf
+    for count in range(1, _ITERATIONS + 1):
+        write(rest, solved)
+        solve(room.second, first, starts, room.own, room.pivots, solved)
+        last, slope = slope, dot(rest, 0, solved, 0, wide)
+        for k in range(wide):
+            direction[k] = solved[k] + slope / last * direction[k]
+            image[k] = 0.0
+        add_product(room.values, first, starts, direction, image)
+        curvature = dot(direction, 0, image, 0, wide)
+        if not (slope > 0.0 and curvature > 0.0):
+            return 0
+        _take(way, 0, direction, 0, wide, -slope / curvature)
+        _take(rest, 0, image, 0, wide, slope / curvature)
+        if dot(rest, 0, rest, 0, wide) <= target:
+            return count
+    return 0
+
+
+@njit(**_options)
 def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-untyped-def]
     """Two mixed steps from ``start`` (n, 3), which are left in the room's ``x``, and the stability margin there.
 
     ``rooms`` are the room, and the same with the two matrices in each other's place. ``probe`` (3b,) is where Lanczos
     iterations start.
 
-    If it may be ``early``, the second step's factor of ``K_1 + G`` finds it where that step began, without a third one:
-    there the lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``. That serves where the step is short and the
-    margin large; what it takes from 1 was then within 0.022 and 9 % of that after the step, in some 400 checks of
-    motions drawn by a seed.
+    If it may be ``early``, iterations with the first step's factor take the second where few do, and the margin is
+    found where that began, without another factor: there the lowest ratio r of G to ``K_1``, by the first step's
+    factor, makes it ``1 + r``; where the second step has its own, of ``K_1 + G``, it is ``1 / (1 - r)``. That serves
+    where the step is short and the margin large; what the latter takes from 1 was then within 0.022 and 9 % of that
+    after the step, in some 400 checks of motions drawn by a seed.
 
     Returns
     -------
     margin : float
         Not a number where a pivot vanishes or the first part is not definite.
     products : int
-        Lanczos iterations.
+        Lanczos iterations, and those of the second step.
     factors : int
         Factorisations.
     """
     room = rooms[0]
-    x, elastic, products = room.x, body.elastic, 0
+    x, elastic, products, factors, negative = room.x, body.elastic, 0, 0, 0
     write(start, x)
     write(load, room.push)
     still(room)
     step = Step(body, room, body.rest, x, room.slots)
     for stage in range(_STAGES):  # a loop, as each place that calls a kernel is compiled anew
-        stressed = stage == 1
-        matrix = room.values if stressed else room.second
-        if stage == 2 or (early and stressed):
-            elasticity.soften(elastic, body, rooms[stage % 2], x)
+        stressed, found = stage == 1, stage == _STAGES - 1
+        matrix, way, near = room.values if stressed else room.second, room.residual, 0
         if stressed:
             elasticity.assemble(elastic, body, room, x)
         else:
             elasticity.harden(elastic, body, room, x)
         if stage == 0:
             elasticity.energy(elastic, room, x)
-        negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)
-        if negative < 0 or (stage == _STAGES - 1 and negative > 0):
-            break
-        found = stage == _STAGES - 1
         if not found:
             outer(step)
+        if early and stressed and negative == 0:
+            near = _solve_near(body, room, lanczos)
+            products += near
+        unstressed = found or near > 0
+        if unstressed or (early and stressed):
+            elasticity.soften(elastic, body, rooms[0 if unstressed else 1], x)
+        if near > 0:
+            way = room.way
+        else:
+            factors += 1
+            negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)
+            if negative < 0 or (found and negative > 0):
+                break
+        if not found:
             write(x, room.slots[START])
-            solve(matrix, body.first, body.starts, room.own, room.pivots, room.residual)
-            spread(body, room, room.residual, -1.0)
+            if near == 0:
+                solve(matrix, body.first, body.starts, room.own, room.pivots, way)
+            spread(body, room, way, -1.0)
             method.advance(step)
             found = early and stressed and negative == 0 and _is_short(body, x, room.slots[START])
         if found:
-            lowest, more = _lowest_ratio(body, rooms[stage % 2], lanczos, probe)
+            lowest, more = _lowest_ratio(body, rooms[0 if unstressed else 1], lanczos, probe)
             products += more
-            margin = 1.0 / (1.0 - lowest) if stressed else 1.0 + lowest
+            margin = 1.0 + lowest if unstressed else 1.0 / (1.0 - lowest)
             if not stressed or margin > _CLEAR:
-                return margin, products, stage + 1
-    return np.nan, 0, 0
+                return margin, products, factors
+    return np.nan, products, factors
 
 
 @njit(**_options)

@@ -91,14 +91,13 @@ class ProfileStep:
 
         The bar is that of :class:`modalshell.statics.error_bar.ErrorEstimator` from x (n, 3) [m], where the supports
         allow it, under ``load`` (n, 3) [N]. The margin may be an ``early`` one, that before the second step, where this
-        is short: for a third less work, to a tenth of what stresses take.
+        is short: for half the work, to a tenth of what stresses take.
         """
         room, lanczos = self._room(), self._lanczos()
         rooms = room, room._replace(values=room.second, second=room.values)
         margin, products, factors = check(
             self._body, rooms, lanczos, _writeable(x), _writeable(load), self._probe, early
         )
-        factors = factors or 3
         count_elements(2 * factors * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
         count_factorisation(self._unknowns, factors, self._products)
         count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
