@@ -143,7 +143,7 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
     if chosen >= 0:
         for i in range(len(side)):
             side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
-        _minimum_separator(starts, neighbours, axes[chosen], side)
+        minimum_separator(starts, neighbours, axes[chosen], side)
     return side, axes[chosen ^ 1]
 
 
@@ -236,7 +236,7 @@ def _level_cut(starts: Index, neighbours: Index, along: Index) -> tuple[float, i
 
 
 @njit
-def _minimum_separator(starts: Index, neighbours: Index, along: Index, side: Any) -> int:
+def minimum_separator(starts: Index, neighbours: Index, along: Index, side: Any) -> int:
     """The fewest vertices that separate those of side 0 from those of side 1; ``side`` (m,) is 2 for others.
 
     Vertices of these, and of side 0 next to side 1, go to a side or stay 2, in the separator. It is as large as the
