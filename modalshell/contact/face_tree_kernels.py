@@ -14,31 +14,6 @@ _FACED, _CROSSED = np.bool_(True), np.bool_(False)
 is called numba compiles this once for each."""
 
 
-@_kernel
-def split(centres, order, begin, end):  # type: ignore[no-untyped-def]
-    """Order triangles so that each node's lie together: its children hold the halves along its longest side.
-
-    Node k has the triangles ``order[begin[k] : end[k]]``, and the children ``2 k + 1`` and ``2 k + 2``.
-    """
-    order[:] = np.arange(order.size)
-    begin[:], end[:] = 0, 0
-    end[0] = order.size
-    for node in range(begin.size // 2):
-        first, last = begin[node], end[node]
-        if last - first < 2:
-            continue
-        own = order[first:last].copy()
-        axis, longest = 0, -1.0
-        for a in range(3):
-            along = centres[own, a]
-            if along.max() - along.min() > longest:
-                axis, longest = a, along.max() - along.min()
-        order[first:last] = own[np.argsort(centres[own, axis], kind="mergesort")]
-        middle = (first + last) // 2
-        begin[2 * node + 1], end[2 * node + 1] = first, middle
-        begin[2 * node + 2], end[2 * node + 2] = middle, last
-
-
 @_inline
 def _apart(first, a, second, b):  # type: ignore[no-untyped-def]
     """Whether box a of some (k, 6), and box b of others, are apart along an axis."""

@@ -115,7 +115,11 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
     """
     flat, counts = out.reshape(-1), np.zeros(3, np.int64)
     chosen, amounts = np.empty((3, slots.size), np.int64), np.empty((3, slots.size))
-    least = _NONE * np.abs(pushes).max() if pushes.size else 0.0
+    most = 0.0
+    for k in range(slots.size):
+        for axis in range(3):
+            most = max(most, abs(pushes[k, axis]))
+    least = _NONE * most
     for axis in range(3):
         for k in range(slots.size):
             if abs(pushes[k, axis]) > least:
@@ -123,7 +127,8 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
                 counts[axis] += 1
     for first in range(0, flat.size, _PART):
         own = flat[first : first + _PART]
-        own[:] = 0.0
+        for i in range(own.size):
+            own[i] = 0.0
         for axis in range(3):
             _add_rows(own, first, store, chosen[axis, : counts[axis]], axis, amounts[axis])
     if turns.size:

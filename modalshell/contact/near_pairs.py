@@ -80,6 +80,28 @@ class Rubbing:
         pair_move_kernels.add_sliding(x, self.begin, *own, limit, slots, strides, data)
 
 
+def _tree(centres: Array, count: int) -> tuple[Index, Index, Index]:
+    """An order of triangles with ``centres`` (f, 3) in which those of each of ``count`` nodes lie together.
+
+    Node k has the triangles ``order[begin[k] : end[k]]``, and the children ``2 k + 1`` and ``2 k + 2``: the halves
+    along its longest side. Returns the order (f,), and begin and end of the nodes.
+    """
+    order, begin, end = np.arange(len(centres)), np.zeros(count, np.int64), np.zeros(count, np.int64)
+    nodes, end[0] = np.zeros(1, np.int64), len(centres)
+    while (nodes := nodes[end[nodes] - begin[nodes] > 1]).size:  # all of a level at once
+        sizes = end[nodes] - begin[nodes]
+        starts, own = np.cumsum(sizes) - sizes, np.repeat(np.arange(nodes.size), sizes)
+        places = np.arange(own.size) + (begin[nodes] - starts)[own]
+        along = centres[order[places]]
+        longest = np.argmax(np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts), axis=1)
+        sorted_within = np.lexsort((along[np.arange(own.size), longest[own]], own))
+        order[places] = order[places][sorted_within]
+        middle, children = (begin[nodes] + end[nodes]) // 2, np.stack([2 * nodes + 1, 2 * nodes + 2])
+        begin[children], end[children] = [begin[nodes], middle], [middle, end[nodes]]
+        nodes = children.ravel()
+    return order, begin, end
+
+
 @final
 class NearPairs:
     """The pairs of some triangles, their edges and vertices, that may come nearer than a gap about a straight way.
@@ -121,8 +143,7 @@ class NearPairs:
         self._edge_areas = np.bincount(self._sides.ravel(), np.repeat(thirds, 3))
         self._squares = np.sum(np.diff(rest[self.edges], axis=1)[:, 0] ** 2, axis=1)
         count = 1 << int(np.ceil(np.log2(max(len(faces), 2))) + 1)
-        self._tree = np.empty(len(faces), np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-        face_tree_kernels.split(corners.mean(axis=1), *self._tree)
+        self._tree = _tree(corners.mean(axis=1), count)
         self._boxes, self._room = np.empty((count, 6)), (_ROOM, _ROOM)
         self._parts = np.arange(len(rest))[:, None], self.edges, self._faces
         self._way: tuple[Array, Array] | None = None

@@ -325,8 +325,9 @@ def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[
         _offsets(gap, normals, local, across, (free, q), offset)
         for _ in range(_CORRECTIONS):
             complementary(matrix, offset, forces, accuracy, True)
-            if stays and not forces.min() > 0.0:
-                return energy, False
+            for i in range(count):
+                if stays and not forces[i] > 0.0:
+                    return energy, False
             _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
             local_at(between, pushes, local)
             energy = 0.0

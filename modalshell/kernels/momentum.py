@@ -62,6 +62,14 @@ def rotation_vector(turn, out):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def _multiply(one, other, out):  # type: ignore[no-untyped-def]
+    """Write the product of two matrices (3, 3), by loops: numba's operator brings checks that take long to compile."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = one[i, 0] * other[0, j] + one[i, 1] * other[1, j] + one[i, 2] * other[2, j]
+
+
+@_kernel
 def keeping_turn(moments, impulse, guess, turn):  # type: ignore[no-untyped-def]
     """Write into ``turn`` (3, 3) the rotation F with ``sum m a x F b = impulse``; whether there is one, by Newton.
 
@@ -72,11 +80,12 @@ def keeping_turn(moments, impulse, guess, turn):  # type: ignore[no-untyped-def]
         for j in range(3):
             size += moments[i, j] ** 2
     size = math.sqrt(size)
-    turned, slope, residual, change = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    turned, slope, product, change = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    residual, step = np.empty(3), np.empty(3)
     exponential(guess, turn)
     last = math.inf
     for _ in range(_NEWTON_LIMIT):
-        turned[:] = turn @ moments
+        _multiply(turn, moments, turned)
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             residual[i] = turned[k, j] - turned[j, k] - impulse[i]
@@ -86,19 +95,31 @@ def keeping_turn(moments, impulse, guess, turn):  # type: ignore[no-untyped-def]
         last = missed
         # A further small turn d changes the sum by (tr(T) I - T) d, T = F moments.
         trace = turned[0, 0] + turned[1, 1] + turned[2, 2]
-        slope[:] = -turned
         for i in range(3):
+            for j in range(3):
+                slope[i, j] = -turned[i, j]
             slope[i, i] += trace
         # Cramer's rule: a singular matrix gives no finite turn, and no answer.
-        a, b, c = np.cross(slope[1], slope[2]), np.cross(slope[2], slope[0]), np.cross(slope[0], slope[1])
-        determinant = slope[0, 0] * a[0] + slope[0, 1] * a[1] + slope[0, 2] * a[2]
+        determinant, squared = 0.0, 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            a = slope[1, j] * slope[2, k] - slope[1, k] * slope[2, j]
+            b = slope[2, j] * slope[0, k] - slope[2, k] * slope[0, j]
+            c = slope[0, j] * slope[1, k] - slope[0, k] * slope[1, j]
+            determinant += slope[0, i] * a
+            step[i] = -(a * residual[0] + b * residual[1] + c * residual[2])
         if not abs(determinant) > 1e-15 * size**3:
             return False
-        step = -(a * residual[0] + b * residual[1] + c * residual[2]) / determinant
-        if not step[0] ** 2 + step[1] ** 2 + step[2] ** 2 < 1.0:
+        for i in range(3):
+            step[i] /= determinant
+            squared += step[i] ** 2
+        if not squared < 1.0:
             return False
         exponential(step, change)
-        turn[:] = change @ turn
+        _multiply(change, turn, product)
+        for i in range(3):
+            for j in range(3):
+                turn[i, j] = product[i, j]
     return last <= _ACCEPTED * size
 
 

@@ -1,4 +1,7 @@
-"""Nested dissection of a graph, compiled: level cuts between far vertices, improved by minimum vertex separators."""
+"""Nested dissection of a graph, compiled: level cuts between far vertices, improved by minimum vertex separators.
+
+In loops throughout: NumPy's functions of whole arrays would take as long to compile as all the rest.
+"""
 
 from __future__ import annotations
 
@@ -25,21 +28,28 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
     """
     n = len(starts) - 1
     order = _sorted(distances(starts, neighbours, 0))  # neighbours are near in memory
-    part_begin = np.full(n, -1, np.int64)
-    number = np.full(n, -1, np.int64)
+    part_begin, number = np.empty(n, np.int64), np.empty(n, np.int64)
+    for v in range(n):
+        number[v] = -1
     stack = np.empty((n + 1, 2), np.int64)
     stack[0, 0], stack[0, 1] = 0, n
     depth = 1
     while depth > 0:
         depth -= 1
         begin, end = stack[depth, 0], stack[depth, 1]
-        part_begin[begin:end] = begin
+        for place in range(begin, end):
+            part_begin[place] = begin
         if end - begin <= leaf:
             continue
-        vertices = order[begin:end].copy()
+        vertices = np.empty(end - begin, np.int64)
+        for i in range(end - begin):
+            vertices[i] = order[begin + i]
         part = _subgraph(starts, neighbours, vertices, number)
         side, across = _cut(*part)
-        lower_size, upper_size = np.sum(side == 0), np.sum(side == 1)
+        lower_size, upper_size = 0, 0
+        for i in range(len(side)):
+            lower_size += side[i] == 0
+            upper_size += side[i] == 1
         separated = lower_size + upper_size < len(side)
         if min(lower_size, upper_size) < (0.5 * _LEAST * len(side) if separated else 1):
             continue
@@ -47,17 +57,35 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
         stack[depth, 0], stack[depth, 1] = begin, upper
         stack[depth + 1, 0], stack[depth + 1, 1] = upper, place
         depth += 2
-        part_begin[place:end] = -1
-        along = _sorted(across)  # separators from one end to the other
-        order[begin:upper], order[upper:place] = vertices[side == 0], vertices[side == 1]
-        order[place:end] = vertices[along[side[along] == 2]]
+        low, high, last = begin, upper, place
+        along = _sorted(across)
+        for k in range(len(side)):
+            if side[k] == 0:
+                order[low] = vertices[k]
+                low += 1
+            elif side[k] == 1:
+                order[high] = vertices[k]
+                high += 1
+            i = along[k]  # separators from one end to the other
+            if side[i] == 2:
+                order[last], part_begin[last] = vertices[i], -1
+                last += 1
     return order, part_begin
+
+
+@njit
+def _range(levels: Index) -> tuple[int, int]:
+    """The least and the largest of some numbers."""
+    least, most = levels[0], levels[0]
+    for i in range(len(levels)):
+        least, most = min(least, levels[i]), max(most, levels[i])
+    return least, most
 
 
 @njit
 def _sorted(levels: Index) -> Index:
     """Order (m,) that sorts whole numbers of a narrow range, stable."""
-    least, most = levels.min(), levels.max()
+    least, most = _range(levels)
     begins = np.zeros(most - least + 2, np.int64)
     for level in levels:
         begins[level - least + 1] += 1
@@ -72,20 +100,27 @@ def _sorted(levels: Index) -> Index:
 
 @njit
 def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) -> tuple[Index, Index]:
-    """The graph of some vertices, without their entries on the diagonal; ``number`` (n,) is -1 before and after."""
-    number[vertices] = np.arange(len(vertices))
-    most = np.sum(starts[vertices + 1] - starts[vertices])
+    """The graph of some vertices, without their entries on the diagonal; ``number`` (n,) is -1 before and after.
+
+    Its neighbours end where its last vertex has them; there may be room after that.
+    """
+    most = 0
+    for i in range(len(vertices)):
+        number[vertices[i]] = i
+        most += starts[vertices[i] + 1] - starts[vertices[i]]
     own_starts, own = np.empty(len(vertices) + 1, np.int64), np.empty(most, np.int64)
     own_starts[0] = count = 0
-    for i, v in enumerate(vertices):
+    for i in range(len(vertices)):
+        v = vertices[i]
         for e in range(starts[v], starts[v + 1]):
             j = number[neighbours[e]]
             if j >= 0 and j != i:
                 own[count] = j
                 count += 1
         own_starts[i + 1] = count
-    number[vertices] = -1
-    return own_starts, own[:count].copy()
+    for i in range(len(vertices)):
+        number[vertices[i]] = -1
+    return own_starts, own
 
 
 @njit
@@ -106,7 +141,8 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
         if cost < fewest:
             fewest, chosen, low, high = cost, k, below, above
     if chosen >= 0:
-        side = np.where(axes[chosen] <= low, 0, np.where(axes[chosen] >= high, 1, 2))
+        for i in range(len(side)):
+            side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
         minimum_separator(starts, neighbours, axes[chosen], side)
     return side, axes[chosen ^ 1]
 
@@ -141,12 +177,19 @@ def _apart(starts: Index, neighbours: Index) -> tuple[Index, bool]:
 def _coordinates(starts: Index, neighbours: Index) -> Index:
     """Four coordinates (4, m), the first two and the last two across each other."""
     nearest = distances(starts, neighbours, 0)
-    axes = np.zeros((4, len(nearest)), np.int64)
+    axes = np.empty((4, len(nearest)), np.int64)
     for k in range(4):
-        axes[k] = distances(starts, neighbours, np.argmax(nearest))
-        nearest = axes[k].copy() if k == 0 else np.minimum(nearest, axes[k])
-    first, second = axes[0] - axes[1], axes[2] - axes[3]
-    axes[0], axes[1], axes[2], axes[3] = first, second, first + second, first - second
+        furthest = 0
+        for i in range(len(nearest)):
+            if nearest[i] > nearest[furthest]:
+                furthest = i
+        found = distances(starts, neighbours, furthest)
+        for i in range(len(nearest)):
+            axes[k, i] = found[i]
+            nearest[i] = found[i] if k == 0 else min(nearest[i], found[i])
+    for i in range(len(nearest)):
+        first, second = axes[0, i] - axes[1, i], axes[2, i] - axes[3, i]
+        axes[0, i], axes[1, i], axes[2, i], axes[3, i] = first, second, first + second, first - second
     return axes
 
 
@@ -157,7 +200,7 @@ def _level_cut(starts: Index, neighbours: Index, along: Index) -> tuple[float, i
     The cost is the number of vertices that separate the two sides, more where these are uneven.
     """
     m = len(along)
-    least, most = along.min(), along.max()
+    least, most = _range(along)
     levels = most - least + 1
     counts = np.zeros(levels + 1, np.int64)
     lower, upper = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
@@ -205,28 +248,40 @@ def minimum_separator(starts: Index, neighbours: Index, along: Index, side: Any)
         for e in range(starts[i], starts[i + 1]):
             if side[i] == 0 and side[neighbours[e]] == 1:
                 side[i] = 2
-    between = order[side[order] == 2]
+    between, count = np.empty(m, np.int64), 0
+    for k in range(m):
+        if side[order[k]] == 2:
+            between[count] = order[k]
+            count += 1
     source, sink = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-    near, ends = np.empty_like(neighbours), starts.copy()  # neighbours between the sides, the highest first
-    for i in between[::-1]:
+    near, ends = np.empty(len(neighbours), np.int64), np.empty(m, np.int64)
+    for i in range(m):
+        ends[i] = starts[i]
+    for k in range(count - 1, -1, -1):  # neighbours between the sides, the highest first
+        i = between[k]
         for e in range(starts[i], starts[i + 1]):
             j = neighbours[e]
             near[ends[j]] = i
             ends[j] += 1
             source[i] |= side[j] == 0
             sink[i] |= side[j] == 1
-    before, came, arc = np.full(m, -1, np.int64), np.zeros(2 * m + 2, np.int64), np.empty(m, np.int64)
+    before, came, arc = np.empty(m, np.int64), np.zeros(2 * m + 2, np.int64), np.empty(m, np.int64)
+    for i in range(m):
+        before[i] = -1
     size, more = 0, 1
     while more > 0:
         more = 0
-        for i in between:
+        for k in range(count):
+            i = between[k]
             arc[i] = starts[i]
             came[2 * i] = came[2 * i + 1] = -1
-        for i in between:
+        for k in range(count):
+            i = between[k]
             if source[i] and came[2 * i] < 0:
                 more += _augment(near, ends, sink, before, came, arc, i)
         size += more
-    for i in between:
+    for k in range(count):
+        i = between[k]
         side[i] = 0 if came[2 * i + 1] >= 0 else 2 if came[2 * i] >= 0 else 1
     return size
 

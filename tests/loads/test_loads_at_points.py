@@ -145,7 +145,7 @@ def test_drag_is_the_fall_of_the_modal_force_with_the_rates():
     basis = ms.solve_modes(shell, 4)
     loading = shell.loading(loads=[ms.Wind((0.0, 1.0, 5.0), tangential=0.5)])
     quadrature = ms.LinearModal(basis).load_quadrature(loading)
-    x, rates, q = mesh.vertices, np.full(4, 1e-4), np.zeros(4)
+    x, rates, q = mesh.vertices.copy(), np.full(4, 1e-4), np.zeros(4)
 
     def pushed(rates):
         return quadrature.push(q, x, x - (basis.modes @ rates).reshape(-1, 3), 1.0, 0.0)

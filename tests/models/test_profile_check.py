@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba import typeof
 
 import modalshell as ms
 from modalshell.models.coarse import profile_step
@@ -96,3 +97,15 @@ def test_where_a_pivot_vanishes_or_supports_hold_single_directions_sparse_algebr
     assert quick._compiled is None
     x = np.array(held.rest_positions)
     assert quick.bar(x, force).margin == ErrorEstimator(held).bar(x, force).margin
+
+
+@pytest.mark.parametrize("kind", ["fold of hinges", "fold"])
+def test_compiled_steps_hand_kernels_what_a_shell_does(kind):
+    """Of the same kinds, for each of which a kernel is compiled anew."""
+    shell = SHELLS[kind]()
+    elastic, (_, slots) = profile_step.profile_step(shell)._body.elastic, shell.elastic_energy.pattern(shell.unknowns)
+    if kind == "fold":
+        assert typeof(elastic.slots) == typeof(slots[1])
+        return
+    for own, elements, place in zip(elastic, shell.elements, slots, strict=True):
+        assert [typeof(own.stencils), typeof(own.slots)] == [typeof(elements.stencils), typeof(place)]

@@ -180,7 +180,8 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
         block_places(profile, ends[:, :, None], ends[:, None, :]),
         _membrane_blocks(profile, tension, ends),
     )
-    slots = block_places(profile, hinged[:, :, None], hinged[:, None, :])
+    # As a shell's own energy has them, or its kernel would be compiled for another kind of arguments.
+    slots = block_places(profile, hinged[:, :, None], hinged[:, None, :]).astype(np.int32)
     hinges, angles = np.array(forms.hinges, dtype=np.int64), np.array(forms.angles)
     shares = _share_stiffness(numbering, forms.shares.stiffness)
     return Folds(ghosts, hinges, angles, slots, bending, membrane, np.arange(count), shares)

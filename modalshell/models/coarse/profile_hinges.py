@@ -8,6 +8,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.read_only import unwritten
 from modalshell.linalg import Profile
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
@@ -74,9 +75,9 @@ def hinges_of(shell: Shell, profile: Profile, place: Index) -> Hinges:
         given = shell.elements[index]
         of = place[given.stencils]
         slots = block_places(profile, of[:, :, None], of[:, None, :])
-        return Elements(given.stencils.copy(), given.rest.copy(), given.weight.copy(), slots)
+        # As a shell's own energy has them, or their kernels would be compiled for another kind of arguments.
+        return Elements(given.stencils, given.rest.copy(), given.weight.copy(), slots.astype(np.int32))
 
-    # Writeable copies: kernels are compiled for one kind of argument alone.
     return Hinges(*(elements(index) for index in range(len(KERNELS))))
 
 
@@ -96,7 +97,7 @@ def _soften(elastic, body, room, x):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-untyped-def]
     """Write the gradient and the Hessian with these weights, its geometric part with the stresses in ``room``."""
-    s = room.elastic
+    s, x = room.elastic, unwritten(x)
     strides, values, gradient = body.strides, room.values, room.gradient
     values[:] = 0.0
     gradient[:] = 0.0
@@ -111,7 +112,7 @@ def _harden(elastic, body, room, x):  # type: ignore[no-untyped-def]
     """Write the first part of the Hessian at ``x``."""
     strides, none, values, gradient = body.strides, room.residual[:0], room.second, room.gradient
     values[:] = 0.0
-    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    t, e, h, x = elastic.triangles, elastic.edges, elastic.hinges, unwritten(x)
     stretch.add_stiffness(x, t.stencils, t.rest, t.weight, none, _STRETCHING, t.slots, strides, values, gradient)
     shear.add_stiffness(x, e.stencils, e.rest, e.weight, none, _STRETCHING, e.slots, strides, values, gradient)
     flexure.add_stiffness(x, h.stencils, h.rest, h.weight, none, _STRETCHING, h.slots, strides, values, gradient)
@@ -122,7 +123,7 @@ def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
     """Elastic energy; its gradient goes to ``room``."""
     gradient = room.gradient
     gradient[:] = 0.0
-    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    t, e, h, x = elastic.triangles, elastic.edges, elastic.hinges, unwritten(x)
     return (
         stretch.add_gradient(x, t.stencils, t.rest, t.weight, gradient)
         + shear.add_gradient(x, e.stencils, e.rest, e.weight, gradient)
@@ -133,8 +134,8 @@ def _energy(elastic, room, x):  # type: ignore[no-untyped-def]
 @operation_of(Hinges, elasticity.predict, **_options)
 def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
     """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
-    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
-    step, stresses = room.step, room.elastic
+    t, e, h, x = elastic.triangles, elastic.edges, elastic.hinges, unwritten(x)
+    step, stresses = unwritten(room.step), room.elastic
     stretch.linear_stress(x, step, t.stencils, t.rest, t.weight, stresses.triangles)
     shear.linear_stress(x, step, e.stencils, e.rest, e.weight, stresses.edges)
     flexure.linear_stress(x, step, h.stencils, h.rest, h.weight, stresses.hinges)

@@ -92,7 +92,9 @@ class LoadPoints:
                 self._fields.append((own, form))
             elif isinstance(form, SurfaceForm) and form.velocity is not None:
                 air[own] = form.velocity
-        self._vertices, self._unused = mesh.vertices, (np.zeros(basis.count), np.zeros((basis.count, basis.count)))
+        # To be written to, as positions in motion are: the kernel is compiled for one kind.
+        self._vertices = mesh.vertices.copy()
+        self._unused = np.zeros(basis.count), np.zeros((basis.count, basis.count))
         self._stand(0.0)
 
     @property

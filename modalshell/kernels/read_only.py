@@ -1,0 +1,22 @@
+"""Arrays that a kernel passes on as read-only: what it calls is then compiled for one kind of argument, Python's."""
+
+# ruff: noqa: ARG001 (numba calls code generators by position)
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba.core.typing.templates import Signature, signature
+from numba.extending import intrinsic
+
+
+def _unwritten(context: Any, array: Any) -> tuple[Signature, Any]:
+    """The same array (of any shape), of numba's type for those that are not written to."""
+
+    def generate(target: Any, builder: Any, sig: Signature, args: Any) -> Any:
+        return args[0]
+
+    return signature(array.copy(readonly=True), array), generate  # type: ignore[no-untyped-call]
+
+
+unwritten: Any = intrinsic(_unwritten)
