@@ -197,6 +197,14 @@ class ElementSum(ElasticEnergy):
         total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self._counted())
         return float(total), gradient
 
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N] with what planes of symmetry resist at both ends of their edges."""
+        gradient = self.energy_gradient(x)[1]
+        for e in self.elements:
+            if isinstance(e.kernel, MirroredFlexure):
+                e.kernel.spread(x, e.stencils, e.rest, e.weight, gradient)
+        return gradient
+
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
