@@ -128,7 +128,7 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
             f"a plane of symmetry needs one flexure for all hinges, as those across it are not in the mesh (got "
             f"{np.size(material.flexure)} values)"
         )
-    if np.isin(slopes.mirrored, mesh.joints.edges).any():
+    if (mesh.edge_faces[slopes.mirrored, 1] >= 0).any():
         raise SupportError(
             "hinges of ms.Material know no junction in a plane of symmetry: take ms.Isotropic, or a mesh of the whole "
             "surface"

@@ -89,7 +89,7 @@ class SplitFoldEnergy(RestFolds):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        mirrored = mirrored[~np.isin(mirrored, mesh.joints.edges)]
+        mirrored = mirrored[mesh.edge_faces[mirrored, 1] < 0]
         self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
         self._membrane = membrane.membrane_of(mesh, self._strained(), stiffness, poisson, in_plane)
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
