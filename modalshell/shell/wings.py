@@ -16,7 +16,7 @@ it is. Where a wing is held the joint cannot turn: every other wing folds agains
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +84,8 @@ def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) ->
             signs.append([1.0, -1.0 if forward[wings[w]] == forward[wings[h]] else 1.0])
             of_corners[wings[w]] = len(mesh.hinges) + len(further) - 1
     hinges = np.vstack([mesh.hinges, np.array(further, dtype=np.int64).reshape(-1, 4)])
-    shaped = (array.reshape(-1, 3) for array in (of_corners, joined, stuck, forward))
-    return Wings(hinges, np.array(rest, dtype=np.int64).reshape(-1, 2), np.array(signs).reshape(-1, 2), *shaped, flat)
+    shaped: list[Any] = [array.reshape(-1, 3) for array in (of_corners, joined, stuck, forward, flat)]
+    return Wings(hinges, np.array(rest, dtype=np.int64).reshape(-1, 2), np.array(signs).reshape(-1, 2), *shaped)
 
 
 def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes) -> NDArray[np.bool_]:
