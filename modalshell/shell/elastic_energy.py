@@ -58,7 +58,7 @@ class ElasticEnergy(ABC):
         """Energy [J] and gradient (n, 3) [N] in one pass."""
 
     def support_gradient(self, x: Array) -> Array:
-        """Gradient (n, 3) [N] with the forces on points that clamp an edge, if any, at the ends of the edge."""
+        """Gradient (n, 3) [N] with the forces on points that clamp or mirror an edge, if any, at its ends."""
         return self.energy_gradient(x)[1]
 
     @abstractmethod

@@ -128,7 +128,7 @@ def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -
             f"a plane of symmetry needs one flexure for all hinges, as those across it are not in the mesh (got "
             f"{np.size(material.flexure)} values)"
         )
-    if np.isin(slopes.mirrored, mesh.joints.edges).any():
+    if (mesh.edge_faces[slopes.mirrored, 1] >= 0).any():
         raise SupportError(
             "hinges of ms.Material know no junction in a plane of symmetry: take ms.Isotropic, or a mesh of the whole "
             "surface"
@@ -196,6 +196,14 @@ class ElementSum(ElasticEnergy):
         x, gradient = read_only_view(x), np.zeros_like(x)
         total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self._counted())
         return float(total), gradient
+
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N] with what planes of symmetry resist at both ends of their edges."""
+        gradient = self.energy_gradient(x)[1]
+        for e in self.elements:
+            if isinstance(e.kernel, MirroredFlexure):
+                e.kernel.spread(x, e.stencils, e.rest, e.weight, gradient)
+        return gradient
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None

@@ -59,6 +59,12 @@ class MirroredHinges:
         own[:, 6:9] = 0.0
         slopes[places] = 0.5 * own
 
+    def spread(self, state: Any, couples: Array, gradient: Array) -> None:
+        """Spread what the planes resist of ``couples`` (H,); see :func:`spread_across`."""
+        own = self._hinges[:, :3]
+        pushed = couples[self.places, None] * state.slopes[self.places, 3:6]
+        spread_across(self._reflections, state.points[own], pushed, own, gradient)
+
     def without(self, couples: Array) -> Array:
         """Couples (H,) of the other hinges, zero at these."""
         others = couples.copy()
@@ -129,6 +135,12 @@ class MirroredFlexure:
         points, hinges = self._whole(x, stencils)
         flexure.linear_stress(points, self._whole(step, stencils)[0], hinges, rest, weight, stress)
 
+    def spread(self, x: Array, stencils: Index, rest: Array, weight: Array, gradient: Array) -> None:
+        """Spread what the plane resists of the gradient; see :func:`spread_across`."""
+        corners, own = x[stencils], np.zeros((stencils.size, 3))
+        self.add_gradient(corners.reshape(-1, 3), np.arange(stencils.size).reshape(-1, 3), rest, weight, own)
+        spread_across(np.tile(self.reflection, (len(stencils), 1, 1)), corners, own[2::3], stencils, gradient)
+
     def add_damping(self, x: Array, velocity: Array, stencils: Index, weight: Array, force: Array) -> None:
         """Add the damping force to ``force`` (n, 3)."""
         points, hinges = self._whole(x, stencils)
@@ -196,6 +208,19 @@ class _Blocks:
         small = (np.swapaxes(follow, 1, 2) @ self._blocks @ follow).reshape(-1, 3, 3, 3, 3).swapaxes(2, 3)
         rows = strides[stencils][:, :, None, None, None] * np.arange(3)[:, None]
         np.add.at(data, slots[:, :3, :3, None, None] + rows + np.arange(3), small)
+
+
+def spread_across(reflections: Array, corners: Array, pushed: Array, stencils: Index, gradient: Array) -> None:
+    """Let what planes resist act on the edges where the third ``corners`` (s, 3, 3) stand, as couples about them do.
+
+    It is minus the part across the planes of the forces ``pushed`` (s, 3) on the third corners. Slopes have it at the
+    first ones, which is as good where these are held, but not for their reactions.
+    """
+    edge, apex = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    foot = np.sum(edge * apex, axis=1) / np.sum(edge * edge, axis=1)
+    moved = 0.5 * foot[:, None] * (pushed - _reflected(reflections, pushed))
+    np.add.at(gradient, stencils[:, 0], moved)
+    np.add.at(gradient, stencils[:, 1], -moved)
 
 
 def _reflected(reflections: Array, vectors: Any) -> Any:

@@ -22,7 +22,7 @@ class HeldSlopes:
     clamped: NDArray[np.bool_]
     """Vertices of clamps: edges between two of them are clamped. Shape (n,)."""
     mirrored: Index
-    """Boundary edges and junctions in planes of symmetry; shape (s,)."""
+    """Edges in planes of symmetry: those with triangles on one side alone, and junctions; shape (s,)."""
     normals: Array
     """Unit normals of their planes; shape (s, 3)."""
 
@@ -48,9 +48,10 @@ def held_slopes(supports: Sequence[Support], mesh: TriangleMesh) -> HeldSlopes:
             continue
         inside = support.vertices(mesh)
         # A triangle in the plane itself is its own mirror image, and folds about none of its edges.
-        faces = mesh.edge_faces[:, 0]
-        outside: NDArray[np.bool_] = np.asarray(~inside[mesh.faces].all(axis=1))
-        rim = (mesh.edge_faces[:, 1] < 0) & outside[faces]
+        outside: NDArray[np.bool_] = np.append(~inside[mesh.faces].all(axis=1), False)  # the last: no triangle
+        middles = mesh.vertices[mesh.faces].mean(axis=1) - mesh.vertices[np.argmax(inside)]
+        sides = outside * np.append(middles @ normal, 0.0)
+        rim = outside[mesh.edge_faces].any(axis=1) & (sides[mesh.edge_faces].prod(axis=1) >= 0.0)
         joints, starts, wings = mesh.joints
         if joints.size:
             rim[joints] = np.logical_or.reduceat(outside[wings // 3], starts[:-1])

@@ -89,7 +89,7 @@ class SplitFoldEnergy(RestFolds):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        mirrored = mirrored[~np.isin(mirrored, mesh.joints.edges)]
+        mirrored = mirrored[mesh.edge_faces[mirrored, 1] < 0]
         self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
         self._membrane = membrane.membrane_of(mesh, self._strained(), stiffness, poisson, in_plane)
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
@@ -131,11 +131,12 @@ class SplitFoldEnergy(RestFolds):
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
         state, count = self._measured(x), self._vertex_count
-        gradient = self._point_gradient(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        couples = self._shares.couples(state.folds)
+        gradient = self._point_gradient(state, couples, self._tension @ state.stretches)
+        self._mirrors.spread(state, couples, gradient)
         hinges = self._folds.hinges[self._folds.hinges[:, 3] >= count]
-        for end in (0, 1):
-            np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
-        return gradient[:count] + self._further.energy_gradient(x)[1]
+        np.add.at(gradient, hinges[:, :2], 0.5 * gradient[hinges[:, 3:]])
+        return gradient[:count] + self._further.support_gradient(x)
 
     def _rates(self, state: Measures, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
@@ -163,7 +164,7 @@ class SplitFoldEnergy(RestFolds):
 
     def held_slopes(self) -> Index:
         """Vertices (k, 2) of the edges that ghosts clamp or mirror."""
-        return self._folds.hinges[self._folds.hinges[:, 3] >= self._vertex_count][:, :2]
+        return self._folds.hinges[self._folds.hinges[:, 3] >= self._vertex_count, :2]
 
     def bending(self, x: Array) -> tuple[Array, Array]:
         """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,).
@@ -328,11 +329,10 @@ class SplitFoldEnergy(RestFolds):
         still = self._measured(rest)
         ghosts = np.zeros((len(self._folds.ghosts), 3), dtype=np.longdouble)
         moved: Extended = self._mirrors.placed(np.concatenate([displacement, ghosts]))
-        hinges = self._folds.hinges
-        change, slope = measure_changes(flexure, hinges, still.points, moved)
+        change, slope = measure_changes(flexure, self._folds.hinges, still.points, moved)
         self._mirrors.halve(change, slope.T)
         total = np.zeros(moved.shape, dtype=np.longdouble)
-        add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
+        add_forces(self._folds.hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
         first, second = self._edges.T
         edges, steps = still.points[second] - still.points[first].astype(np.longdouble), moved[second] - moved[first]
         stretches = np.sum((edges + 0.5 * steps) * steps, axis=1)

@@ -274,7 +274,7 @@ def _bending_pairs(
     held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
     # Of the last side, which stands for none, nothing bends.
     meeting = np.append(~held, False)[mesh.edge_faces].all(axis=1) & ~clamped
-    meeting[mesh.joints.edges] = False
+    meeting[mesh.joints.edges] = meeting[slopes.mirrored] = False
     wings = wings_of(mesh, held, slopes)
     faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting & alike)
     own = faces[:, [0, 0, 0, 1, 1]]
@@ -286,7 +286,7 @@ def _bending_pairs(
     mirrored = np.zeros(len(mesh.edges), dtype=bool)
     mirrored[slopes.mirrored] = True
     joined = wings.joined[own, turned] & (own >= 0)
-    flat = joined & wings.flat[own, turned]
+    flat = wings.flat[own, turned] & (own >= 0)
     left &= ~joined
     cases = {
         EdgeKind.ABSENT: own < 0,

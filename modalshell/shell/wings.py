@@ -16,7 +16,7 @@ it is. Where a wing is held the joint cannot turn: every other wing folds agains
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ class Wings(NamedTuple):
     forward: NDArray[np.bool_]
     """Whether the triangle runs along that joint from its smaller to its larger vertex; shape (T, 3)."""
     flat: NDArray[np.bool_]
-    """Whether the triangle lies in the plane of symmetry of that joint; shape (T, 3)."""
+    """Whether the triangle lies in the plane of symmetry that holds that edge; shape (T, 3)."""
 
 
 def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) -> Wings:
@@ -55,13 +55,12 @@ def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) ->
     number[mesh.hinge_edges] = np.arange(len(mesh.hinges))
     of_corners = number[mesh.face_edges]
     none = np.zeros(of_corners.shape, dtype=bool)
+    flat = _in_plane(mesh, slopes)
     edges, starts, wings = mesh.joints
     if not edges.size:
         nothing = np.empty((0, 2))
-        return Wings(mesh.hinges, nothing.astype(np.int64), nothing, of_corners, none, none, none, none)
-    of_corners, joined, stuck, forward, flat = (
-        array.ravel() for array in (of_corners, *(none.copy() for _ in range(4)))
-    )
+        return Wings(mesh.hinges, nothing.astype(np.int64), nothing, of_corners, none, none, none, flat)
+    of_corners, joined, stuck, forward = (array.ravel() for array in (of_corners, *(none.copy() for _ in range(3))))
     first, other = mesh.joints.hinge_wings
     of_corners[first] = -1
     of_corners[other] = np.flatnonzero(np.isin(mesh.hinge_edges, edges))
@@ -69,7 +68,6 @@ def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) ->
     start, end, apex = (corners[3 * (wings // 3) + (wings + steps) % 3] for steps in range(3))
     joined[wings] = True
     forward[wings] = start < end
-    flat[wings] = _in_plane(mesh, slopes, np.repeat(edges, np.diff(starts)), start, apex)
     further, rest, signs = [], [], []
     for a, b in pairwise(starts.tolist()):
         own = wings[a:b]
@@ -86,14 +84,18 @@ def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) ->
             signs.append([1.0, -1.0 if forward[wings[w]] == forward[wings[h]] else 1.0])
             of_corners[wings[w]] = len(mesh.hinges) + len(further) - 1
     hinges = np.vstack([mesh.hinges, np.array(further, dtype=np.int64).reshape(-1, 4)])
-    shaped = (array.reshape(-1, 3) for array in (of_corners, joined, stuck, forward, flat))
+    shaped: list[Any] = [array.reshape(-1, 3) for array in (of_corners, joined, stuck, forward, flat)]
     return Wings(hinges, np.array(rest, dtype=np.int64).reshape(-1, 2), np.array(signs).reshape(-1, 2), *shaped)
 
 
-def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes, edges: Index, start: Index, apex: Index) -> NDArray[np.bool_]:
-    """Which wings (W,), from ``start`` and with ``apex``, lie in the plane of symmetry that holds their ``edges``."""
-    normals = np.zeros((len(mesh.edges), 3))
-    normals[slopes.mirrored] = slopes.normals
-    own = normals[edges]
-    away = np.abs(np.sum((mesh.vertices[apex] - mesh.vertices[start]) * own, axis=1))
-    return np.asarray(own.any(axis=1) & (away <= 1e-6 * mesh.edge_lengths[edges]))
+def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes) -> NDArray[np.bool_]:
+    """Which triangles lie in the planes of symmetry that hold their edges (T, 3), from each corner to the next."""
+    flat = np.zeros(mesh.faces.shape, dtype=bool)
+    plane = np.full(len(mesh.edges), -1)
+    plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
+    face, corner = np.nonzero(plane[mesh.face_edges] >= 0)
+    edge = mesh.face_edges[face, corner]
+    start, apex = (mesh.vertices[mesh.faces[face, (corner + steps) % 3]] for steps in (0, 2))
+    away = np.abs(np.sum((apex - start) * slopes.normals[plane[edge]], axis=1))
+    flat[face, corner] = away <= 1e-6 * mesh.edge_lengths[edge]
+    return flat

@@ -93,7 +93,7 @@ class Fix(Support, key="fix"):
 class Symmetry(Support, key="symmetry"):
     """Holds vertices in a plane of symmetry, and the surface's boundary there at right angles to it as at rest.
 
-    The shell then moves as half of a symmetric whole.
+    The shell then moves as half of a symmetric whole. Triangles in the plane, as of a web, have half of its thickness.
 
     Parameters
     ----------

@@ -207,6 +207,24 @@ def test_each_support_has_its_reaction(material):
     assert (found[:, 2] > 0.1 * weight).all()
 
 
+@pytest.mark.parametrize("material", [ms.Isotropic(1e7, 0.3, 0.02, 500.0), ms.Material(1e4, 1e3, 5.0, 10.0)])
+def test_reactions_in_a_plane_of_symmetry_turn_the_shell_about_its_edge_alone(material):
+    """They acted at one end of each edge, which end being a matter of the triangles' winding."""
+    mesh = ms.sheet(length=1.0, width=0.5, cells=(4, 2))
+    x, y, _ = mesh.vertices.T
+    edge = y < y.min() + 1e-9
+    supports = [ms.Symmetry(edge, (0, 1, 0)), ms.Fix(edge, "z"), ms.Fix(y > y.max() - 1e-9, "z"), ms.Fix([0], "x")]
+    vertices = mesh.vertices + np.outer(np.where(edge, 0.0, 0.05 * np.sin(7.0 * y + 9.0 * x)), (1.0, 0.0, 0.0))
+    force, found = np.random.default_rng(0).normal(size=vertices.shape), []
+    for faces in (mesh.faces, mesh.faces[:, ::-1]):
+        shell = ms.Shell(ms.TriangleMesh(vertices, faces), material, supports=supports)
+        answer = ms.DiscreteShell(shell).equilibrium(force=force)
+        found.append(shell.reactions(answer.positions, force=force))
+        moments = np.cross(answer.positions, found[-1] + force).sum(axis=0)
+        assert np.abs(moments[1:]).max() < 1e-7 < 1e-3 < abs(moments[0])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-7)
+
+
 def test_supports_that_share_a_vertex_or_a_plane_have_one_answer():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
     y = mesh.vertices[:, 1]
