@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.models.coarse import coarse_mesh
-from modalshell.models.coarse.coarse_mesh import remeshed_to_supports
+from modalshell.models.coarse.coarse_mesh import places_on, remeshed_to_supports
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.factory import ModelFactory
@@ -174,3 +174,16 @@ def test_a_mesh_without_a_row_where_the_clamp_ends_is_said_to_be_longer():
     moved = np.array(mesh.vertices)
     moved[:, 0] = np.interp(moved[:, 0], np.linspace(0.0, 1.0, 10), row)
     assert ms.coarse_shell(shell, ms.TriangleMesh(moved, mesh.faces)).clamped.sum() == 2 * len(np.unique(moved[:, 1]))
+
+
+@pytest.mark.parametrize(("fine", "cells"), [(5, 2), (7, 3)])
+def test_a_coarse_vertex_as_near_to_held_as_to_free_ones_is_held_whichever_way_the_mesh_is_turned(fine, cells):
+    kept = []
+    for turn in Rotation.random(8, random_state=0).as_matrix():
+        surface, below = (ms.sheet(cells=(k, k)) for k in (fine, cells))
+        held = surface.vertices[:, 0] < 2.0 / fine + 1e-6
+        turned, coarse = (ms.TriangleMesh(mesh.vertices @ turn.T, mesh.faces) for mesh in (surface, below))
+        shell = ms.Shell(turned, ms.Isotropic(1e8, 0.3, 5e-3, 100.0), held)
+        kept.append(places_on(shell, coarse)[2])
+    assert kept[0].any()
+    assert np.all(np.array(kept) == kept[0])

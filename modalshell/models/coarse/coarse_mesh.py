@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh, remesh
-from modalshell.mesh.closest import closest_points, common_parts, nearest_on_segments
+from modalshell.mesh.closest import TOGETHER, closest_points, common_parts, nearest_on_segments
 from modalshell.mesh.welding import drop_unused
 from modalshell.models.coarse.prolongation import sharp_edges
 from modalshell.models.coarse.taken_over import edges_to_keep
@@ -87,10 +87,12 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
 def places_on(shell: Shell, mesh: TriangleMesh) -> tuple[Index, Array, NDArray[np.bool_]]:
     """Nearest triangles (k,) of ``shell`` to a coarse mesh's vertices, barycentric shares (k, 3), and whether clamped.
 
-    A vertex is clamped where the nearest corner of its triangle is.
+    A vertex is clamped where the nearest corner of its triangle is, or one of several as near, as at the middle of an
+    edge: the same vertices whichever way the mesh is turned.
     """
     nearest, shares, _ = closest_points(shell.mesh, mesh.vertices, common_parts(shell.mesh, mesh))
-    return nearest, shares, shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+    near = shares >= shares.max(axis=1, keepdims=True) - TOGETHER
+    return nearest, shares, (near & shell.clamped[shell.mesh.faces[nearest]]).any(axis=1)
 
 
 def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
