@@ -174,7 +174,8 @@ class ShellRun(SceneRun[SceneResult]):
                 run = replace(run, reactions=shell_at(self.shell, run, 0).reactions(x, **load)[None])
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
-        if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
+        asked = scene.motion is not None and scene.model.spec.quadratic  # statics say so themselves
+        if asked and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
         self._take(built.with_bars(run).in_units(scene.unit_system))
         own = None

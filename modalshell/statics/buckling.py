@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -268,15 +269,41 @@ def _general_inverses(
 
 
 def buckles(shell: Shell, load: Array) -> bool:
-    """Whether the stresses of the linear answer to ``load`` (n, 3) [N] make the stiffness at rest indefinite.
+    """Whether a ``load`` (n, 3) [N] is beyond a shell's linear buckling load; see :class:`BucklingCheck`."""
+    return BucklingCheck(shell).buckles(load)
+
+
+@final
+class BucklingCheck:
+    """Whether the stresses of linear answers make a shell's stiffness at rest indefinite, whose factor is kept.
 
     Exact where the shell hardly moves before it snaps. Never said of a shell that its supports do not hold, or without
     a load.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
     """
-    if not (load.any() and shell.unknowns.supported.any()):
-        return False
-    factor = _definite_factor(shell, _unloaded(shell))
-    return factor is not None and _definite_factor(shell, _loaded(shell, _linear_answer(shell, factor, load))) is None
+
+    def __init__(self, shell: Shell) -> None:
+        self._shell = shell
+
+    @cached_property
+    def _at_rest(self) -> Factor | None:
+        return _definite_factor(self._shell, _unloaded(self._shell))
+
+    def buckles(self, load: Array, held: Shell | None = None) -> bool:
+        """Whether a ``load`` (n, 3) [N] does; of the same shell ``held`` by further supports, if it is given."""
+        shell = self._shell
+        if not (load.any() and shell.unknowns.supported.any()):
+            return False
+        factor = self._at_rest
+        if factor is None:
+            return False
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads are beyond it
+            loaded = _loaded(shell, _linear_answer(shell, factor, load))
+        return not np.isfinite(loaded).all() or _definite_factor(held or shell, loaded) is None
 
 
 def _unloaded(shell: Shell) -> Array:

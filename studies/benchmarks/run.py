@@ -16,7 +16,18 @@ from modalshell.files.atomic_io import make_folder, write_text
 from modalshell.files.provenance import run_record
 from modalshell.kernels import packed
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import crowd, discrete_shell, factorisation, frame, hybrid, modes, motion, peers, self_contact
+from studies.benchmarks import (
+    contact,
+    crowd,
+    discrete_shell,
+    factorisation,
+    frame,
+    hybrid,
+    modes,
+    motion,
+    peers,
+    self_contact,
+)
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 
@@ -41,6 +52,7 @@ def main(
         "assembly": lambda: [discrete_shell.assembly(energy) for energy in discrete_shell.ENERGIES],
         "implicit_steps": lambda: discrete_shell.implicit_steps((50,) if quick else (50, 100, 150)),
         "self_contact": lambda: self_contact.folded_strip((48, 8) if quick else (154, 12)),
+        "contact": lambda: contact.frames(((20, 4),) if quick else ((20, 4), (250, 52))),
         "crowd": lambda: crowd.reconstruction(512 if quick else 4096),
         "flock": lambda: crowd.flock((1000, 10000) if quick else (1000, 10000, 100000)),
         "devices": lambda: [

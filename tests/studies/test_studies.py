@@ -10,7 +10,7 @@ from modalshell.files.atomic_io import write_atomically
 from modalshell.files.provenance import repository_module, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import hybrid, run
+from studies.benchmarks import contact, hybrid, run
 from studies.reproduce import chosen_studies, studies
 
 
@@ -175,6 +175,16 @@ def test_benchmarks_that_are_stopped_keep_the_tables_that_are_done(tmp_path, mon
         run.main(tmp_path)
     assert json.loads((tmp_path / "benchmarks.json").read_text())["rows"] == {"frame": [{"n": 1000, "seconds": 0.5}]}
     assert "| 1000 | 0.5 |" in (tmp_path / "benchmarks.md").read_text()
+
+
+@pytest.mark.slow
+def test_frames_on_colliders_are_timed_beside_free_ones():
+    rows = contact.frames(((20, 4),), count=1, repeats=2)
+    assert len(rows) == len(contact.RUNGS) * len(contact.BODIES)
+    for row in rows:
+        assert (row["pushed"] > 0) == (row["on"] != "none")
+        assert 0.0 < row["microseconds_least"] <= row["microseconds_median"]
+        assert row["on"] != "floor below" or row["pushed"] > 30
 
 
 @pytest.mark.slow

@@ -192,8 +192,7 @@ class ModalModel(ModalMotion):
             nearest = min(nearest, float(np.abs(residual).max()))
             work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
-            if not load.any():  # no modal force that could still turn
-                change = 0.0
+            change = change if load.any() else 0.0  # no modal force that could still turn
         missed = targets.lengths(residual)
         outcome, message = Outcome.CONVERGED, ""
         if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
@@ -225,9 +224,8 @@ class ModalModel(ModalMotion):
 
     def rigid_load(self, load: Array) -> float:
         """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
-        if self.basis.rigid_modes == 0 or not load.any():
-            return 0.0
-        return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
+        pushes = self.basis.rigid_modes > 0 and load.any()  # on all of them: the basis may have been asked for fewer
+        return rigid_share(self.shell, load) if pushes else 0.0
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2], that of loads that follow in it."""
@@ -349,20 +347,22 @@ class ModalStepper(ContactStepper):
         self, state: MotionState, force: ForceInTime, when: tuple[float, float], load: Array, gaps: Array | None = None
     ) -> tuple[MotionState, bool]:
         """The end of a step that contacts press on, of implicit Euler in the place of the rule's."""
-        if gaps is None and load is self._steady:  # the state is the end of a pressed step under the same force
-            pushed = state.memory["force"]
-        else:
-            pushed = force(state.coordinates, state.rates, 1.0)
+
+        def pushed() -> Array:
+            known = gaps is None and load is self._steady  # the end of a pressed step under the same force
+            return state.memory["force"] if known else force(state.coordinates, state.rates, 1.0)
+
         after, solved, own = self._contacts.rest(state, pushed, when[1]) if gaps is None else None, True, None
         if after is None:
             base = self.loaded_positions(state)
             if gaps is None and self._stays and self._dead is not None:
                 after, own = self._contacts.continued(state, self._dead, when, base, load)
+        foreseen = own is not None  # to third order in the step: the force was asked for at such an end
         if after is None:
-            after, solved, own = self._contacts.follow(state, pushed, (sum(when), when[1]), gaps, base)
-        if own is not None:
-            self._known = [*self._known[-1:], (after, own)]
-        if "force" in after.memory:
+            after, solved, own = self._contacts.follow(state, pushed(), (sum(when), when[1]), gaps, base)
+        self._known = self._known if own is None else [*self._known[-1:], (after, own)]
+        self._steady = None
+        if "force" in after.memory and not foreseen:
             after.memory["force"] = force(after.coordinates, after.rates, 1.0)
             self._steady = load if self._frame is None and not self.setup.loading.live else None
         return after, solved

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
@@ -197,8 +197,8 @@ class ModalPressedMotion(PressedMotion):
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
 
-    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
-        """The end of a step of ``dt`` [s] under a modal ``force`` (m,) of a shell at rest; None of one that is not."""
+    def rest(self, before: MotionState, felt: Callable[[], Array], dt: float) -> MotionState | None:
+        """The end of a step of ``dt`` [s] of a shell at rest; None of one that is not. Its modal force is (m,)."""
         return None
 
     def continued(
@@ -257,7 +257,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._still = np.zeros(model.basis.count)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
-    def rest(self, before: MotionState, force: Array, dt: float) -> MotionState | None:
+    def rest(self, before: MotionState, felt: Callable[[], Array], dt: float) -> MotionState | None:
         """The end of a step at rest; see :meth:`ModalPressedMotion.rest`."""
         memory, model = before.memory, self._model
         at, compliance, resting = memory[REST], self._compliance(dt), self._resting
@@ -267,6 +267,7 @@ class ModalContactMotion(ModalPressedMotion):
             about = at, memory[REST_PUSHES], memory[LOCAL], memory.get(TAKEN, at)
             resting = self._resting = Resting(self._pressing, about, compliance, model.basis.eigenvalues)
         ends, pushes, energy = np.empty((4, at.size)), np.empty(memory[PUSHES].size), np.empty(1)
+        force = felt()
         if not resting.frame((before.coordinates, before.rates), force, dt, (ends, pushes, energy)):
             return None
         after = MotionState(ends[2], ends[3])

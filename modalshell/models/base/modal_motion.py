@@ -18,6 +18,8 @@ from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceInTime, ModalStep
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
+from modalshell.models.base.buckling_range import BucklingRange
+from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
 from modalshell.models.base.model import FrameModel, probes
@@ -71,7 +73,7 @@ class ModalMotion(ModalShape, FrameModel):
         self.shell = basis.shell
         self.integrator = self._rule(integrator)
         self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
-        self._identity = np.eye(basis.count)
+        self._identity, self._range = np.eye(basis.count), BucklingRange(basis.shell)
         self._damp: tuple[Damping, Array] | None = None
         self._mass_size = self.shell.mesh.extent * float(np.sqrt(self.shell.mass.sum()))
 
@@ -211,6 +213,10 @@ class ModalMotion(ModalShape, FrameModel):
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
         """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
         return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
+
+    def beyond_range(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
+        """That the load of an answer, and what else pushes, is beyond the linear buckling load."""
+        return "" if self.frames is not None else self._range.remark(answer, constraints)
 
     def squared(self, vector: Array) -> float:
         """Square [kg m^2] of coordinates (m,): modes are orthonormal in the norm of the mass."""

@@ -126,6 +126,8 @@ class Model(ABC):
         found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
         if touching:
             found = replace(found, contacts=touching)
+        if found.converged and (beyond := self.beyond_range(found, wanted)):
+            found = replace(found, message="; ".join(filter(None, [found.message, beyond])))
         if not bar:
             return found
         return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading, found.contacts))
@@ -217,6 +219,10 @@ class Model(ABC):
     def rigid_load(self, load: Array) -> float:
         """Fraction of a load (n, 3) along rigid motions without resistance in statics."""
         return 0.0
+
+    def beyond_range(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
+        """What is said of an answer, converged as it is, under a load that the model cannot follow; "" if nothing."""
+        return ""
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest squared angular frequency [1/s^2] of small motion about ``answer`` under ``load`` (n, 3) [N].
