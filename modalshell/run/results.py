@@ -39,7 +39,7 @@ class Colouring:
             return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
         values = vertex_means(scalar_of(name, run.fields[name]), run.rest_positions, run.faces)
         unit = run.units.of(FIELDS[name])
-        label = name.replace("_", " ") + (f" [{unit}]" if unit else "")
+        label = name.replace("_", " ").replace("mises", "Mises") + (f" [{unit}]" if unit else "")
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
 
     def spread(self, frames: int | slice) -> tuple[float, float]:
