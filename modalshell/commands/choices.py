@@ -68,7 +68,8 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
         raise ms.SupportError(
             f"one end of {'the mesh' if one else 'each part'} would be held: {'' if one else f'{parts} parts, '}"
             f"{100.0 * fraction:.0f} % of the vertices (at most {'' if one else f'{_MOST_PARTS} parts and '}"
-            f"{100.0 * _MOST_HELD:.0f} % are held without being asked for); {joined}name the vertices to hold by --clamp"
+            f"{100.0 * _MOST_HELD:.0f} % are held without being asked for); {joined}name the vertices to hold by "
+            "--clamp"
         )
     name = "xyz"[axis]
     if parts == 1:

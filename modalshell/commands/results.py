@@ -21,7 +21,7 @@ from modalshell.files.atomic_io import read_record
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
 from modalshell.page.shell_page import about
-from modalshell.render.bodies import corners_about
+from modalshell.render.bodies import seen_contacts
 from modalshell.run.report_numbers import checked_run
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
@@ -90,8 +90,8 @@ def _played(run: ms.Trajectory, result: Path) -> Page:
     motion = compress(shown)
     shapes = motion.displacements()
     contacts, notes = _touched(run, result)
-    corners, inset = corners_about(run.positions)
-    bodies = [contact.body(corners, motion.times, inset) for contact in contacts if contact.has_surface]
+    seen = seen_contacts(run.positions, run.faces, run.times, contacts)
+    bodies = [contact.body(corners, motion.times, inset) for contact, corners, inset in seen]
     return clip_page(
         motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
         units=motion.units, bodies=[about(body, centre) for body in bodies], notes=notes,

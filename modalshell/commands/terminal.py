@@ -27,9 +27,9 @@ LOG_EVERY = 60.0
 
 
 def log_line(text: str, done: int, total: int, seconds: float, first: tuple[int, float] = (0, 0.0)) -> str:
-    """How far some work is after a number of seconds, and the time that is left at its rate since it was ``first`` told.
+    """How far some work is after a number of seconds, and the time that is left at its rate since ``first``.
 
-    The first step is left out with what was done before: it compiles kernels, or a stopped run had it already.
+    That is the first step that was told: it compiles kernels, or ends what a stopped run had already.
     """
     so_far = f"{text}: {done} of {total} after {seconds:.0f} s"
     if done >= total:
