@@ -172,6 +172,10 @@ def test_one_end_of_each_part_is_held():
     held = hold_one_end(single, GRAVITY)[0]
     assert held[:3].all()
     assert held[3:].sum() == 3
+    x, y = strip.vertices[:, 0] - 0.5, strip.vertices[:, 1]
+    bracket = ms.TriangleMesh(np.column_stack([np.maximum(x, 0.0), y, np.maximum(-x, 0.0)]), strip.faces)
+    with pytest.raises(ms.SupportError, match=r"of the mesh would be held: 52 % .* \(at most 30 % .*\); name the vert"):
+        hold_one_end(bracket, GRAVITY)
 
 
 def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
