@@ -103,7 +103,7 @@ def _equilibrium(answer: Equilibrium, *, size: tuple[int, int] = (960, 600)) -> 
     if answer.mesh is None:
         raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
     rest, faces = answer.mesh.vertices, answer.mesh.faces
-    bodies = bodies_at(answer.positions, answer.contacts, 0.0)
+    bodies = bodies_at(answer.positions[None], faces, np.zeros(1), answer.contacts, 0.0)
     return Picture.of_views([_displaced(answer.positions, rest, faces, "m", bodies=bodies)], size=size)
 
 
@@ -116,7 +116,7 @@ def _trajectory(run: Trajectory, *, frames: int = _FRAMES, size: tuple[int, int]
     unit = run.units.of("m")
     views = []
     for frame, time in zip(chosen, run.times[chosen].tolist(), strict=True):
-        bodies = bodies_at(run.positions, run.contacts, time)
+        bodies = bodies_at(run.positions, run.faces, run.times, run.contacts, time)
         shape = run.positions[frame], run.rest_positions, run.faces
         views.append(_displaced(*shape, unit, f"{time:.4g} {run.units.time}", bodies=bodies))
     return Picture.of_views(views, size=size)

@@ -63,10 +63,13 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
         )
     fraction = float(held.mean())
     if parts > _MOST_PARTS or (fraction > _MOST_HELD and len(held) > _COARSE):
+        one = parts == 1
+        joined = "" if one else "join parts that touch by --join DISTANCE, repair the mesh by --repair, or "
         raise ms.SupportError(
-            f"one end of each part would be held: {parts} parts, {100.0 * fraction:.0f} % of the vertices (at most "
-            f"{_MOST_PARTS} parts and {100.0 * _MOST_HELD:.0f} % are held without being asked for); join parts that "
-            "touch by --join DISTANCE, repair the mesh by --repair, or name the vertices to hold by --clamp"
+            f"one end of {'the mesh' if one else 'each part'} would be held: {'' if one else f'{parts} parts, '}"
+            f"{100.0 * fraction:.0f} % of the vertices (at most {'' if one else f'{_MOST_PARTS} parts and '}"
+            f"{100.0 * _MOST_HELD:.0f} % are held without being asked for); {joined}name the vertices to hold by "
+            "--clamp"
         )
     name = "xyz"[axis]
     if parts == 1:

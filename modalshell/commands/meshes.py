@@ -245,9 +245,10 @@ def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
 
 def _with_options(text: str) -> str:
     """A message about a scene's key or a parameter, as one about the option that it comes from."""
-    key = rf"^{_OPTIONS}: \w+(?:\.(\w+)(\S*))?: "
+    key = rf"^{_OPTIONS}: (?:\w+(?:\.(\w+)(\S*))?: )?"
     text = re.sub(key, lambda at: f"{_OPTION_OF.get(at[1], at[1])}{at[2]} " if at[1] else "", text)
     text = re.sub(r"^\w+(?= (must|holds) )", lambda name: _OPTION_OF.get(name[0], name[0]), text)
+    text = re.sub("(?<= the mesh reaches from ).*", r"\g<0> m", text)  # whatever the unit of its file
     return text.replace("check [units]", "check the unit")
 
 

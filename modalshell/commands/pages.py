@@ -21,7 +21,7 @@ from modalshell.modes import model_basis
 from modalshell.page import Page, Tones, live_model, recorded, shell_page
 from modalshell.page.clip_page import farthest
 from modalshell.page.modal_page import live_tip
-from modalshell.render.bodies import corners_about
+from modalshell.render.bodies import seen_contacts
 from modalshell.run.results import Colouring
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
@@ -130,13 +130,12 @@ class _ShellPage:
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
         notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
         notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
-        contacts = scene.build_contacts()
-        corners, inset = corners_about(run.positions)
+        seen = seen_contacts(run.positions, run.faces, run.times, scene.build_contacts())
         live, said = self._offered(run)
         return shell_page(
             mesh.vertices, mesh.faces, title=scene.name, tip=farthest(shapes, motion.amplitudes),
             live=live, record=record, gravity=gravity, units=units, notes=notes + said,
-            bodies=[contact.body(corners, motion.times, inset) for contact in contacts if contact.has_surface],
+            bodies=[contact.body(corners, motion.times, inset) for contact, corners, inset in seen],
         )  # fmt: skip
 
     def _tones(self, run: ms.Trajectory) -> Tones | None:

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 import modalshell as ms
-from modalshell.commands.results import result_of
+from modalshell.commands.results import result_of, scene_of
 from modalshell.commands.terminal import end_with, progress, say
-from modalshell.files.atomic_io import make_folder, read_record, write_record, write_text
+from modalshell.files.atomic_io import make_folder, write_record, write_text
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.run.path_files import scene_path, write_path
 from modalshell.run.path_report import path_numbers, path_page
@@ -62,7 +62,7 @@ def report(
         _report_run(result, None, out, convergence)
     else:
         result = result_of(result)
-        _report_run(result, scene or _scene_of(result), out, convergence)
+        _report_run(result, scene or scene_of(result), out, convergence)
 
 
 def _report_run(result: Path, scene: Path | None, out: Path | None, convergence: bool) -> None:
@@ -90,15 +90,6 @@ def _report_run(result: Path, scene: Path | None, out: Path | None, convergence:
         numbers["command"] += " --convergence"
         numbers["convergence"] = mesh_convergence(declared, numbers, _solved)
     _write(target, report_page(declared, shell, run, record, numbers), numbers)
-
-
-def _scene_of(archive: Path) -> Path:
-    """The scene's file of a run, from the record next to its trajectory; OptionError where that names none."""
-    named = (read_record(archive.with_suffix(".json")) or {}).get("file")
-    if isinstance(named, str) and (file := archive.parent / named).is_file():
-        return file
-    found = f"{named}, which is not there" if isinstance(named, str) else "none"
-    raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {archive}, whose record names {found})")
 
 
 def _report_path(file: Path, out: Path | None) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,11 +13,16 @@ from cyclopts import Parameter
 
 import modalshell as ms
 from modalshell.commands.terminal import progress, say
+from modalshell.contact import Contact
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
 from modalshell.export.usd import save_usd
+from modalshell.files.atomic_io import read_record
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, clip_page
+from modalshell.page.shell_page import about
+from modalshell.render.bodies import seen_contacts
+from modalshell.run.report_numbers import checked_run
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "csv": ".csv", "body": ".npz"}
@@ -62,7 +69,7 @@ def export(
             raise ms.OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
     if to == "page":
-        say(_played(run, result.stem).save(target))
+        say(_played(run, result).save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
         if up == "y":
@@ -77,16 +84,33 @@ def export(
         say(triangles if run.fields else "no table of the triangles: the run keeps no fields ('fields' in [output])")
 
 
-def _played(run: ms.Trajectory, title: str) -> Page:
-    """A page that plays a motion."""
-    motion = compress(centred(run)[0])
+def _played(run: ms.Trajectory, result: Path) -> Page:
+    """A page that plays a motion, with what it touched where the scene beside ``result`` still knows that."""
+    shown, centre = centred(run)
+    motion = compress(shown)
     shapes = motion.displacements()
-    # What touched the shell is known to the scene alone, and would be missed.
-    notes = ["Colliders are not shown: runs do not store them. modalshell page SCENE shows them."]
+    contacts, notes = _touched(run, result)
+    seen = seen_contacts(run.positions, run.faces, run.times, contacts)
+    bodies = [contact.body(corners, motion.times, inset) for contact, corners, inset in seen]
     return clip_page(
-        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=title, units=motion.units,
-        notes=notes if run.contact_forces.size else [],
+        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
+        units=motion.units, bodies=[about(body, centre) for body in bodies], notes=notes,
     )  # fmt: skip
+
+
+def _touched(run: ms.Trajectory, result: Path) -> tuple[Sequence[Contact], list[str]]:
+    """The contacts of a run, which its scene alone knows, and what is to be said where they are unknown."""
+    touches = run.contact_forces.size > 0
+    if not touches and result.suffix != ".clip":  # a clip does not say whether anything was touched
+        return (), []
+    try:
+        with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):  # the run has given them
+            scene = ms.load_scene(scene_of(result)).require_shell()
+            checked_run(scene, scene.build_shell(), result.with_suffix(".json"))
+            return scene.build_contacts(), []
+    except ms.ModalShellError:
+        missing = "Colliders are not shown: the run's scene, which alone knows them, is not where its record names it."
+        return (), [missing] if touches else []
 
 
 def open_result(
@@ -109,7 +133,7 @@ def open_result(
             shown = basis.page(title=shown.stem).save(page)
         else:
             run = ms.load_clip(shown) if shown.suffix == ".clip" else ms.load_trajectory(shown, verify=True)
-            shown = _played(run, shown.stem).save(page)
+            shown = _played(run, shown).save(page)
     elif shown.suffix not in _SHOWN:
         raise ms.OptionError(
             f"{shown} is no result that a browser shows (got {shown.suffix or 'no suffix'}): name one of .npz, .clip, "
@@ -137,3 +161,12 @@ def _saved_basis(path: Path) -> ms.Basis | None:
         return ms.Basis.load(path)
     except ms.FileFormatError:
         return None
+
+
+def scene_of(archive: Path) -> Path:
+    """The scene's file of a run, from the record next to its trajectory; OptionError where that names none."""
+    named = (read_record(archive.with_suffix(".json")) or {}).get("file")
+    if isinstance(named, str) and (file := archive.parent / named).is_file():
+        return file
+    found = f"{named}, which is not there" if isinstance(named, str) else "none"
+    raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {archive}, whose record names {found})")

@@ -107,7 +107,9 @@ def sweep(
             on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in result.counts().items())
-    say(f"{file.stem}: {len(result.rows)} cases, {counts}; {result.computed} computed now, {result.stored} from before")
+    ready = f"{result.computed} computed now, {result.stored} from before"
+    ready += ", references included" if result.computed + result.stored > len(result.rows) else ""
+    say(f"{file.stem}: {len(result.rows)} cases, {counts}; {ready}")
     say(*([result.note] if result.note else []), *result.files, sep="\n")
     end_with(*result.counts())
 

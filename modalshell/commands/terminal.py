@@ -26,12 +26,17 @@ LOG_EVERY = 60.0
 """Seconds between the lines of progress in a log."""
 
 
-def log_line(text: str, done: int, total: int, seconds: float) -> str:
-    """How far some work is after a number of seconds, and the time that is left at this rate."""
+def log_line(text: str, done: int, total: int, seconds: float, first: tuple[int, float] = (0, 0.0)) -> str:
+    """How far some work is after a number of seconds, and the time that is left at its rate since ``first``.
+
+    That is the first step that was told: it compiles kernels, or ends what a stopped run had already.
+    """
     so_far = f"{text}: {done} of {total} after {seconds:.0f} s"
     if done >= total:
         return so_far
-    return so_far + (f", {seconds / done * (total - done):.0f} s left" if done > 0 else ", time left unknown")
+    known = done > first[0]
+    left = (seconds - first[1]) / (done - first[0]) * (total - done) if known else 0.0
+    return so_far + (f", {left:.0f} s left" if known else ", time left unknown")
 
 
 def say(*lines: object, sep: str = " ") -> None:
@@ -85,14 +90,15 @@ def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], 
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
     task, watch = bar.add_task(escape(printable(text)), total=None), Stopwatch()
 
-    logged = 0.0
+    logged, first = 0.0, (-1, 0.0)
 
     def advance(done: int, total: int) -> None:
-        nonlocal logged
+        nonlocal logged, first
+        first = (done, watch()) if first[0] < 0 else first
         if not ERRORS.is_terminal:
             if watch() - logged >= LOG_EVERY or (done >= total and watch() >= delay):
                 logged = watch()
-                print(printable(log_line(text, done, total, logged)), file=sys.stderr, flush=True)
+                print(printable(log_line(text, done, total, logged, first)), file=sys.stderr, flush=True)
             return
         if watch() >= delay:
             bar.start()  # at the first step, so that refused options leave one line alone

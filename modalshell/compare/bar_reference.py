@@ -94,7 +94,7 @@ def _note(answers: Sequence[Equilibrium]) -> str:
     margin = min(bar.margin for bar in bars)
     text = (
         "DS was not solved: errors are against the states to which three Newton steps lead from the most exact answer "
-        f"on modes, whose error bar is at most {worst}, with a stability margin of at least {margin:.2f}."
+        f"on modes, whose largest error bar is {worst}, with a stability margin of at least {margin:.2f}."
     )
     last = bars[-1].critical_load
     return text + (

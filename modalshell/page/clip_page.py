@@ -11,7 +11,7 @@ from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
 from modalshell.page.html import Page
 from modalshell.page.record import recorded
-from modalshell.page.shell_page import shell_page
+from modalshell.page.shell_page import Body, shell_page
 
 
 def clip_page(
@@ -23,13 +23,14 @@ def clip_page(
     *,
     title: str,
     units: UnitSystem = SI,
+    bodies: Sequence[Body] = (),
     notes: Sequence[str] = (),
 ) -> Page:
     """A page that plays ``rest + sum_k amplitudes[f, k] shapes[k]`` in a loop.
 
     Rest positions (n, 3) and ``shapes`` (K, n, 3) are in [m], ``amplitudes`` (F, K) those of the shapes in each frame,
-    ``times`` (F,) [s] increase. All numbers are in the ``units``; ``notes`` are shown below. OptionError if there are
-    more shapes than a browser's shader takes.
+    ``times`` (F,) [s] increase. All numbers are in the ``units``; ``bodies`` are those of :func:`shell_page`, ``notes``
+    are shown below. OptionError if there are more shapes than a browser's shader takes.
     """
     return shell_page(
         np.asarray(rest_positions, float),
@@ -38,6 +39,7 @@ def clip_page(
         tip=farthest(shapes, amplitudes),
         record=recorded(times, shapes, amplitudes, label="Recorded motion"),
         units=units,
+        bodies=bodies,
         notes=notes,
     )
 

@@ -85,20 +85,23 @@ def shell_page(
     }
     words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
     if bodies:  # a page without any is as it was
-        data["bodies"] = [_placed(*body, centre) for body in bodies]
+        data["bodies"] = [_encoded(*about(body, centre)) for body in bodies]
     if live is not None and "frames" in live:
         data["scripts"] = ["free_parts.js"]
     return filled_page("shell", title, data, rest, faces, notes=notes, words=words)
 
 
-def _placed(
-    vertices: Array, triangles: NDArray[np.integer], turns: Array, ways: Array, centre: Array
-) -> dict[str, str]:
-    """A body as the page reads it, its vertices and its ways about the centre."""
-    ways = ways + turns @ centre - centre
+def about(body: Body, centre: Array) -> Body:
+    """The same body with its vertices and its ways about a centre (3,) [m]."""
+    vertices, triangles, turns, ways = body
+    return vertices - centre, triangles, turns, ways + turns @ centre - centre
+
+
+def _encoded(vertices: Array, triangles: NDArray[np.integer], turns: Array, ways: Array) -> dict[str, str]:
+    """A body as the page reads it."""
     poses = np.concatenate([turns.reshape(-1, 9), ways], axis=1)
     return {
-        "rest": encoded((vertices - centre).astype(np.float32)),
+        "rest": encoded(vertices.astype(np.float32)),
         "faces": encoded(triangles.astype(np.uint32)),
         "poses": encoded(poses.astype(np.float32)),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,12 +22,28 @@ _SEEN = 1.0
 """How far about the motion a picture reaches for the sake of colliders, as a share of the motion's size."""
 _INSET = 5e-3
 """Depth below their surfaces at which they are drawn, as a share of the motion's size: what lies on them shows."""
+_DEEPEST = 0.02
+"""The same where triangles dip into them, at most."""
+_LOOKED_AT = 12
+"""Frames in which it is seen how deep triangles dip."""
 
 
-def corners_about(positions: NDArray[np.floating]) -> tuple[Array, float]:
-    """Corners (8, 3) [m] of a box a little larger than a motion (F, n, 3), and the depth [m] at which bodies appear."""
+def seen_contacts(
+    positions: NDArray[np.floating], faces: NDArray[np.integer], times: Array, contacts: Sequence[Contact]
+) -> Iterator[tuple[Contact, Array, float]]:
+    """The contacts with a surface of a motion (F, n, 3) at times (F,), each with how much of it is drawn, and where.
+
+    These are corners (8, 3) [m] of a box a little larger than the motion, and a depth [m] below the surface. Triangles
+    (T, 3) dip in between their vertices, and would be hidden there.
+    """
     ends, size = _about(positions, _AROUND)
-    return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3), _INSET * size
+    corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+    frames = np.unique(np.linspace(0, len(times) - 1, _LOOKED_AT).round().astype(int))
+    for contact in contacts:
+        if contact.has_surface:
+            middles = ((np.asarray(positions[k], float)[faces].mean(axis=1), float(times[k])) for k in frames)
+            dip = max(-float(contact.distance(middle, time).min(initial=0.0)) for middle, time in middles)
+            yield contact, corners, min(_INSET * size + dip, _DEEPEST * size)
 
 
 def _about(positions: NDArray[np.floating], share: float) -> tuple[Array, float]:
@@ -39,20 +55,22 @@ def _about(positions: NDArray[np.floating], share: float) -> tuple[Array, float]
 
 
 def moving_bodies(
-    positions: NDArray[np.floating], contacts: Sequence[Contact], times: Array
+    positions: NDArray[np.floating], faces: NDArray[np.integer], times: Array, contacts: Sequence[Contact], drawn: Array
 ) -> list[tuple[ShadedSurface, Array]]:
-    """The colliders at the first of some times, and their vertices (F, k, 3), or (1, k, 3), [m] at all of them.
+    """The colliders at the first of ``drawn`` times, and their vertices (F, k, 3), or (1, k, 3), [m] at all of them.
 
-    The rectangles of planes are a little larger than the motion (F, n, 3); a camera goes no farther for large bodies.
+    The motion is that of :func:`seen_contacts`. Planes are a little larger; a camera goes no farther for large bodies.
     """
     if not contacts:
         return []
-    corners, inset = corners_about(positions)
-    seen = _about(positions, _SEEN)[0]
-    moved = [contact.surfaces(corners, times, inset) for contact in contacts if contact.has_surface]
-    return [(ShadedSurface(each[0], faces, framed_in=seen, **_BODY), each) for each, faces in moved]
+    framed = _about(positions, _SEEN)[0]
+    seen = seen_contacts(positions, faces, times, contacts)
+    moved = [contact.surfaces(corners, drawn, inset) for contact, corners, inset in seen]
+    return [(ShadedSurface(each[0], sides, framed_in=framed, **_BODY), each) for each, sides in moved]
 
 
-def bodies_at(positions: NDArray[np.floating], contacts: Sequence[Contact], time: float) -> list[ShadedSurface]:
-    """The colliders of a motion (F, n, 3) as they are at a time [s]."""
-    return [surface for surface, _ in moving_bodies(positions, contacts, np.array([time]))]
+def bodies_at(
+    positions: NDArray[np.floating], faces: NDArray[np.integer], times: Array, contacts: Sequence[Contact], time: float
+) -> list[ShadedSurface]:
+    """The colliders of a motion as they are at a time [s]."""
+    return [surface for surface, _ in moving_bodies(positions, faces, times, contacts, np.array([time]))]

@@ -39,7 +39,7 @@ class Colouring:
             return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
         values = vertex_means(scalar_of(name, run.fields[name]), run.rest_positions, run.faces)
         unit = run.units.of(FIELDS[name])
-        label = name.replace("_", " ") + (f" [{unit}]" if unit else "")
+        label = name.replace("_", " ").replace("mises", "Mises") + (f" [{unit}]" if unit else "")
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
 
     def spread(self, frames: int | slice) -> tuple[float, float]:
@@ -109,7 +109,7 @@ def write_result(
         if shown is not None:
             surface = replace(surface, scalars=shown.values[frame], label=shown.label)
             colours["scalar_range"] = shown.spread(frame)
-        bodies = bodies_at(run.positions, contacts, float(run.times[frame]))
+        bodies = bodies_at(run.positions, run.faces, run.times, contacts, float(run.times[frame]))
         return draw_views([View([surface, rest, *bodies], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
         rate = look.rate
@@ -123,7 +123,8 @@ def write_result(
             colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
         surfaces: list[ShadedSurface] = [surface]
         motions: list[Any] = [positions[::every]]
-        for body, moved in [] if look.turntable else moving_bodies(run.positions, contacts, run.times[::every]):
+        touched = () if look.turntable else contacts
+        for body, moved in moving_bodies(run.positions, run.faces, run.times, touched, run.times[::every]):
             surfaces.append(body)
             motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
         framed = len(surfaces)

@@ -146,6 +146,18 @@ def test_what_is_doubtful_of_an_option_is_told_once(capsys, tmp_path):
     assert err.startswith("modalshell: warning: --thickness 0.5 m is over a fifth of the mesh's size, ")
 
 
+@pytest.mark.filterwarnings("default::modalshell.core.errors.ModalShellWarning")
+def test_what_is_refused_of_a_mesh_in_mm_is_said_in_metres_and_by_options(capsys, tmp_path):
+    ms.save_mesh(ms.sheet(length=100.0, width=100.0, cells=(2, 40)), tmp_path / "sheet.ply")
+    status, _, err = run(capsys, "simulate", tmp_path / "sheet.ply", "--unit", "mm", "--clamp", "x > 101")
+    assert status == 2
+    assert err.endswith("the mesh reaches from [0.0, -0.05, 0.0] to [0.1, 0.05, 0.0] m\n")
+    command = "simulate", tmp_path / "sheet.ply", "--unit", "mm", "--clamp", "x < 0.01", "--static", "--out", tmp_path
+    status, _, err = run(capsys, *command, "--young", "1e6", "--thickness", "0.001", "--model", "rigid")
+    assert status == 0
+    assert err.startswith("modalshell: warning: 100 % of the area is in slivers")
+
+
 def test_one_end_of_each_part_is_held():
     strip = ms.sheet(length=1.0, width=0.3, cells=(20, 6))
     held, words = hold_one_end(strip, GRAVITY)
@@ -160,6 +172,10 @@ def test_one_end_of_each_part_is_held():
     held = hold_one_end(single, GRAVITY)[0]
     assert held[:3].all()
     assert held[3:].sum() == 3
+    x, y = strip.vertices[:, 0] - 0.5, strip.vertices[:, 1]
+    bracket = ms.TriangleMesh(np.column_stack([np.maximum(x, 0.0), y, np.maximum(-x, 0.0)]), strip.faces)
+    with pytest.raises(ms.SupportError, match=r"of the mesh would be held: 52 % .* \(at most 30 % .*\); name the vert"):
+        hold_one_end(bracket, GRAVITY)
 
 
 def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():

@@ -266,14 +266,43 @@ def test_runs_whose_tables_would_have_one_name_leave_each_other_alone(fielded, t
         ms.save_trajectory(plain, other)
 
 
+def page_of(file):
+    with pytest.raises(SystemExit, match="0"):
+        main(["export", str(file), "--to", "page"])
+    return file.with_suffix(".html").read_text()
+
+
 def test_a_page_of_a_run_says_that_its_colliders_are_not_shown(run, tmp_path):
     forces = np.ones(run.positions.shape)
     touching = replace(run, contact_forces=forces, in_contact=forces[:, :, 0] > 0.0, deepest=np.zeros(len(run.times)))
     for name, one, told in (("alone", run, 0), ("touching", touching, 1)):
         ms.save_trajectory(one, tmp_path / f"{name}.npz")
-        with pytest.raises(SystemExit, match="0"):
-            main(["export", str(tmp_path / f"{name}.npz"), "--to", "page"])
-        assert (tmp_path / f"{name}.html").read_text().count("Colliders are not shown") == told
+        assert page_of(tmp_path / f"{name}.npz").count("Colliders are not shown") == told
+
+
+def test_a_page_of_a_run_shows_the_colliders_that_its_scene_still_has(tmp_path):
+    """They were left out of every page of a run."""
+    scene = tmp_path / "table.toml"
+    scene.write_text("""
+        mesh = {shape = "sheet", cells = [2, 2]}
+        material = {young = 1e7, poisson = 0.3, thickness = 0.01, density = 100.0}
+        supports = [{kind = "clamp", sel = "x < 0.01"}]
+        contacts = [{kind = "box", center = [0.9, 0.0, -0.2], half = [0.1, 0.1, 0.1]}]
+        loads = {gravity = [0.0, 0.0, -9.81]}
+        model = {name = "lma", modes = 2}
+        output = {formats = ["npz"]}
+    """)
+    archive = ms.run_scene(ms.load_scene(scene), out=tmp_path / "out").files[0]
+    clip = ms.save_trajectory(ms.load_trajectory(archive), archive.with_suffix(".clip"))
+    for file in (archive, clip):
+        page = page_of(file)
+        assert '"bodies"' in page
+        assert "Colliders are not shown" not in page
+        file.with_suffix(".html").unlink()
+    scene.write_text(scene.read_text().replace("0.9", "0.8"))
+    page = page_of(archive)
+    assert '"bodies"' not in page
+    assert "Colliders are not shown" in page
 
 
 def test_tables_too_long_for_spreadsheets_are_named(fielded, tmp_path, monkeypatch):

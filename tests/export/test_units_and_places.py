@@ -174,3 +174,5 @@ def test_a_coloured_displacement_is_labelled_in_the_units_of_the_run(run):
     other = replace(run, units=UnitSystem("mm", "t", "s"))
     assert Colouring.of(other, "displacement").label == "displacement [mm]"
     assert Colouring.of(run, "displacement").label == "displacement [m]"
+    stress = replace(other, fields={"von_mises": np.ones((len(run.times), len(run.faces)))})
+    assert Colouring.of(stress, "von_mises").label == "von Mises [MPa]"
