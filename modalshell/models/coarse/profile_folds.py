@@ -181,7 +181,7 @@ def folds_of(shell: Shell, numbering: Numbering) -> Folds:
         _membrane_blocks(profile, tension, ends),
     )
     # As a shell's own energy has them, or its kernel would be compiled for another kind of arguments.
-    slots = block_places(profile, hinged[:, :, None], hinged[:, None, :]).astype(np.int32)
+    slots: Any = block_places(profile, hinged[:, :, None], hinged[:, None, :]).astype(np.int32)
     hinges, angles = np.array(forms.hinges, dtype=np.int64), np.array(forms.angles)
     shares = _share_stiffness(numbering, forms.shares.stiffness)
     return Folds(ghosts, hinges, angles, slots, bending, membrane, np.arange(count), shares)
