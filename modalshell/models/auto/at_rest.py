@@ -16,6 +16,8 @@ from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
 _KEPT = 4
 """Answers that are kept: of two levels to two loads."""
+_ALIKE = 1e-9
+"""Loads are alike whose linear answers' lengths differ by no larger part."""
 
 
 class Answer(NamedTuple):
@@ -104,7 +106,9 @@ class AtRest:
             self._largest = dead, sampled.nothing(), None
             coming = self._loads.coming(dead)
             if coming:
-                level, force = self._model.levels[0], max(coming, key=lambda load: load.whole).force
+                # Of loads alike both ways the first, and not the one that rounding makes larger.
+                most, level = self._loads.most(dead), self._model.levels[0]
+                force = next(load.force for load in coming if load.whole >= (1.0 - _ALIKE) * most)
                 found = level.still.equilibrium(force=force)
                 answer = Answer(level, force, found, self._check.static(found.positions, force))
                 self._largest = dead, self._compared(sampled, answer, allowed, sampled.nothing()), answer
