@@ -28,7 +28,8 @@ class Scaled(Load):
     factor : callable, or (times, factors)
         ``factor(time)`` of the time [s]; or a table of increasing times [s] and the factors there, joined by straight
         lines and constant before and after. Where a table bends or jumps within steps, implicit rules, and modal and
-        rigid models, take its weighted means about the steps' ends, which keep its impulse; explicit rules do not.
+        rigid models, take straight lines over these, which keep its impulse and when it comes (rules of order one
+        take its means over steps); explicit rules do not.
 
     Raises
     ------

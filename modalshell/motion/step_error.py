@@ -136,7 +136,9 @@ class StepErrors:
     @property
     def looks(self) -> bool:
         """Whether this is one of the steps at which the size of the motion is looked at."""
-        return self._shape == 0.0 or self._steps % (_SEEN if self._steps < _EARLY else _LATER) == 0
+        if self._shape == 0.0 or self.error == 2.0 * self._size:  # an error that is held to the size waits for it
+            return True
+        return self._steps % (_SEEN if self._steps < _EARLY else _LATER) == 0
 
     def see(self, after: MotionState) -> None:
         """Look at the size of the motion."""
