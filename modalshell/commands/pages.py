@@ -18,8 +18,7 @@ from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
 from modalshell.modes import model_basis
-from modalshell.page import Page, Tones, live_model, recorded, shell_page
-from modalshell.page.clip_page import farthest
+from modalshell.page import Page, Tones, farthest, live_model, recorded, shell_page
 from modalshell.page.modal_page import live_tip
 from modalshell.render.bodies import seen_contacts
 from modalshell.run.results import Colouring

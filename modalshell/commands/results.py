@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
 import modalshell as ms
@@ -19,7 +20,7 @@ from modalshell.export.near_origin import centred
 from modalshell.export.usd import save_usd
 from modalshell.files.atomic_io import read_record
 from modalshell.files.outputs import checked_target, refuse_foreign
-from modalshell.page import Page, clip_page
+from modalshell.page import Page, farthest, recorded, shell_page
 from modalshell.page.shell_page import about
 from modalshell.render.bodies import seen_contacts
 from modalshell.run.report_numbers import checked_run
@@ -85,21 +86,23 @@ def export(
 
 
 def _played(run: ms.Trajectory, result: Path) -> Page:
-    """A page that plays a motion, with what it touched where the scene beside ``result`` still knows that."""
+    """A page that plays a motion, with what it touched where the record of ``result`` still names the scene."""
     shown, centre = centred(run)
     motion = compress(shown)
     shapes = motion.displacements()
     contacts, notes = _touched(run, result)
     seen = seen_contacts(run.positions, run.faces, run.times, contacts)
     bodies = [contact.body(corners, motion.times, inset) for contact, corners, inset in seen]
-    return clip_page(
-        motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem,
+    return shell_page(
+        np.asarray(motion.rest_positions, float), motion.faces, title=result.stem,
+        tip=farthest(shapes, motion.amplitudes),
+        record=recorded(motion.times, shapes, motion.amplitudes, label="Recorded motion"),
         units=motion.units, bodies=[about(body, centre) for body in bodies], notes=notes,
     )  # fmt: skip
 
 
 def _touched(run: ms.Trajectory, result: Path) -> tuple[Sequence[Contact], list[str]]:
-    """The contacts of a run, which its scene alone knows, and what is to be said where they are unknown."""
+    """The contacts of a run, which its scene alone knows, and a note where they are unknown."""
     touches = run.contact_forces.size > 0
     if not touches and result.suffix != ".clip":  # a clip does not say whether anything was touched
         return (), []

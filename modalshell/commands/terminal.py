@@ -29,7 +29,7 @@ LOG_EVERY = 60.0
 def log_line(text: str, done: int, total: int, seconds: float, first: tuple[int, float] = (0, 0.0)) -> str:
     """How far some work is after a number of seconds, and the time that is left at its rate since ``first``.
 
-    That is the first step that was told: it compiles kernels, or ends what a stopped run had already.
+    That is the first step that was reported: it compiles kernels, or ends what a stopped run had already.
     """
     so_far = f"{text}: {done} of {total} after {seconds:.0f} s"
     if done >= total:

@@ -1,9 +1,8 @@
 """Self-contained web pages that show a shell moving in the browser, live or as recorded, without a server."""
 
-from modalshell.page.clip_page import clip_page
 from modalshell.page.html import Page
 from modalshell.page.modal_page import live_model, modal_page
-from modalshell.page.record import Tones, recorded
+from modalshell.page.record import Tones, farthest, recorded
 from modalshell.page.shell_page import shell_page
 
-__all__ = ["Page", "Tones", "clip_page", "live_model", "modal_page", "recorded", "shell_page"]
+__all__ = ["Page", "Tones", "farthest", "live_model", "modal_page", "recorded", "shell_page"]

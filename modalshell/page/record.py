@@ -96,3 +96,8 @@ def _toned(tones: Tones) -> dict[str, Any]:
         "label": tones.label,
         "ramp": encoded(np.rint(255.0 * colours).astype(np.uint8)),
     }
+
+
+def farthest(shapes: Array, amplitudes: NDArray[np.floating]) -> int:
+    """The vertex that has moved farthest in the last frame."""
+    return int(np.linalg.norm(np.tensordot(amplitudes[-1], shapes, 1), axis=1).argmax())

@@ -16,7 +16,7 @@ import modalshell as ms
 from modalshell.commands import pages
 from modalshell.export import compress
 from modalshell.files.provenance import repository_file
-from modalshell.page import clip_page
+from modalshell.page import farthest, recorded, shell_page
 from modalshell.run.run_shell import ShellRun
 from modalshell.shell.damping import Damping
 
@@ -196,8 +196,12 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
     run = ms.simulate(ms.ModalWarping(v_basis), duration=1.0, dt=1 / 30, gravity=GRAVITY)
     motion = compress(run)
     page, errors = open_file(
-        clip_page(
-            motion.times, motion.rest_positions, motion.faces, motion.displacements(), motion.amplitudes, title="clip"
+        shell_page(
+            motion.rest_positions,
+            motion.faces,
+            title="clip",
+            tip=farthest(motion.displacements(), motion.amplitudes),
+            record=recorded(motion.times, motion.displacements(), motion.amplitudes, label="Recorded motion"),
         )
     )
     page.click("#pause")
