@@ -22,7 +22,8 @@ for module in pkgutil.walk_packages(ms.__path__, "modalshell."):
         importlib.import_module(module.name)
 mesh = ms.flat_beam(cells=(4, 2))
 shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.3)
-assert ms.LinearModal(ms.solve_modes(shell, 2)).equilibrium(gravity=(0, 0, -0.1)).converged
+model = ms.LinearModal(ms.solve_modes(shell, 2))
+assert ms.simulate(model, duration=0.2, dt=0.1, gravity=(0, 0, -0.1)).outcome == "completed"
 print(*ms.models())
 """
 
