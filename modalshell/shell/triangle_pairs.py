@@ -186,7 +186,7 @@ def _joined(
     if bending is None:
         compliances = np.stack([_compliance(rigidity[own], poisson[own]) for own in faces.T])
     else:
-        axes = (_edge_normals(mesh, faces[:, side], corners[:, side])[1:] for side in (0, 1))
+        axes = (_laid_flat(mesh, faces[:, side], corners[:, side])[2:] for side in (0, 1))
         compliances = np.stack(
             [np.linalg.inv(bending.in_axes(mesh, own, *along)) for own, along in zip(faces.T, axes, strict=True)]
         )

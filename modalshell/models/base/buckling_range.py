@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -25,6 +25,9 @@ class BucklingRange:
     def __init__(self, shell: Shell) -> None:
         self._shell, self._check = shell, BucklingCheck(shell)
         self._known: tuple[Array, bytes, bool] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a copy finds the factor again, which is larger than the rest of a model
+        return BucklingRange, (self._shell,)
 
     def remark(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
         """What is said of an answer; "" if nothing.

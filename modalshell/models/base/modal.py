@@ -224,8 +224,8 @@ class ModalModel(ModalMotion):
 
     def rigid_load(self, load: Array) -> float:
         """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
-        pushes = self.basis.rigid_modes > 0 and load.any()  # on all of them: the basis may have been asked for fewer
-        return rigid_share(self.shell, load) if pushes else 0.0
+        pushes = self.basis.rigid_modes > 0 and load.any()
+        return rigid_share(self.shell, load) if pushes else 0.0  # on all: the basis may have been asked for fewer
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2], that of loads that follow in it."""
