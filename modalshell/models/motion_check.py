@@ -117,6 +117,8 @@ class MotionCheck:
         Contacts have their own.
     touching : TouchingFrames, optional
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
+    in_frame : bool
+        Whether frames are in the frame of the supports, and not in the world.
 
     Attributes
     ----------
@@ -139,9 +141,11 @@ class MotionCheck:
         *,
         estimator: ErrorEstimator | None = None,
         touching: TouchingFrames | None = None,
+        in_frame: bool = False,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
+        self._turns = supports is not None and not in_frame
         self._coarse, self.unjudged = coarse, ""
         self._touching = touching
         self._estimator: Estimator
@@ -153,7 +157,7 @@ class MotionCheck:
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
         x = np.asarray(positions, dtype=np.float64)
-        return x if self._supports is None else self._supports.at(time).to_shell(x)
+        return self._supports.at(time).to_shell(x) if self._supports is not None and self._turns else x
 
     def bar(self, times: Array, frames: Array, forces: Array | None = None) -> ErrorBar:
         """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s].
@@ -183,7 +187,7 @@ class MotionCheck:
 
     def _turned(self, times: Array, forces: Array) -> Array:
         """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
-        if self._supports is None:
+        if self._supports is None or not self._turns:
             return forces
         return np.stack([f @ self._supports.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
 

@@ -236,6 +236,11 @@ class SupportPath:
             made._rotation = RotationSpline(times, Rotation.from_rotvec(turned))
         return made
 
+    @property
+    def turns(self) -> bool:
+        """Whether the supports turn, too."""
+        return self._rotation is not None
+
     def about(self, origin: Array) -> SupportPath:
         """The same path in coordinates about ``origin`` (3,) [m]."""
         path = copy.copy(self)

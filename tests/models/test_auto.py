@@ -468,9 +468,6 @@ def test_comparisons_of_all_models_leave_it_out(beam):
 def test_what_it_does_not_take_is_refused(beam):
     with pytest.raises(ms.OptionError, match="error must be"):
         ms.Auto(beam, error=0.5)
-    path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0, 0.1, 0)])
-    with pytest.raises(ms.OptionError, match="auto takes no supports that move"):
-        ms.simulate(ms.Auto(beam), duration=0.1, supports=path)
     with pytest.raises(ms.OptionError, match="constraints"):
         ms.simulate(ms.Auto(beam), duration=0.1, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
 

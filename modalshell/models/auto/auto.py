@@ -77,6 +77,9 @@ class Auto(Model):
     Strikes that take more than a tenth of the swing (at 5 %) are foreseen and left to DS, and so are steps in which a
     collider with friction, restitution or ``push_out`` touches. Frames in which something strikes are not judged.
 
+    On supports that move all levels step in the frame of these. A check vouches for states under accelerations and
+    turns of the supports like those it has seen.
+
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
     displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
 
@@ -215,17 +218,17 @@ class Auto(Model):
 
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
-        touching = touching_frames(self, setup.contacts, setup.dt)
+        touching, supports = touching_frames(self, setup.contacts, setup.dt, setup.supports), setup.supports
         if touching is not None:
-            return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching)
+            return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching, supports=supports)
         if self._free is None:
             estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
             sampled = None if coarse is None else SampledCheck(*coarse)
-            return HeldCheck(self.shell, setup.loading, setup.damping, estimator, sampled)
+            return HeldCheck(self.shell, setup.loading, setup.damping, estimator, sampled, supports=supports)
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
-        """What takes the steps of one motion; OptionError for constraints, or supports that move."""
+        """What takes the steps of one motion; OptionError for constraints."""
         return AutoStepper(self, self.levels, setup)
 
     @property

@@ -20,7 +20,7 @@ from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
-from modalshell.supports import Pin, Roller, Support
+from modalshell.supports import Pin, Roller, Support, SupportPath
 
 if TYPE_CHECKING:
     from modalshell.contact.motion_bar import TouchingFrames
@@ -33,7 +33,7 @@ _STILL = 1e-7
 
 @final
 class HeldCheck:
-    """Bars of a shell that its supports hold, and lengths of its displacements.
+    """Bars of a shell that its supports hold, and lengths of its displacements, all in the frame of the supports.
 
     Attributes
     ----------
@@ -55,8 +55,11 @@ class HeldCheck:
         estimator: ErrorEstimator | None,
         sampled: SampledCheck | None = None,
         touching: TouchingFrames | None = None,
+        supports: SupportPath | None = None,
     ) -> None:
-        self._check = MotionCheck(shell, loading, damping, estimator=estimator, touching=touching)
+        self._check = MotionCheck(
+            shell, loading, damping, supports, estimator=estimator, touching=touching, in_frame=True
+        )
         self._touching, self.contacts = touching, () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, np.repeat(shell.mass, 3)
         self.sampled = sampled

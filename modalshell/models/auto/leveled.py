@@ -57,7 +57,7 @@ class LeveledStepper(Stepper):
     takes_contacts = True
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
-        super().__init__(model, setup)
+        super().__init__(model, setup, in_frame=True)
         if setup.contacts and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
         self._levels, self._mass = levels, model.shell.mass[:, None]
@@ -75,7 +75,12 @@ class LeveledStepper(Stepper):
         if level in self.model.coarse_levels:
             state: MotionState = self._levels[level].model.start_motion()
             return state
-        return self._stepper(level).state_at(self.shell.rest_positions, 0.0)
+        return self._at_rest(level, self.shell.rest_positions, 0.0)
+
+    def _at_rest(self, level: int, x: Array, time: float) -> MotionState:
+        """A level's state at rest at x (n, 3) [m], as far as it can."""
+        stepper = self._stepper(level)
+        return stepper.state_at(stepper.from_local(x, time), time)
 
     @property
     def note(self) -> str:
@@ -158,7 +163,7 @@ class LeveledStepper(Stepper):
     def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
         """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
         stepper = self._stepper(level)
-        found, off = stepper.touched(inner, time), self._length(stepper.positions(inner, time) - x)
+        found, off = stepper.touched(inner, time), self._length(stepper.local_positions(inner) - x)
         return off <= allowed and (found is None or found.deepest <= _INSIDE * self.shell.size)
 
     def _is_clear(self, step: Step) -> bool:
@@ -175,8 +180,7 @@ class LeveledStepper(Stepper):
         now: tuple[float, Array],
     ) -> float:
         """Change of the energy where the second level's state takes the place of the first one's."""
-        (time, dead), loading = now, self.setup.loading
-        force = dead + loading.live_force(*motion, time) if loading.live else dead
+        force = self._loads.at(*motion, *now)
         return energy_change((self._stepper(levels[0]), self._stepper(levels[1])), states, force)
 
     def _errs_alike(self, number: int, seen: Seen, memory: dict[str, Array]) -> bool:
@@ -219,7 +223,7 @@ class LeveledStepper(Stepper):
 
         No load pushes in these steps.
         """
-        stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading()))
+        stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading(), supports=None))
         dt = _SHORT * self.setup.dt
         x, still, load = inner.coordinates, np.zeros_like(inner.rates), np.zeros_like(self.shell.rest_positions)
         last = math.inf

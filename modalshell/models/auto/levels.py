@@ -15,6 +15,7 @@ from modalshell.integrators.free_parts import FreeParts, axial, crossed, inertia
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
+from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -29,7 +30,7 @@ _FITS = 12
 
 
 class Level(ABC):
-    """A model, and states of it made of the positions and velocities of every vertex.
+    """A model, and states of it made of the positions and velocities of every vertex in the frame of the supports.
 
     Attributes
     ----------
@@ -60,11 +61,11 @@ class Level(ABC):
 
     @abstractmethod
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
-        """State at positions x (n, 3) [m] with velocities v (n, 3) [m/s] in the world, as near as the model comes."""
+        """State at positions x (n, 3) [m] with velocities v (n, 3) [m/s], as near as the model comes."""
 
-    def left(self, stepper: Stepper, state: MotionState, time: float, dt: float) -> tuple[Array, Array]:
+    def left(self, stepper: Stepper, state: MotionState, dt: float) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and velocities (n, 3) [m/s] of a state."""
-        return stepper.positions(state, time), self.velocities(stepper, state, dt)
+        return stepper.local_positions(state), self.velocities(stepper, state, dt)
 
     def velocities(self, stepper: Stepper, state: MotionState, dt: float) -> Array:
         """Velocities (n, 3) [m/s] of a state after a step of ``dt`` [s]."""
@@ -103,7 +104,11 @@ class FullLevel(Level):
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
         by_time = not setup.contacts and all(load.constant is not None for load in setup.loading.live)
-        return (self._compiled or self.model if by_time else self.model).stepper(setup)
+        if by_time and self._compiled is not None:
+            return self._compiled.stepper(setup)
+        if setup.supports is None:
+            return self.model.stepper(setup)
+        return FullStepper(self.model, setup.felt_by(self.model.integrator), in_frame=True)
 
     @cached_property
     def _compiled(self) -> CoarseDiscreteShell | None:
@@ -118,7 +123,7 @@ class FullLevel(Level):
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with these velocities, as if its first step were to come."""
-        state = stepper.state_at(x, time)
+        state = stepper.state_at(stepper.from_local(x, time), time)
         rates = self.model.shell.unknowns.project(v)
         rates[self.model.shell.clamped] = 0.0
         return stepper.outside(MotionState(state.coordinates, rates, state.memory), time)
@@ -135,7 +140,7 @@ class CoarseLevel(Level):
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with the sampled velocities."""
-        state, coarse = stepper.state_at(x, time), stepper.model
+        state, coarse = stepper.state_at(stepper.from_local(x, time), time), stepper.model
         moved = coarse.sampled(coarse.shell.rest_positions + v) - coarse.coarse.shell.rest_positions
         moved[coarse.coarse.shell.clamped] = 0.0
         return MotionState(state.coordinates, moved, state.memory)

@@ -12,6 +12,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.models.auto.answered import Answer, SumAnswers, along
 from modalshell.models.auto.checks import Check
+from modalshell.models.auto.led_supports import LedSupports
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
 
@@ -54,23 +55,28 @@ class LoadsAhead:
     ----------
     change, dear : bool
         Whether any load changes, and by more than a factor.
+    count : int
+        Numbers that say how loads have changed.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:
         self._model, self._loading, self._dt, self._check = model, setup.loading, setup.dt, check
         live = setup.loading.live
-        self.change = bool(live)
+        self._led = None if setup.supports is None else LedSupports(setup.supports)
+        self.change = bool(live or self._led)
+        self.count = len(live) + (0 if self._led is None else self._led.count)
         self._at: tuple[float, list[float]] = (-math.inf, [])
         forces = [load.constant for load in live if load.constant is not None]
-        self._parts = forces if len(forces) == len(live) and not check.least else None
+        self._parts = forces if len(forces) == len(live) and not (check.least or self._led) else None
         self.dear = self.change and self._parts is None
         self._sums: tuple[Array, Array, SumAnswers] | None = None
         self._coming: tuple[Array, list[Coming]] | None = None
 
     def values(self, time: float) -> list[float]:
-        """Factors of the loads that change: of so few numbers a list is quicker than an array."""
+        """Factors of the loads that change, and numbers of supports that move: a list is quicker than an array."""
         if self._at[0] != time:
-            self._at = time, [load.factor_at(time) for load in self._loading.live]
+            led = [] if self._led is None else self._led.values(time)
+            self._at = time, [load.factor_at(time) for load in self._loading.live] + led
         return self._at[1]
 
     def factors(self, time: float) -> Array:
@@ -105,8 +111,17 @@ class LoadsAhead:
             return dead
         v = state.rates if loading.by_velocity or self._check.least else np.zeros_like(x)
         with np.errstate(over="ignore", invalid="ignore"):
+            if self._led is not None:
+                return self.at(x, state.rates, time, dead)
             force = loading.moving_force(dead, x, x - lead * v, 1.0 / lead, time)
             return self._check.standing(force, x, v) if np.isfinite(force).all() else force
+
+    def at(self, x: Array, v: Array, time: float, dead: Array) -> Array:
+        """Load (n, 3) [N] at positions x (n, 3) [m] with velocities v (n, 3) [m/s], that of supports that move too."""
+        if self._led is None:
+            return dead + self._loading.live_force(x, v, time) if self._loading.live else dead
+        force = dead + self._loading.live_force(*self._led.in_world(x, v, time), time) if self._loading.live else dead
+        return self._led.felt(force, self._model.shell.mass, x, v, time)
 
     def coming(self, dead: Array) -> list[Coming]:
         """The largest loads that are known to come, one each way, of one or two loads that change by factors alone.

@@ -9,7 +9,6 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.core.errors import OptionError
 from modalshell.core.touched import STRUCK
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
@@ -69,8 +68,6 @@ class AutoStepper(LeveledStepper):
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         if setup.constraints:
             raise model.no_constraints()
-        if setup.supports is not None:
-            raise OptionError(f"{model.name} takes no supports that move: take the hybrid, coarse DS or DS")
         super().__init__(model, levels, setup)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
 
@@ -88,7 +85,7 @@ class AutoStepper(LeveledStepper):
         positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         if self._check.touches_rough(positions, 0.0):
-            return self._begun(last, self._stepper(last).state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
+            return self._begun(last, self._at_rest(last, positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
@@ -98,12 +95,12 @@ class AutoStepper(LeveledStepper):
                 return self._begun(number, inner, (missed, margin, LACKS_START))
             if not stable > LEAST_MARGIN:
                 break
-        return self._begun(last, self._stepper(last).state_at(positions, 0.0), (missed, margin, LACKS_START))
+        return self._begun(last, self._at_rest(last, positions, 0.0), (missed, margin, LACKS_START))
 
     def _begun(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
         """The state of a start on a level, with what the first lacks of it, over what it may, a margin and a mark."""
         missed, margin, mark = lost
-        state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).positions(inner, 0.0)))
+        state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).local_positions(inner)))
         if level > 0:
             self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, mark))
         return state
@@ -111,7 +108,7 @@ class AutoStepper(LeveledStepper):
     def _lost(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
         """What a level's state lacks of a start (n, 3) [m] over what it may, and the stability margin there."""
         level, stepper = self._levels[number], self._stepper(number)
-        x, allowed = stepper.positions(inner, 0.0), _BACK * self.model.error * self._check.moved(start)
+        x, allowed = stepper.local_positions(inner), _BACK * self.model.error * self._check.moved(start)
         gap, margin = self._length(x - start), 1.0
         if isinstance(level, ModalLevel) and gap <= allowed and not self._check.least:
             bar = self._check.static(x, level.resting_load(stepper, inner))
@@ -121,8 +118,9 @@ class AutoStepper(LeveledStepper):
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
-        inner = self._stepper(top).state_at(positions, time)
-        return self._watch.fitted(self.model.on_level(top, inner, self._stepper(top).positions(inner, time)))
+        local = positions if self._frame is None else self._frame.at(time).to_shell(positions)
+        inner = self._at_rest(top, local, time)
+        return self._watch.fitted(self.model.on_level(top, inner, self._stepper(top).local_positions(inner)))
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the level's own, and a switch where a check asks for one."""
@@ -137,14 +135,14 @@ class AutoStepper(LeveledStepper):
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         rough = self._check.contacts and self._levels[level].quadratic
-        if rough and self._check.touches_rough(stepper.positions(after, time), time):
+        if rough and self._check.touches_rough(stepper.local_positions(after), time):
             leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
             stepper = self._stepper(level)
             after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
         ended = level, after
-        x, rates = stepper.positions(after, time), partial(self._levels[level].velocities, stepper, after, dt)
+        x, rates = stepper.local_positions(after), partial(self._levels[level].velocities, stepper, after, dt)
         steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
         steps[level] += 1.0
         memory["since"], memory["steps"] = np.array([memory["since"].item() + 1.0]), np.array(steps)
@@ -355,7 +353,7 @@ class AutoStepper(LeveledStepper):
             return self._length(x - seen.corrected) <= allowed
 
         own = self._stepper(0)
-        right = seen.margin > _BACK_MARGIN and near(own.in_world(own.model.positions(MotionState(q, q)), step.time))
+        right = seen.margin > _BACK_MARGIN and near(own.model.positions(MotionState(q, q)) + own.origin)
         memory["ready"] = memory["ready"] + 1.0 if right else np.zeros(1)
         if not (memory["ready"][0] >= _IN_A_ROW and memory["since"][0] >= memory["wait"][0]):
             return step.level
@@ -373,7 +371,7 @@ class AutoStepper(LeveledStepper):
             return None
         lowest, v, (_, middle, x) = self._levels[0], step.velocities(), step.frames
         state = lowest.entered(self._stepper(0), x, v, step.time)
-        fitted, rates = lowest.left(self._stepper(0), state, step.time, step.dt)
+        fitted, rates = lowest.left(self._stepper(0), state, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
         if not max(self._length(fitted - x) * self._swells(state, x), lost) <= allowed:
             return None

@@ -98,8 +98,8 @@ class Watch:
         self.every = min(every, FRAMES) if check.least else every
         self._touches = bool(check.contacts)  # what touches decides of the bar, too: no state vouches for others
         self._fixed = bool(check.least or model.check_every is not None or self._touches)
-        self._states = KnownStates(len(setup.loading.live))
-        self._size = 2 * model.count + len(setup.loading.live)
+        self._states = KnownStates(loads.count)
+        self._size = 2 * model.count + loads.count
         # Free parts turn, and what touches acts on the errors, too: of neither is known how they add up.
         self._drift = None if check.least or self._touches else Drift(model.basis, setup.damping)
         self.rests = AtRest(model, check, loads)

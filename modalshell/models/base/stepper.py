@@ -102,6 +102,15 @@ class Stepper(ABC):
         """Positions (n, 3) [m] in the world."""
         return self.in_world(self.own_positions(state), time)
 
+    def local_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the supports, which is the world's where these rest."""
+        own = self.own_positions(state)
+        return own + self.origin if self._off_centre else own
+
+    def from_local(self, positions: Array, time: float) -> Array:
+        """Positions (n, 3) [m] in the world of those in the frame of the supports."""
+        return positions if self._frame is None else self.in_world(positions - self.origin, time)
+
     def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state in its frame, by where it was a short time ``lead`` [s] before."""
         return np.asarray(self.model.velocities(state, self.own_positions(state), lead))
