@@ -120,9 +120,12 @@ def _shape_notes(touching: Touching, first: Array, rest: Rest) -> list[str]:
     return notes
 
 
-def _flutters(problem: Potential, touching: Touching, rest: Rest) -> bool:
-    """Whether vibrations that keep the gaps flutter under a load without a potential."""
-    if not problem.unsymmetric:
+def _flutters(problem: Potential, touching: Touching, rest: Rest, rubs: bool) -> bool:
+    """Whether vibrations that keep the gaps flutter under a load without a potential.
+
+    Not asked where something ``rubs``: the part of friction in what vibrates is not known here.
+    """
+    if not problem.unsymmetric or (rubs and rest.active.any()):
         return False
     return fluttering(problem, ActiveSet(problem, touching, 1.0).equations(rest, EXACT)[0].kept())
 
@@ -180,11 +183,8 @@ def equilibrium_on_contacts(
     if rubs and rest.converged:
         notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
     notes += _shape_notes(touching, first, rest)
-    held_by_friction = rubs and bool(rest.active.any())  # whose part in what vibrates is not known here
-    stable = rest.stable and (held_by_friction or not _flutters(problem, touching, rest))
-    outcome, message = verdict(
-        rest.residual, stable, limited=rest.limited, note="; ".join(notes), follows=problem.unsymmetric
-    )
+    stable, follows = rest.stable and not _flutters(problem, touching, rest, rubs), problem.unsymmetric
+    outcome, message = verdict(rest.residual, stable, limited=rest.limited, note="; ".join(notes), follows=follows)
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
     if failure.startswith((SLIDES, PUSHED)):
