@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
@@ -22,7 +23,7 @@ from modalshell.modes import Basis
 from modalshell.motion import Trajectory
 from modalshell.page import modal_page
 from modalshell.render import Picture, ShadedSurface, View, html_of
-from modalshell.render.bodies import bodies_at
+from modalshell.render.bodies import bodies_at, moving_bodies
 from modalshell.render.picture import SMALL
 
 _EDGES_SHOWN = 3000
@@ -114,9 +115,9 @@ def _trajectory(run: Trajectory, *, frames: int = _FRAMES, size: tuple[int, int]
     count = min(checked_count("frames", frames), len(run.times))
     chosen = np.linspace(0, len(run.times) - 1, count).round().astype(int)
     unit = run.units.of("m")
-    views = []
-    for frame, time in zip(chosen, run.times[chosen].tolist(), strict=True):
-        bodies = bodies_at(run.positions, run.faces, run.times, run.contacts, time)
+    views, moving = [], moving_bodies(run.positions, run.faces, run.times, run.contacts, run.times[chosen])
+    for index, (frame, time) in enumerate(zip(chosen, run.times[chosen].tolist(), strict=True)):
+        bodies = [replace(body, vertices=moved[min(index, len(moved) - 1)]) for body, moved in moving]
         shape = run.positions[frame], run.rest_positions, run.faces
         views.append(_displaced(*shape, unit, f"{time:.4g} {run.units.time}", bodies=bodies))
     return Picture.of_views(views, size=size)

@@ -15,6 +15,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from modalshell.files.atomic_io import write_text
@@ -32,6 +33,8 @@ ROOT = Path(__file__).resolve().parents[1]
 STARTS = ("README.md", "studies/README.md", "studies/theory/README.md", ".github/CONTRIBUTING.md", "CHANGELOG.md")
 SHOWN = {".py", ".toml", ".bib", ".cff", ""}
 """Suffixes of files that are shown as text."""
+_NEEDED = ("pdoc", "numpydoc", "latex2mathml", "markdown_it", "pygments")
+"""Modules of the extra ``docs``."""
 NAVIGATION = {
     "Start": "index.html",
     "Studies": "studies/README.html",
@@ -223,6 +226,8 @@ def main(arguments: list[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     if not (ROOT / "README.md").is_file():
         sys.exit(f"the site is made of a checkout's documents (got {ROOT}, without README.md): run it in a checkout")
+    if missing := [name for name in _NEEDED if find_spec(name) is None]:
+        sys.exit(f"the site is made by packages that are not installed ({', '.join(missing)}): pip install '.[docs]'")
     try:
         pages = build(chosen.folder.resolve(), reference=not chosen.quick, run_tutorials=not chosen.quick)
     except SiteError as fault:

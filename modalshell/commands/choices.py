@@ -1,11 +1,13 @@
 """Defaults for a mesh without further information: supports, stiffness and time step.
 
-The stiffness is chosen such that the weight bends the shell by a fixed fraction of its size; so a film of any mesh, in
-any unit, shows motion within the range of modal models.
+The stiffness is chosen such that the weight bends the shell by a fixed fraction of its size, or is far from buckling
+it; so a film of any mesh, in any unit, shows motion within the range of modal models.
 """
 
 from __future__ import annotations
 
+import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
 
@@ -20,7 +22,9 @@ from modalshell.core.units import in_percent
 YOUNG, _THIN = 1e9, 200.0
 """Young's modulus [Pa], and size over thickness, if none is given or chosen."""
 SAG = 0.15
-"""Deflection under the weight as a fraction of the mesh's size, in linear theory."""
+"""Deflection under the weight as a fraction of the mesh's size, in linear theory, at most."""
+BUCKLES = 5.0
+"""Times its weight that a shell carries before it buckles, in linear theory, at least: it swings to twice the sag."""
 _END, _LARGEST_END = 0.05, 0.5
 """Clamped fraction of a part's length, and the largest fraction tried until a triangle is clamped."""
 _MOST_PARTS, _MOST_HELD = 20, 0.3
@@ -111,10 +115,11 @@ def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return end if len(end) < len(vertices) else np.unique(faces[int(heights.mean(axis=1).argmin())])
 
 
-def softening(basis: ms.Basis, gravity: Array) -> float:
-    """Factor on all stiffnesses such that the weight bends the shell by SAG times its size, in linear theory.
+def softening(basis: ms.Basis, gravity: Array) -> tuple[float, float]:
+    """Factor on all stiffnesses, and the sag under the weight that it leaves, as a fraction of the size.
 
-    1 if there is no weight. SupportError if the supports leave motions without resistance.
+    In linear theory the weight sags the shell by SAG, or by less where BUCKLES times it would buckle it otherwise; with
+    no weight these are 1 and SAG. SupportError if the supports leave motions without resistance.
     """
     load = basis.shell.gravity_force(gravity).ravel()
     values = np.maximum(basis.eigenvalues, 1e-300)
@@ -126,7 +131,14 @@ def softening(basis: ms.Basis, gravity: Array) -> float:
             f"nothing resists {unresisted or 'the'} lowest modes of the mesh although each part is held: sheets hang "
             f"together by single vertices; split them by {REPAIR}"
         )
-    return float(f"{largest / SAG:.2g}") if largest > 0.0 else 1.0
+    if largest == 0.0:
+        return 1.0, SAG
+    share = SAG
+    # Without a factor the sag alone decides, and error bars tell of what buckles; a coarse shape serves to choose by.
+    with suppress(ms.SolverError), warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
+        factors = ms.buckling_factors(basis.shell, gravity=gravity).factors
+        share = min(SAG, largest * float(factors.min(initial=np.inf)) / BUCKLES)
+    return float(f"{largest / share:.2g}"), share
 
 
 @final
@@ -141,10 +153,10 @@ class Timing:
     """Rayleigh factors of mass [1/s] and stiffness [s]."""
 
     @classmethod
-    def of_sag(cls, size: float, gravity: Array) -> Timing:
-        """Timing for a shell of ``size`` [m] whose weight bends it by SAG times the size."""
+    def of_sag(cls, size: float, gravity: Array, sag: float) -> Timing:
+        """Timing for a shell of ``size`` [m] whose weight bends it by ``sag`` times the size."""
         strength = float(np.linalg.norm(gravity))
-        period = 2.0 * np.pi * np.sqrt(SAG * size / strength) if strength > 0.0 else 1.0
+        period = 2.0 * np.pi * np.sqrt(sag * size / strength) if strength > 0.0 else 1.0
         period = float(f"{period:.2g}")
         return cls(_PERIODS * period, period / _STEPS, (0.4 / period, 8e-4 * period))
 

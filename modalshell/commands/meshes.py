@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.commands.choices import YOUNG, Timing, assumed, hold_one_end, motion_as_text, softening
+from modalshell.commands.choices import BUCKLES, SAG, YOUNG, Timing, assumed, hold_one_end, motion_as_text, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.units import LENGTHS
@@ -217,7 +217,7 @@ class _FilmOptions:
 def _choose(
     options: _ShellOptions, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any], modes: int
 ) -> tuple[_ShellOptions, Timing, str]:
-    """Clamp one end by an entry of ``tables`` and, unless it is given, choose a stiffness at which the weight bends it.
+    """Clamp one end by an entry of ``tables`` and, unless it is given, choose a stiffness for the weight.
 
     Return the options, the timing of the motion, and a description for the user.
     """
@@ -230,9 +230,11 @@ def _choose(
     with warnings.catch_warnings(action="ignore", category=ms.ModalShellWarning):
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
-    young, timing = softening(model_basis(shell, count), gravity) * YOUNG, Timing.of_sag(mesh.size, gravity)
-    chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
-    return replace(options, young=young), timing, f"{end}; {chosen}"
+    factor, sag = softening(model_basis(shell, count), gravity)
+    timing = Timing.of_sag(mesh.size, gravity, sag)
+    does = "bends it" if sag == SAG else f"is 1/{BUCKLES:g} of what buckles it"
+    chosen = f"Young's modulus {factor * YOUNG:.2g} Pa, at which the weight {does}; time step {timing.dt:.2g} s"
+    return replace(options, young=factor * YOUNG), timing, f"{end}; {chosen}"
 
 
 def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
@@ -303,10 +305,10 @@ def simulate(
     """Simulate a mesh under gravity; write a film, or with --static a picture, and the positions.
 
     Without --clamp one end of each part is clamped, and Young's modulus, duration, time step and damping, unless
-    given, are chosen from the mesh's size such that its weight bends it visibly; the choice is printed. --clamp none
-    lets it fall. Models: LMA (linear modal analysis), MWTS (modal warping), RSW (rotation-strain warping), MD-ROM
-    (modal-derivative reduced-order model), DS (discrete shells). A stopped command that is
-    repeated resumes after its last frame; complete results are not computed again.
+    given, are chosen from the mesh's size such that its weight bends it visibly and is far from buckling it; the choice
+    is printed. --clamp none lets it fall. Models: LMA (linear modal analysis), MWTS (modal warping), RSW
+    (rotation-strain warping), MD-ROM (modal-derivative reduced-order model), DS (discrete shells). A stopped command
+    that is repeated resumes after its last frame; complete results are not computed again.
 
     Example: modalshell simulate meshes/leaf.obj --clamp "x < 0.08" --model rsw --duration 1
     """

@@ -219,11 +219,9 @@ def tradeoff(
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
     asked = checked_kind("engines", engines, bool)
-    if by_bars := checked_kind("quick", quick, bool):
-        if asked:
-            raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
-    else:
-        warm_up()
+    if (by_bars := checked_kind("quick", quick, bool)) and asked:
+        raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
+    warm_up(by_bars)
     measured = _measured(case, modes, factors, outside, on_step, by_bars)
     if not asked:
         return measured
@@ -324,9 +322,10 @@ def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -
 
 
 @cache
-def warm_up() -> None:
+def warm_up(quick: bool = False) -> None:
     """Load every compiled kernel on a shell of few triangles, so that no measured time holds that."""
     mesh = flat_beam(cells=(6, 2))
     shell = Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
     coarse = [CoarseMesh(flat_beam(cells=(6, 2)), "6x2")]
-    _measured(Case("warm-up", shell, shell.gravity_force((0.0, 0.0, -1.0)), coarse=coarse), (2,), (1.0,), None, None)
+    load = shell.gravity_force((0.0, 0.0, -1.0))
+    _measured(Case("warm-up", shell, load, coarse=coarse), (2,), (1.0,), None, None, quick)

@@ -31,7 +31,8 @@ class Points(NamedTuple):
     number of triangles that one stands for; for TURNING the force in the triangle's frame; for BODY first the mass.
     Shape (k, 3)."""
     air: Array
-    """For SURFACE the velocity of the air, for BODY where its centre is from the triangle's; shape (k, 3)."""
+    """For SURFACE the velocity of the air, for TURNING first the triangle's shape at rest, for BODY where its centre is
+    from the triangle's; shape (k, 3)."""
     bodies: Array
     """For BODY the c, X and V of forces ``m (c - X x - V v)``; shape (loads, 3, 7)."""
     factors: Array
@@ -96,15 +97,19 @@ def surface_forces(x, before, rate, faces, size, air, out):  # type: ignore[no-u
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
-def _turning(x, a, b, c, local):  # type: ignore[no-untyped-def]
-    """Components along a triangle's first edge, across it and along its normal, as a vector."""
+def _turning(x, a, b, c, local, shape):  # type: ignore[no-untyped-def]
+    """Components in a triangle's frame as a vector; see :func:`.turning.triangle_frames`."""
     px, py, pz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     rx, ry, rz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
     nx, ny, nz = py * rz - pz * ry, pz * rx - px * rz, px * ry - py * rx
-    along, up = px * px + py * py + pz * pz, nx * nx + ny * ny + nz * nz
-    along = 1.0 / math.sqrt(along) if along > 0.0 else 0.0
+    up = nx * nx + ny * ny + nz * nz
     up = 1.0 / math.sqrt(up) if up > 0.0 else 0.0
-    px, py, pz, nx, ny, nz = along * px, along * py, along * pz, up * nx, up * ny, up * nz
+    nx, ny, nz = up * nx, up * ny, up * nz
+    rx, ry, rz = shape[0] * px - shape[1] * rx, shape[0] * py - shape[1] * ry, shape[0] * pz - shape[1] * rz
+    px, py, pz = px + ny * rz - nz * ry, py + nz * rx - nx * rz, pz + nx * ry - ny * rx
+    along = px * px + py * py + pz * pz
+    along = 1.0 / math.sqrt(along) if along > 0.0 else 0.0
+    px, py, pz = along * px, along * py, along * pz
     first, second, third = local
     return (
         first * px + second * (ny * pz - nz * py) + third * nx,
@@ -183,7 +188,7 @@ def point_forces(points, x, before, rate, q, way, push, drag):  # type: ignore[n
         if kind == SURFACE:
             force, dragging = _pressed(points, e, x, before, rate, block)
         elif kind == TURNING:
-            force = _turning(x, faces[e, 0], faces[e, 1], faces[e, 2], points.sizes[e])
+            force = _turning(x, faces[e, 0], faces[e, 1], faces[e, 2], points.sizes[e], points.air[e])
         else:
             force, dragging = _felt(points, e, x, before, rate, block, work)
         force = (

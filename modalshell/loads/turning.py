@@ -82,8 +82,8 @@ class EdgeMoment(LiveLoad, key="moment"):
 class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
     """A force at each selected vertex that rotates with the triangles around it. It has no potential.
 
-    Every triangle at the vertex carries a share by its area at rest, which keeps its components along the triangle's
-    first edge, across it in its plane, and along its normal.
+    Every triangle at the vertex carries a share by its area at rest, and turns it as the triangle itself turns: with
+    the rotation in its deformation (the polar one), which neither the order nor the winding of its corners changes.
 
     Parameters
     ----------
@@ -113,19 +113,34 @@ class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
             stencils.append(turned[at])
             shares.append(areas[at] / around[turned[at, 0]])
         triangles, share = np.concatenate(stencils), np.concatenate(shares)
-        local = np.einsum("eij,i->ej", triangle_frames(mesh.vertices[triangles]), self.vector) * share[:, None]
+        shapes = triangle_shapes(mesh.vertices[triangles])
+        local = np.einsum("eij,i->ej", triangle_frames(mesh.vertices[triangles], shapes), self.vector) * share[:, None]
 
         def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
             out = np.zeros_like(corners)
-            out[:, 0] = np.einsum("eij,ej->ei", triangle_frames(corners), local[chosen])
+            out[:, 0] = np.einsum("eij,ej->ei", triangle_frames(corners, shapes[chosen]), local[chosen])
             return out
 
         return AppliedLoad(triangles, forces, form=TurningForm(share[:, None] * [1.0, 0.0, 0.0], self.vector))
 
 
-def triangle_frames(corners: Corners) -> Corners:
-    """Unit vectors along the first edge, across it and along the normal of triangles, as columns (E, 3, 3)."""
-    along, normal = corners[:, 1] - corners[:, 0], area_vectors(corners)
-    along = along / length(along)[:, None]
+def triangle_shapes(corners: Corners) -> Corners:
+    """Shapes (E, 2) of triangles: how far the third corner is along the first edge, and its length, by the height."""
+    edge, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.stack([np.sum(edge * other, axis=1), np.sum(edge * edge, axis=1)], axis=1) / (
+        2.0 * length(area_vectors(corners))[:, None]
+    )
+
+
+def triangle_frames(corners: Corners, shapes: Corners) -> Corners:
+    """Frames of triangles of ``shapes`` (E, 2) at rest as they turn, as columns (E, 3, 3).
+
+    At rest the first is along the first edge; the last is the normal. With the deformation F in the plane, J a quarter
+    turn and e the first axis at rest, F + J F J^T is its polar rotation times a number, and takes e along
+    ``F e - J F J e``.
+    """
+    edge, other, normal = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], area_vectors(corners)
     normal = normal / length(normal)[:, None]
+    along = edge + np.cross(normal, shapes[:, :1] * edge - shapes[:, 1:] * other)
+    along = along / length(along)[:, None]
     return np.stack([along, np.cross(normal, along), normal], axis=2)

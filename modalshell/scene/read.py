@@ -43,7 +43,9 @@ def read_toml(file: Path) -> dict[str, Any]:
             raise _too_deep(file, long[1])
         document = tomllib.loads(text)
     except FileNotFoundError as error:
-        raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
+        meant = file.with_name(f"{file.name}.toml")
+        advice = f"take {meant}" if meant.is_file() else f"check the path (working folder: {Path.cwd()})"
+        raise SceneError(f"{file}: no such file; {advice}") from error
     except OSError as error:
         raise SceneError(f"{file}: cannot be read ({error.strerror}); give a readable scene file") from error
     except UnicodeDecodeError as error:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import scipy.sparse as sps
+
 from modalshell.modes import Factor
 from modalshell.modes.flutter import flutters
 from modalshell.modes.unsymmetric import definite_half
@@ -19,13 +21,17 @@ def without_flutter(problem: Potential, result: NewtonResult) -> NewtonResult:
     """
     if not (problem.unsymmetric and result.stable):
         return result
-    hessian = problem.linearise(result.point, EXACT)[1]
-    unknowns, half = problem.shell.unknowns, result.factor
+    flutters_there = fluttering(problem, problem.linearise(result.point, EXACT)[1], result.factor)
+    return replace(result, stable=False) if flutters_there else result
+
+
+def fluttering(problem: Potential, hessian: sps.csc_array, known: object = None) -> bool:
+    """Whether vibrations of a Hessian flutter whose symmetric half is definite; ``known`` may be the half's factor."""
+    half = known
     if not (isinstance(half, Factor) and half.is_definite()):
         found = definite_half(hessian, problem.factoriser_of(hessian))
         if found is None:
-            return result
+            return False
         half = problem.condensed(found)
     with problem.costs.part("solution"):
-        unstable = flutters(hessian, half, unknowns.masses(problem.shell.mass))
-    return replace(result, stable=False) if unstable else result
+        return flutters(hessian, half, problem.shell.unknowns.masses(problem.shell.mass))

@@ -360,6 +360,8 @@ def test_unreadable_files_are_named(tmp_path):
     with pytest.raises(ms.SceneError, match="cannot be read"):
         ms.load_scene(tmp_path)
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ms.SceneError, match=r"no such file; take .*bad\.toml$"):
+        ms.load_scene(tmp_path / "bad")
     with pytest.raises(ms.SceneError, match="UTF-8"):
         ms.load_scene(tmp_path / "bad.toml")
 

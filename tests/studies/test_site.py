@@ -9,6 +9,7 @@ pytest.importorskip("pygments", reason="pygments is not installed (extra docs)")
 
 from guide import ROOT
 
+from studies import site as studies_site
 from studies.site import SiteError, broken_links, build, write_reference
 from studies.site_text import formula_html, linked_text, markdown_html, with_formulas
 from studies.site_tutorials import cells, notebook_html
@@ -97,3 +98,10 @@ def test_the_reference_draws_its_formulas_and_links_the_theory(tmp_path):
     assert sum(page.count("<math") for page in shown) >= 5
     assert not any(re.search(r"\\\(|\$\$", page) for page in shown)
     assert any("studies/theory/chapter_08_equilibria.html#eq-7" in page for page in shown)
+
+
+def test_a_site_without_its_packages_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(studies_site, "_NEEDED", ("pygments", "no_such_package"))
+    with pytest.raises(SystemExit, match=r"not installed \(no_such_package\): pip install '\.\[docs\]'"):
+        studies_site.main([str(tmp_path / "site")])
+    assert not (tmp_path / "site").exists()

@@ -31,6 +31,11 @@ _HARDLY_LESS = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
 
+def left_told(missed: float) -> str:
+    """What is said of constraints that modes do not meet, by ``missed`` [m or rad] at most."""
+    return f"a constraint is left {missed:.2e} from its target: take more modes, or ds, which stretches"
+
+
 @final
 class PatchTargets:
     """Targets of constraints at one time as equations in modal coordinates; called, they :data:`Evaluate`.

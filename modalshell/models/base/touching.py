@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modalshell.contact.active_set import Rest
+from modalshell.contact.active_set import ActiveSet, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.led import Led
@@ -25,7 +25,9 @@ from modalshell.models.base.drift_on_planes import BORNE, PUSHED, rest_on_planes
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
+from modalshell.shell import EXACT
 from modalshell.statics.boundary import missed_by, reactions_of
+from modalshell.statics.flutter import fluttering
 from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import verdict
 from modalshell.supports import Symmetry
@@ -118,6 +120,16 @@ def _shape_notes(touching: Touching, first: Array, rest: Rest) -> list[str]:
     return notes
 
 
+def _flutters(problem: Potential, touching: Touching, rest: Rest, rubs: bool) -> bool:
+    """Whether vibrations that keep the gaps flutter under a load without a potential.
+
+    Not asked where something ``rubs``: the part of friction in what vibrates is not known here.
+    """
+    if not problem.unsymmetric or (rubs and rest.active.any()):
+        return False
+    return fluttering(problem, ActiveSet(problem, touching, 1.0).equations(rest, EXACT)[0].kept())
+
+
 def equilibrium_on_contacts(
     problem: Potential,
     origin: Array,
@@ -171,7 +183,8 @@ def equilibrium_on_contacts(
     if rubs and rest.converged:
         notes.append((_AT_ONCE if steps == 1 else _IN_STEPS) + (_LED if patches else ""))
     notes += _shape_notes(touching, first, rest)
-    outcome, message = verdict(rest.residual, rest.stable, limited=rest.limited, note="; ".join(notes))
+    stable, follows = rest.stable and not _flutters(problem, touching, rest, rubs), problem.unsymmetric
+    outcome, message = verdict(rest.residual, stable, limited=rest.limited, note="; ".join(notes), follows=follows)
     if not rest.converged:
         outcome, message = verdict(np.inf, None)[0], f"residual {rest.residual:.1e}; " + "; ".join(notes)
     if failure.startswith((SLIDES, PUSHED)):
@@ -188,7 +201,7 @@ def equilibrium_on_contacts(
         message,
         rest.iterations,
         rest.residual,
-        rest.stable,
+        stable,
         costs=costs.since(before),
         contact_forces=forces,
         in_contact=touches,

@@ -11,7 +11,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad
 from modalshell.loads.applied import BodyForm, SurfaceForm, TurningForm
 from modalshell.loads.surface_kernels import APART, BODY, SURFACE, TURNING, Points, point_forces
-from modalshell.loads.turning import triangle_frames
+from modalshell.loads.turning import triangle_frames, triangle_shapes
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
 from modalshell.modes import Basis
@@ -92,6 +92,8 @@ class LoadPoints:
                 self._fields.append((own, form))
             elif isinstance(form, SurfaceForm) and form.velocity is not None:
                 air[own] = form.velocity
+            elif isinstance(form, TurningForm):
+                air[own, :2] = triangle_shapes(mesh.vertices[faces[own]])
         # To be written to, as positions in motion are: the kernel is compiled for one kind.
         self._vertices = mesh.vertices.copy()
         self._unused = np.zeros(basis.count), np.zeros((basis.count, basis.count))
@@ -162,12 +164,13 @@ def _turning(mesh: TriangleMesh, faces: Index, form: TurningForm) -> _Part:
     groups, nearest = halved(mesh, faces, _GROUPS)
     local = np.tile([0.0, 0.0, 1.0], (len(nearest), 1))
     if form.vector is not None:
-        local = np.einsum("eij,i->ej", triangle_frames(mesh.vertices[faces[nearest]]), form.vector)
-    corners = np.flatnonzero(form.weights.any(axis=0))
+        corners = mesh.vertices[faces[nearest]]
+        local = np.einsum("eij,i->ej", triangle_frames(corners, triangle_shapes(corners)), form.vector)
+    pushed = np.flatnonzero(form.weights.any(axis=0))
     count = len(mesh.vertices)
-    means = [_rows(groups, faces[:, [c]], form.weights[:, [c]], count, whole=False) for c in corners]
-    turns = [_rows(groups, faces[:, [c]], np.abs(form.weights[:, [c]]), count) for c in corners]
-    many = corners.size
+    means = [_rows(groups, faces[:, [c]], form.weights[:, [c]], count, whole=False) for c in pushed]
+    turns = [_rows(groups, faces[:, [c]], np.abs(form.weights[:, [c]]), count) for c in pushed]
+    many = pushed.size
     stacked = [sps.csr_array(sps.vstack(rows)) for rows in (means, turns)]
     return _Part(TURNING, np.tile(faces[nearest], (many, 1)), np.tile(local, (many, 1)), *stacked)
 
