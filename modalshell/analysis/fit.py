@@ -276,17 +276,19 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
     import scipy.optimize  # not before something is fitted: its import takes long
 
     def search(start: Array) -> scipy.optimize.OptimizeResult:
-        return scipy.optimize.least_squares(
-            misfit.relative,
-            start,
-            misfit.relative_jacobian,
-            misfit.bounds(guess),
-            x_scale="jac",
+        # From the start, all alike, so that the first step is of a few times and not as long as the logarithms are.
+        found = scipy.optimize.least_squares(
+            lambda step: misfit.relative(start + step),
+            np.zeros_like(start),
+            lambda step: misfit.relative_jacobian(start + step),
+            [bound - start for bound in misfit.bounds(guess)],
             ftol=1e-10,
             xtol=1e-8,
             gtol=1e-14,
             max_nfev=_LIMIT,
         )
+        found.x = start + found.x
+        return found
 
     best, failed = None, SolverError()
     try:
