@@ -232,6 +232,7 @@ def test_couplings_of_a_fabric_may_have_any_sign(coupling, guess):
     assert found.values["bending_4"] == pytest.approx(coupling, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_six_constants_of_a_fabric_are_found_from_one_shape():
     """With a first step as long as the logarithms the shear was 89 % off, and called converged."""
 
