@@ -83,5 +83,27 @@ def test_two_threads_stay_within_their_bound(tmp_path):
         np.testing.assert_allclose(two[name], array, rtol=0, atol=TWO_THREADS * np.abs(array).max(), err_msg=name)
 
 
+IMPLICIT_SHEET = """
+import numpy as np
+from modalshell.springs import ImplicitSprings, SheetGrid
+
+grid = SheetGrid(shape=(30, 40), spacing=0.02, particle_mass=1e-3, structural=50.0, shear=10.0, flexion=5.0)
+sheets = [ImplicitSprings(grid.springs(), np.full(grid.count, 1e-3), np.arange(40), threads=k) for k in (1, 2, 3)]
+for sheet in sheets:
+    assert sheet.threads.most == 1 + sheets.index(sheet)
+    sheet.place(grid.rest_positions())
+    for _ in range(3):
+        sheet.step(0.01, (0.3, 1.0, -9.81), iterations=20)
+assert len({sheet.positions.tobytes() for sheet in sheets}) == 1
+"""
+
+
+@pytest.mark.slow
+def test_implicit_springs_give_the_same_bits_on_any_threads():
+    """Which threads they take is chosen by the clock: sums of parts went by the number of threads."""
+    environment = os.environ | {"NUMBA_NUM_THREADS": "3", "PYTHONPATH": str(Path(ms.__file__).parents[1])}
+    subprocess.run([sys.executable, "-c", IMPLICIT_SHEET], env=environment, check=True, timeout=300)
+
+
 if __name__ == "__main__":
     np.savez(sys.argv[1], **answers((int(sys.argv[2]), int(sys.argv[3]))))

@@ -275,18 +275,28 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
     """The least squares from a guess, and from there the deepest of those where modes stand in another order."""
     import scipy.optimize  # not before something is fitted: its import takes long
 
+    lowest, highest = misfit.bounds(guess)
+
     def search(start: Array) -> scipy.optimize.OptimizeResult:
-        return scipy.optimize.least_squares(
-            misfit.relative,
-            start,
-            misfit.relative_jacobian,
-            misfit.bounds(guess),
-            x_scale="jac",
+        # From the start, all alike, so that the first step is of a few times and not as long as the logarithms are.
+        def differences(step: Array) -> Array:
+            return misfit.relative(start + step)
+
+        def slopes(step: Array) -> Array:
+            return misfit.relative_jacobian(start + step)
+
+        found = scipy.optimize.least_squares(
+            differences,
+            np.zeros_like(start),
+            slopes,
+            (lowest - start, highest - start),
             ftol=1e-10,
             xtol=1e-8,
             gtol=1e-14,
             max_nfev=_LIMIT,
         )
+        found.x = start + found.x
+        return found
 
     best, failed = None, SolverError()
     try:
@@ -298,7 +308,7 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
             break
         for start in misfit.deeper(guess if best is None else best.x):
             try:
-                other = search(np.clip(start, *misfit.bounds(guess)))
+                other = search(np.clip(start, lowest, highest))
             except (SolverError, OptionError):  # the latter where two modes share an eigenvalue
                 continue
             if best is None or other.cost < _LOWER * best.cost:

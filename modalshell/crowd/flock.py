@@ -67,7 +67,7 @@ class Flock:
     rotation_speed : float
         Rate of turning [1/s].
     neighbour_distance : float
-        Distance [m] below which boids are neighbours.
+        Distance [m] below which boids are neighbours; those at one point do not see each other.
     field_of_view : float
         Full angle about its direction in which a boid sees others [degrees], in (0, 360].
     weights : (float, float, float)

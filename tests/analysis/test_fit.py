@@ -232,6 +232,22 @@ def test_couplings_of_a_fabric_may_have_any_sign(coupling, guess):
     assert found.values["bending_4"] == pytest.approx(coupling, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_six_constants_of_a_fabric_are_found_from_one_shape():
+    """With a first step as long as the logarithms the shear was 89 % off, and called converged."""
+
+    def fabric(stretch, bending):
+        stretch, bending = stretch * np.array([1.0, 0.5, 0.06]), bending * np.array([1.0, 0.6, 0.3])
+        return ms.Fabric(stretch=tuple(stretch), bending=tuple(bending), density=1.5, direction=24.0)
+
+    shell = ms.Shell(ms.v_beam(length=1.0, width=0.25, fold=140.0, cells=(6, 4)), fabric(2e4, 0.02), "x < 1e-6")
+    seen = ms.DiscreteShell(shell).equilibrium(gravity=(1.0, 2.0, -0.5)).positions
+    names = [f"{kind}_{k}" for kind in ("stretch", "bending") for k in (1, 2, 3)]
+    found = ms.fit(shell.with_material(fabric(3.2e4, 0.032)), names, seen, gravity=(1.0, 2.0, -0.5))
+    assert found.converged
+    assert list(found.values.values()) == pytest.approx([2e4, 1e4, 1.2e3, 0.02, 0.012, 0.006], rel=1e-5)
+
+
 def test_constants_of_hinges_are_found_too():
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
     shell = ms.Shell(mesh, PLAIN, mesh.vertices[:, 0] < 0.1)

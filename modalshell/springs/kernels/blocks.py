@@ -162,6 +162,15 @@ def matrix(springs, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):
         _blocks(first, last, springs, zeta, drag, mass, dt, x, v, force, blocks, inverses, right)
 
 
+@njit(error_model="numpy", fastmath=False)
+def _total(sums, column):  # type: ignore[no-untyped-def]
+    """Sum of the parts' sums, one after another: ``sum`` would cut them into as many runs as there are threads."""
+    total = 0.0
+    for k in range(PARTS):
+        total += sums[k, column]
+    return total
+
+
 @_threaded
 def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, goal, limit, dv, work):  # type: ignore[no-untyped-def]
     """Solve A dv = right on free particles from ``dv``, to a residual of ``goal``; return iterations and residual.
@@ -178,20 +187,20 @@ def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, g
                 p[i, axis] = 0.0
                 r[i, axis] = right[i, axis]
         sums[k, 0], sums[k, 1] = _advance(first, last, 1.0, free, inverses, p, q, r, z, dv)
-    dot, squared = sums[:, 0].sum(), sums[:, 1].sum()
+    dot, squared = _total(sums, 0), _total(sums, 1)
     beta, done = 0.0, 0
     while done < limit and squared > goal * goal:
         for k in prange(PARTS):
             _turn(k * n // PARTS, (k + 1) * n // PARTS, beta, p, z)
         for k in prange(PARTS):
             sums[k, 0] = _product(k * n // PARTS, (k + 1) * n // PARTS, starts, others, blocks, weight, p, q)
-        curvature = sums[:, 0].sum()
+        curvature = _total(sums, 0)
         alpha = dot / curvature
         for k in prange(PARTS):
             first, last = k * n // PARTS, (k + 1) * n // PARTS
             sums[k, 0], sums[k, 1] = _advance(first, last, alpha, free, inverses, p, q, r, z, dv)
-        beta = sums[:, 0].sum() / dot
-        dot, squared = sums[:, 0].sum(), sums[:, 1].sum()
+        beta = _total(sums, 0) / dot
+        dot, squared = _total(sums, 0), _total(sums, 1)
         done += 1
     return done, math.sqrt(squared)
 
