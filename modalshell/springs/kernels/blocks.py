@@ -140,6 +140,15 @@ def _move(first, last, factor, step, x):  # type: ignore[no-untyped-def]
         x[i, 2] += factor * step[i, 2]
 
 
+@_kernel
+def _sum(sums, column):  # type: ignore[no-untyped-def]
+    """Sum of all parts."""
+    total = 0.0
+    for k in range(PARTS):
+        total += sums[k, column]
+    return total
+
+
 @_threaded
 def forces(springs, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
     """Write ``load - drag M v`` plus the force of springs and dashpots into ``out`` (n, 3).
@@ -178,20 +187,20 @@ def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, g
                 p[i, axis] = 0.0
                 r[i, axis] = right[i, axis]
         sums[k, 0], sums[k, 1] = _advance(first, last, 1.0, free, inverses, p, q, r, z, dv)
-    dot, squared = sums[:, 0].sum(), sums[:, 1].sum()
+    dot, squared = _sum(sums, 0), _sum(sums, 1)
     beta, done = 0.0, 0
     while done < limit and squared > goal * goal:
         for k in prange(PARTS):
             _turn(k * n // PARTS, (k + 1) * n // PARTS, beta, p, z)
         for k in prange(PARTS):
             sums[k, 0] = _product(k * n // PARTS, (k + 1) * n // PARTS, starts, others, blocks, weight, p, q)
-        curvature = sums[:, 0].sum()
+        curvature = _sum(sums, 0)
         alpha = dot / curvature
         for k in prange(PARTS):
             first, last = k * n // PARTS, (k + 1) * n // PARTS
             sums[k, 0], sums[k, 1] = _advance(first, last, alpha, free, inverses, p, q, r, z, dv)
-        beta = sums[:, 0].sum() / dot
-        dot, squared = sums[:, 0].sum(), sums[:, 1].sum()
+        beta = _sum(sums, 0) / dot
+        dot, squared = _sum(sums, 0), _sum(sums, 1)
         done += 1
     return done, math.sqrt(squared)
 
