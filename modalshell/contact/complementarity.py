@@ -21,7 +21,9 @@ _plain = njit(**_options)
 def _sweep(columns, gaps, forces, most, accuracy):  # type: ignore[no-untyped-def]
     """Sweeps of projected Gauss-Seidel from ``forces`` (k,), changed in place; rows are the matrix's columns."""
     count = gaps.size
-    after = gaps.copy()
+    after = np.empty(count)
+    for i in range(count):
+        after[i] = gaps[i]
     for j in range(count):
         if forces[j] != 0.0:
             for i in range(count):
@@ -92,16 +94,49 @@ def _eliminated(upper, right):  # type: ignore[no-untyped-def]
 
 @_kernel
 def _solved(columns, gaps, chosen, size, forces):  # type: ignore[no-untyped-def]
-    """The same by LU, of a matrix that is not symmetric."""
+    """The same by elimination, of a matrix that is not symmetric; False where it is singular."""
     small, right = np.empty((size, size)), np.empty(size)
     for a in range(size):
         right[a] = -gaps[chosen[a]]
         for b in range(size):
             small[a, b] = columns[chosen[b], chosen[a]]
-    found = np.linalg.solve(small, right)
+    if not _eliminated_by_rows(small, right):
+        return False
     forces[:] = 0.0
     for a in range(size):
-        forces[chosen[a]] = found[a]
+        forces[chosen[a]] = right[a]
+    return True
+
+
+@_plain
+def _eliminated_by_rows(matrix, right):  # type: ignore[no-untyped-def]
+    """Solve for ``right`` (s,) by the ``matrix`` (s, s), both in place; the largest pivot of each column is taken.
+
+    NumPy's solver takes two seconds to compile.
+    """
+    for a in range(right.size):
+        best = a
+        for b in range(a + 1, right.size):
+            if abs(matrix[b, a]) > abs(matrix[best, a]):
+                best = b
+        if not 0.0 < abs(matrix[best, a]) < np.inf:
+            return False
+        own, other = matrix[a, a:], matrix[best, a:]
+        if best != a:
+            right[a], right[best] = right[best], right[a]
+            for c in range(own.size):
+                own[c], other[c] = other[c], own[c]
+        for b in range(a + 1, right.size):
+            one = matrix[b, a:]
+            factor = one[0] / own[0]
+            for c in range(own.size):
+                one[c] -= factor * own[c]
+            right[b] -= factor * right[a]
+    for a in range(right.size - 1, -1, -1):
+        value = right[a]
+        for b in range(a + 1, right.size):
+            value -= matrix[a, b] * right[b]
+        right[a] = value / matrix[a, a]
     return True
 
 
@@ -122,7 +157,8 @@ def _settled(columns, gaps, active, forces, accuracy, symmetric):  # type: ignor
             definite = _solved(columns, gaps, chosen, size, forces)
         if not definite:
             return False
-        after[:] = gaps
+        for i in range(count):
+            after[i] = gaps[i]
         for a in range(size):
             force = forces[chosen[a]]
             for i in range(count):
@@ -159,14 +195,15 @@ def complementary(columns, gaps, forces, accuracy, symmetric):  # type: ignore[n
     bool
         Whether an exact set was found, else the forces are those of Gauss-Seidel.
     """
-    active, found = forces > 0.0, np.empty_like(forces)
-    if active.any() and _settled(columns, gaps, active, found, accuracy, symmetric):
-        forces[:] = found
-        return True
-    _sweep(columns, gaps, forces, _SWEEPS, accuracy)
-    active[:] = forces > 0.0
-    if _settled(columns, gaps, active, found, accuracy, symmetric):
-        forces[:] = found
-        return True
-    _sweep(columns, gaps, forces, _LONG, accuracy)
+    active, found = np.empty(forces.size, np.bool_), np.empty(forces.size)
+    for turn in range(2):
+        pushed = turn > 0
+        for i in range(forces.size):
+            active[i] = forces[i] > 0.0
+            pushed = pushed or active[i]
+        if pushed and _settled(columns, gaps, active, found, accuracy, symmetric):
+            for i in range(forces.size):
+                forces[i] = found[i]
+            return True
+        _sweep(columns, gaps, forces, _SWEEPS if turn == 0 else _LONG, accuracy)
     return False

@@ -251,6 +251,32 @@ def local_at(between, pushes, local):  # type: ignore[no-untyped-def]
                     row[a] += x * one[a] + y * two[a] + z * three[a]
 
 
+@_plain
+def _nth(values, place):  # type: ignore[no-untyped-def]
+    """The one of ``values`` (k,) that sorting would bring to ``place``, by quickselect, which reorders them.
+
+    NumPy's takes eight seconds to compile.
+    """
+    first, last = 0, values.size - 1
+    while first < last:
+        pivot, i, j = values[(first + last) // 2], first, last
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < place < i:
+            break
+        if place <= j:
+            last = j
+        else:
+            first = i
+    return values[place]
+
+
 @_kernel
 def candidates(gaps, pushes, near, most, kept):  # type: ignore[no-untyped-def]
     """Rows (k,) whose gaps are below ``near``, the ``most`` nearest of them, and rows that are pushed; sorted.
@@ -268,7 +294,7 @@ def candidates(gaps, pushes, near, most, kept):  # type: ignore[no-untyped-def]
             if gaps[row] < near:
                 inside[place] = gaps[row]
                 place += 1
-        edge, ties = np.partition(inside, most - 1)[most - 1], most
+        edge, ties = _nth(inside, most - 1), most
         for gap in inside:
             ties -= gap < edge
     rows, place = np.empty(gaps.size, np.int64), 0

@@ -9,25 +9,36 @@ _CLEAR = 1e-9
 
 
 @njit(fastmath=False)
+def _between(end, begin):  # type: ignore[no-untyped-def]
+    """The way between two points, in three numbers, which compile sooner than arrays."""
+    return end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
+
+
+@njit(fastmath=False)
+def _dot(u, v):  # type: ignore[no-untyped-def]
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(fastmath=False)
 def _nearest_of_triangle(p, a, b, c):  # type: ignore[no-untyped-def]
     """Weights of the corners at the nearest point of a triangle [ericson2005, section 5.1.5], and its feature.
 
     Features are 0 the face, 1 to 3 the edges opposite to the corners, 4 to 6 the corners.
     """
-    ab, ac, ap = b - a, c - a, p - a
-    d1, d2 = ab @ ap, ac @ ap
+    ab, ac, ap = _between(b, a), _between(c, a), _between(p, a)
+    d1, d2 = _dot(ab, ap), _dot(ac, ap)
     if d1 <= 0.0 and d2 <= 0.0:
         return 1.0, 0.0, 0.0, 4
-    bp = p - b
-    d3, d4 = ab @ bp, ac @ bp
+    bp = _between(p, b)
+    d3, d4 = _dot(ab, bp), _dot(ac, bp)
     if d3 >= 0.0 and d4 <= d3:
         return 0.0, 1.0, 0.0, 5
     vc = d1 * d4 - d3 * d2
     if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
         v = d1 / (d1 - d3)
         return 1.0 - v, v, 0.0, 3
-    cp = p - c
-    d5, d6 = ab @ cp, ac @ cp
+    cp = _between(p, c)
+    d5, d6 = _dot(ab, cp), _dot(ac, cp)
     if d6 >= 0.0 and d5 <= d6:
         return 0.0, 0.0, 1.0, 6
     vb = d5 * d2 - d1 * d6
@@ -58,18 +69,16 @@ def nearest_points(points, vertices, faces, centres, radii, found, triangles, fe
                 continue
             a, b, c = vertices[faces[t, 0]], vertices[faces[t, 1]], vertices[faces[t, 2]]
             u, v, w, feature = _nearest_of_triangle(p, a, b, c)
-            nearest = u * a + v * b + w * c
-            away = p - nearest
-            distance = np.sqrt(away @ away)
+            x, y, z = (
+                u * a[0] + v * b[0] + w * c[0],
+                u * a[1] + v * b[1] + w * c[1],
+                u * a[2] + v * b[2] + w * c[2],
+            )
+            distance = _length((p[0] - x, p[1] - y, p[2] - z))
             if distance < best:
                 best = distance
-                found[k], triangles[k], features[k] = nearest, t, feature
-
-
-@njit(fastmath=False)
-def _from(vertices, origin, k):  # type: ignore[no-untyped-def]
-    """Vertex k from an origin, by three numbers, which compile sooner than arrays."""
-    return vertices[k, 0] - origin[0], vertices[k, 1] - origin[1], vertices[k, 2] - origin[2]
+                found[k, 0], found[k, 1], found[k, 2] = x, y, z
+                triangles[k], features[k] = t, feature
 
 
 @njit(fastmath=False)
@@ -88,8 +97,8 @@ def _length(u):  # type: ignore[no-untyped-def]
 def _pierces(vertices, ends, face):  # type: ignore[no-untyped-def]
     """Whether the line between two vertices passes through the inner part of a triangle."""
     p = vertices[ends[0]]
-    along, a = _from(vertices, p, ends[1]), _from(vertices, p, face[0])
-    b, c = _from(vertices, p, face[1]), _from(vertices, p, face[2])
+    along, a = _between(vertices[ends[1]], p), _between(vertices[face[0]], p)
+    b, c = _between(vertices[face[1]], p), _between(vertices[face[2]], p)
     before = -_product(a, b, c)  # six times the volume of the triangle and each end
     first, second, third = _product(along, a, b), _product(along, b, c), _product(along, c, a)
     slope = first + second + third
@@ -138,9 +147,9 @@ def windings(points, vertices, faces, numbers):  # type: ignore[no-untyped-def]
     for k in range(points.shape[0]):
         total = 0.0
         for t in range(faces.shape[0]):
-            a = _from(vertices, points[k], faces[t, 0])
-            b = _from(vertices, points[k], faces[t, 1])
-            c = _from(vertices, points[k], faces[t, 2])
+            a = _between(vertices[faces[t, 0]], points[k])
+            b = _between(vertices[faces[t, 1]], points[k])
+            c = _between(vertices[faces[t, 2]], points[k])
             u, v, w = _length(a), _length(b), _length(c)
             ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
             bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2]

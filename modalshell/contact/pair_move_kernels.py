@@ -37,13 +37,16 @@ def free_part(x, moved, pairs, faced):  # type: ignore[no-untyped-def]
     start is left. Pairs whose boxes stay apart, less what all four vertices move by, do not meet.
     """
     weights, directions, way = np.empty(4), np.empty((2, 4)), np.empty(3)
-    place, move, own = np.empty((4, 3)), np.empty((4, 3)), np.arange(4)
+    place, move, own = np.empty((4, 3)), np.empty((4, 3)), np.empty(4, np.int64)
     free = 1.0
+    for i in range(4):
+        own[i] = i
     for p in range(len(pairs)):
         is_faced = p < faced
         speed = relative(x, moved, pairs[p], is_faced, move)
         for i in range(4):
-            place[i] = x[pairs[p, i]]
+            for axis in range(3):
+                place[i, axis] = x[pairs[p, i], axis]
         if speed == 0.0 or _passes(place, move, 1 if is_faced else 2):
             continue
         _, square = nearest(place, own, is_faced, weights, directions, way)

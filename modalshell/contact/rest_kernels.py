@@ -76,11 +76,12 @@ def rest_frame(kept, taken_at, step, before, force, dt, limits, out):  # type: i
         opened[i] = value
     same = _same_set(kept, opened, limits[1], forces)
     if not same:
-        offset = left + opened
+        offset = np.empty(count)
+        for i in range(count):
+            offset[i], forces[i] = left[i] + opened[i], taken[i]
         for j in range(count):
             for i in range(count):
                 offset[i] -= columns[j, i] * taken[j]
-        forces[:] = taken
         if not complementary(columns, offset, forces, limits[1], True):
             return False
     move, work = 0.0, stored

@@ -89,15 +89,24 @@ def row_problem(moves, frame, given, turns, between, compliance, out):  # type: 
             c1, c2, _ = coefficients(w[0], w[1], w[2])
             own[0, i], own[1, i], own[2, i] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
     residual_compliance(between, own, beyond)
-    columns[:] = beyond
+    for j in range(count):
+        for i in range(count):
+            columns[j, i] = beyond[j, i]
     if compliance.ndim == 1:
         for i in range(count):
             for k in range(size):
                 softened[i, k] = across[k, i] * compliance[k]
         loaded = response(across, compliance, columns)
     else:
-        softened[:] = np.ascontiguousarray(across.T) @ np.ascontiguousarray(compliance.T)
-        trace = 0.0
+        soft, trace = np.empty(count), 0.0
+        for k in range(size):
+            soft[:] = 0.0
+            for mode in range(size):
+                slope, row = compliance[k, mode], across[mode]
+                for i in range(count):
+                    soft[i] += slope * row[i]
+            for i in range(count):
+                softened[i, k] = soft[i]
         for j in range(count):
             for k in range(size):
                 for i in range(count):
@@ -119,7 +128,10 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
     columns, beyond, softened, offset, own = problem
     complementary(columns, offset, forces, accuracy, symmetric)
     (q, pushes, expected), energy = out, 0.0
-    q[:], expected[:] = free, offset
+    for k in range(q.size):
+        q[k] = free[k]
+    for i in range(expected.size):
+        expected[i] = offset[i]
     for j in range(forces.size):
         for i in range(3):
             pushes[j, i] = forces[j] * own[i, j]

@@ -285,14 +285,14 @@ def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-unty
     q, rates, compliance, eigenvalues, dt, gamma = step
     ends, forces, local, turned, force = found
     begun, half, work, energy = np.empty((4, q.size)), np.empty(q.size), np.empty(ROWS), 0.0
-    begun[0], begun[1] = q, rates
     for k in range(q.size):
-        begun[3, k] = q[k] + gamma * dt * rates[k]
+        begun[0, k], begun[1, k], begun[3, k] = q[k], rates[k], q[k] + gamma * dt * rates[k]
     for turn in range(2):  # one call of each long kernel, which is compiled where it is called
         if push[0].size:
             push_frame(push[0], push[1], push[2], begun[3], work, force)
         else:
-            force[:] = push[1]
+            for k in range(q.size):
+                force[k] = push[1][k]
         end = half if turn == 0 else ends[0]
         part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
         energy, stays = stay(kept, bodies, part, (end, forces, local, turned), limits)

@@ -212,7 +212,7 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 @njit
 def neighbour_sums(starts: Any, neighbours: Any, numbers: Any) -> Any:
     """Sum (n,) of the unsigned ``numbers`` of each vertex's neighbours, modulo 2^64."""
-    sums = np.zeros_like(numbers)
+    sums = np.zeros(len(numbers), np.uint64)
     for i in range(len(numbers)):
         for e in range(starts[i], starts[i + 1]):
             sums[i] += numbers[neighbours[e]]

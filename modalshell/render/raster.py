@@ -150,7 +150,7 @@ def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-de
             total[:] = 0
             for i in range(row * factor, (row + 1) * factor):
                 for j in range(column * factor, (column + 1) * factor):
-                    page[:] = one
+                    page[:] = 1.0
                     for layer in range(layers):
                         place = layer
                         while place > 0 and near[order[place - 1], i, j] > near[layer, i, j]:

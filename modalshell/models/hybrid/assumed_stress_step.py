@@ -300,12 +300,14 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     for k in range(modes):
         offset[k] = damping * begun[k]
         stresses[k] = (1.0 + damping) * (kept[count + k] if known else strains[k]) - offset[k]
+    numbers = np.zeros(_DAMPING + 1)
+    numbers[_SCALE], numbers[_ENERGY], numbers[_INERTIA], numbers[_DAMPING] = scale, np.inf, inertia, damping
     steep = np.empty(slopes.size) if damping > 0.0 else slopes
     step = Step(
         reduced, z, outer, push, first, stresses, strains, offset, np.empty(rows), slopes, steep,
         np.empty(fold_rows(reduced.bending) * width),
         np.zeros(width), np.empty(width * width), np.empty(width * width), slots, np.empty(count), np.empty(width), at,
-        np.zeros(width), np.array([scale, 0.0, 0.0, np.inf, inertia, 0.0, 0.0, 0.0, damping]), room,
+        np.zeros(width), numbers, room,
     )  # fmt: skip
     if viscosity > 0.0:
         _damp(step, viscous_at)

@@ -166,5 +166,7 @@ def evaluate(reduced, z, stresses):  # type: ignore[no-untyped-def]
     write_bending(matrix, bending, width, np.empty(fold_rows(bending) * width), room, matrix)
     write_hessian(matrix, membrane, own, slopes, slopes, width, matrix)
     hessian = matrix.reshape(width, width)[:count, :count].copy()
-    found = np.concatenate((strains[:modes], strains[rows:]))
+    found = np.empty(modes + bending.angles.size)
+    for k in range(found.size):
+        found[k] = strains[k if k < modes else k - modes + rows]
     return value, found, slopes.reshape(rows, width)[:modes, :count].copy(), slope[:count].copy(), hessian

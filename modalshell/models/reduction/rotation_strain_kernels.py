@@ -319,7 +319,8 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
     The ``shape`` of their tiles has the axes for their frames, and 1, 0 and 1 for sides.
     """
-    work, slopes, axes = np.empty(20 * TILE), np.empty((3, 12, TILE)), np.eye(3)
+    work, slopes, axes = np.empty(20 * TILE), np.empty((3, 12, TILE)), np.zeros((3, 3))
+    axes[0, 0] = axes[1, 1] = axes[2, 2] = 1.0
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:

@@ -91,7 +91,8 @@ def _turns(frames, rest, out):  # type: ignore[no-untyped-def]
             quaternion[j], quaternion[k] = turn[j, i] + turn[i, j], turn[k, i] + turn[i, k]
             quaternion[3] = turn[k, j] - turn[j, k]
         if quaternion[3] < 0.0:
-            quaternion[:] = -quaternion
+            for i in range(4):
+                quaternion[i] = -quaternion[i]
         sine = np.sqrt(quaternion[0] ** 2 + quaternion[1] ** 2 + quaternion[2] ** 2)
         size = np.sqrt(sine**2 + quaternion[3] ** 2)
         angle = 2.0 * np.arctan2(sine, quaternion[3])

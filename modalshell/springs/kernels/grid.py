@@ -134,9 +134,12 @@ def _load_row(x, row, first, start, stop, slot):  # type: ignore[no-untyped-def]
     for axis in range(3):
         base = axis * _PITCH + _HALO - first
         line = x[axis, row]
-        slot[base + begin : base + end] = line[begin:end]
-        slot[base + start : base + begin] = line[0]
-        slot[base + end : base + stop] = line[columns - 1]
+        for c in range(begin, end):
+            slot[base + c] = line[c]
+        for c in range(start, begin):
+            slot[base + c] = line[0]
+        for c in range(end, stop):
+            slot[base + c] = line[columns - 1]
 
 
 @_kernel
