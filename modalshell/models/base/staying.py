@@ -213,8 +213,8 @@ class StayingWarp(Staying):
         count_read(2 * data[0].nbytes)
         count_products(2 * DERIVATIVES * data[1].size // 3 if dead.by_work else 0)
         q, local, pushes, _, base, energy = before[:6]
-        (x, beyond), (pushed, gaps) = np.empty((2, *local.shape)), np.empty((2, pushes.size))
-        ends, force = np.empty((2, q.size)), np.empty(q.size)
+        x, beyond, ends, force = np.empty(local.shape), np.empty(local.shape), np.empty((2, q.size)), np.empty(q.size)
+        pushed, gaps = np.empty(pushes.size), np.empty(pushes.size)
         push, out = (*data, POWERS, dead.by_work), (ends, force, x, beyond, gaps, pushed)
         step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
         kept = pushes, local, energy, base, load if self._conservative else _NONE
