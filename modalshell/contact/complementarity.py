@@ -15,6 +15,7 @@ _LONG = 400
 _kernel = njit(error_model="numpy", fastmath=False)
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
 _plain = njit(**_options)
+_contracted = njit(**_options | {"fastmath": {"contract"}})
 
 
 @_kernel
@@ -44,52 +45,65 @@ def _sweep(columns, gaps, forces, most, accuracy):  # type: ignore[no-untyped-de
 
 @_kernel
 def _balanced(matrix, gaps, chosen, size, forces):  # type: ignore[no-untyped-def]
-    """Forces (k,) that close the ``size`` chosen gaps, by Cholesky; False where the matrix is not definite.
-
-    Rows of the factor's transpose are taken from all that follow, each one number after the other.
-    """
+    """Forces (k,) that close the ``size`` chosen gaps, by Cholesky; False where the matrix is not definite."""
     upper, right = np.empty((size, size)), np.empty(size)
     for a in range(size):
         right[a] = -gaps[chosen[a]]
         for b in range(a, size):
             upper[a, b] = matrix[chosen[b], chosen[a]]
-    if not _eliminated(upper, right):
+    if not factorise(upper):
         return False
+    substitute(upper, right)
     forces[:] = 0.0
-    for a in range(size - 1, -1, -1):
-        value = right[a]
-        for c in range(a + 1, size):
-            value -= upper[a, c] * forces[chosen[c]]
-        forces[chosen[a]] = value / upper[a, a]
+    for a in range(size):
+        forces[chosen[a]] = right[a]
     return True
 
 
-@_plain
-def _eliminated(upper, right):  # type: ignore[no-untyped-def]
-    """Factorise ``upper`` (s, s), a matrix above its diagonal, and solve for ``right`` (s,) by the factor, in place."""
-    for a in range(right.size):
-        own, c, value = upper[a, a:], 0, right[a]
+@_contracted
+def factorise(upper):  # type: ignore[no-untyped-def]
+    """Factorise ``upper`` (s, s), a symmetric matrix above its diagonal, in place; False where it is not definite.
+
+    Rows of the factor's transpose are taken from all that follow, each one number after the other; its diagonal holds
+    reciprocals.
+    """
+    for a in range(upper.shape[0]):
+        own, c = upper[a, a:], 0
         while c + 4 <= a:  # four rows at a time, in their order: as many times less is read and written
             one, two, three, four = upper[c, a:], upper[c + 1, a:], upper[c + 2, a:], upper[c + 3, a:]
             f, g, h, e = one[0], two[0], three[0], four[0]
             for b in range(own.size):
                 own[b] = (((own[b] - one[b] * f) - two[b] * g) - three[b] * h) - four[b] * e
-            value = (((value - f * right[c]) - g * right[c + 1]) - h * right[c + 2]) - e * right[c + 3]
             c += 4
         while c < a:
             one = upper[c, a:]
             f = one[0]
             for b in range(own.size):
                 own[b] -= one[b] * f
-            value -= f * right[c]
             c += 1
         if not own[0] > 0.0:
             return False
-        pivot = np.sqrt(own[0])
-        own[0], right[a] = pivot, value / pivot
+        inverse = 1.0 / np.sqrt(own[0])
         for b in range(1, own.size):
-            own[b] /= pivot
+            own[b] *= inverse
+        own[0] = inverse
     return True
+
+
+@_contracted
+def substitute(upper, right):  # type: ignore[no-untyped-def]
+    """Solve for ``right`` (s,) by a factor of :func:`factorise`, in place."""
+    size = right.size
+    for a in range(size):
+        value, row = right[a] * upper[a, a], upper[a]
+        right[a] = value
+        for b in range(a + 1, size):
+            right[b] -= row[b] * value
+    for a in range(size - 1, -1, -1):
+        value, row = right[a], upper[a]
+        for c in range(a + 1, size):
+            value -= row[c] * right[c]
+        right[a] = value * row[a]
 
 
 @_kernel

@@ -63,7 +63,7 @@ class ModalContacts:
     shape : tuple, optional
         Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
     tiles : tuple, optional
-        Of those whose positions are by a :class:`WarpFrame`: its data.
+        Of the same: what :func:`~modalshell.contact.warp_kernels.warp_ended` reads of the shape.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class ModalContacts:
         near: Near | None = None,
         turns: bool | Callable[[Array], Array] = True,
         shape: Shape | None = None,
-        tiles: tuple[Array, Array] | None = None,
+        tiles: tuple[Array, Array, Array] | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
         self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
@@ -110,7 +110,7 @@ class ModalContacts:
     @property
     def asks(self) -> bool:
         """Whether frames ask for derivatives, so that these may be kept."""
-        return self._shape is None or self.bodies is None
+        return self._shape is None or self._tiles is None or self.bodies is None
 
     @property
     def no_pushes(self) -> Array:
@@ -274,10 +274,10 @@ class ModalContacts:
         touching, pushed = self.touching, (self.shapes.store, slots, forces)
         rows, gaps = (touching.vertices, touching.contact_of), np.empty(touching.vertices.size)
         local = np.empty_like(self._basis.shell.rest_positions)
-        if self._tiles is not None and self.bodies is not None:
-            count_read(self._tiles[0].nbytes)
-            out = base, local, gaps = np.empty_like(local), local, gaps
-            return *out, warp_kernels.warp_ended(self._tiles, q, pushed, rows, self.bodies, out)
+        if not self.asks:  # such as are in closed form, on colliders of known forms
+            tiles, store, rows = self.surface()
+            out = np.empty_like(local), local, gaps
+            return *out, warp_kernels.warp_ended(tiles, q, (store, slots, forces), rows, self.bodies, out)
         base, turns, spin = self._positions(q), self.spins.unspun(q), self.spins.spin
         if self.bodies is not None:
             least = kernels.ended(pushed, spin, q, turns, base, rows, self.bodies, local, gaps)
@@ -285,6 +285,12 @@ class ModalContacts:
         kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
         return base, local, gaps, float(gaps.min())
+
+    def surface(self) -> Any:
+        """What compiled frames read of the surface: its tiles, stored shapes, vertices and contacts of all rows."""
+        assert self._tiles is not None
+        count_read(self._tiles[0].nbytes + self._tiles[2].nbytes)
+        return self._tiles, self.shapes.store, (self.touching.vertices, self.touching.contact_of)
 
     def press_once(self, free: Array, compliance: Array, q: Array, pushes: Array) -> Pressed:
         """The same to first order about ``q`` (m,) with ``pushes`` (r,) [N]; solved if its end meets the gaps.

@@ -11,12 +11,17 @@ import numpy as np
 
 from modalshell.contact.gap_kernels import gaps_beyond
 from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.frame import add_lines
 from modalshell.kernels.rotations import rotate
 
 _NONE = 1e-14
 """Component of a force, as a share of the largest, that rounding explains."""
 _PART = 4096
 """Numbers of a shape that are added at a time, for what they are added to to stay near."""
+_NO_GAIN = 1e-12
+"""Energy that is none, as a share of the energies of a step."""
+_SLOWED = 1e-2
+"""Share of the kinetic energy up to which a step gives back by slower rates what it has gained."""
 LOADED = 1e-9
 """Share of the mean diagonal that is added to it."""
 
@@ -135,25 +140,6 @@ def local_shape(store, slots, pushes, turns, out):  # type: ignore[no-untyped-de
         rotate(turns, out, 1.0, out)
 
 
-@_plain
-def turns_at(spin, q, turns):  # type: ignore[no-untyped-def]
-    """Rotation vectors ``turns`` (3n,) [rad] at q, by ``spin`` (m, 3n)."""
-    for first in range(0, turns.size, _PART):
-        own = turns[first : first + _PART]
-        for i in range(own.size):
-            own[i] = 0.0
-        last, mode = first + own.size, 0
-        while mode + 2 <= q.size:
-            a, b, one, two = q[mode], q[mode + 1], spin[mode, first:last], spin[mode + 1, first:last]
-            for i in range(own.size):
-                own[i] = (own[i] + a * one[i]) + b * two[i]
-            mode += 2
-        if mode < q.size:
-            a, one = q[mode], spin[mode, first:last]
-            for i in range(own.size):
-                own[i] += a * one[i]
-
-
 @_kernel
 def ended(pushed, spin, q, turns, base, rows_of, bodies, local, gaps):  # type: ignore[no-untyped-def]
     """A :func:`local_shape` into ``local`` (n, 3), and ``gaps`` (r,) of all rows at ``base + local``; the least one.
@@ -163,7 +149,7 @@ def ended(pushed, spin, q, turns, base, rows_of, bodies, local, gaps):  # type: 
     """
     if spin.shape[0]:
         turns = np.empty(base.shape)
-        turns_at(spin, q, turns.reshape(-1))
+        add_lines(spin, q, q[:0], turns.reshape(-1))
     local_shape(pushed[0], pushed[1], pushed[2], turns, local)
     return gaps_beyond(bodies, rows_of[0], rows_of[1], base, local, np.empty(3), gaps)
 
@@ -211,6 +197,21 @@ def arrive(q, rates, half, dt, gamma, begun, eigenvalues, out):  # type: ignore[
         stored += 0.5 * eigenvalues[k] * out[0, k] ** 2
         held += 0.5 * eigenvalues[k] * q[k] ** 2
     return bent, (ended, stored), (lost, held)
+
+
+@_plain
+def given_back(after, before, work):  # type: ignore[no-untyped-def]
+    """Factor of the rates at a step's end by which it has gained no more energy than the ``work`` [J] of its load.
+
+    ``after`` and ``before`` are the energies [J] at its end and beginning, kinetic ones first, elastic ones of the
+    modes, and beyond these. 0 where it has gained more than little. A rule of order two gains and loses some of that
+    order in turn; implicit Euler in the place of every step that gains would damp as nobody has asked for.
+    """
+    gained = (after[0] + after[1] + after[2]) - (before[0] + before[1] + before[2]) - work
+    size = abs(after[0]) + abs(after[1]) + abs(after[2]) + abs(before[0]) + abs(before[1]) + abs(before[2])
+    if gained <= _NO_GAIN * (size + abs(work)):
+        return 1.0
+    return np.sqrt(1.0 - gained / after[0]) if gained <= _SLOWED * after[0] else 0.0
 
 
 @_kernel

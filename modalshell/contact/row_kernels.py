@@ -4,8 +4,9 @@ import numpy as np
 
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.gap_kernels import gap_and_normal
-from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned, turns_at
+from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.frame import add_lines
 from modalshell.kernels.rotations import coefficients
 
 _kernel = njit(error_model="numpy", fastmath=False)
@@ -27,7 +28,7 @@ def _turned_by(turning, q):  # type: ignore[no-untyped-def]
     if by_modes.shape[0] == 0:
         return turns
     found = np.empty((by_modes.shape[1] // 3, 3))
-    turns_at(by_modes, q, found.reshape(-1))
+    add_lines(by_modes, q, q[:0], found.reshape(-1))
     return found
 
 

@@ -4,14 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.contact.complementarity import complementary
+from modalshell.contact.complementarity import complementary, factorise, substitute
 from modalshell.contact.gap_kernels import gap_and_normal, gaps_beyond
 from modalshell.contact.modal_kernels import (
-    arrive,
     between_slots,
     candidates,
-    go_on,
-    implicit_euler,
     local_at,
     local_shape,
     residual_compliance,
@@ -19,14 +16,14 @@ from modalshell.contact.modal_kernels import (
     turned,
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.frame import TILE, WORK, warp_tiles
-from modalshell.kernels.push import ROWS, push_frame
+from modalshell.kernels.frame import TILE, WORK, add_lines, warp_tiles
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
 """Corrections of a linearisation by the gaps that it leads to, at most."""
 _PASSES = 6
 """Linearisations at most."""
+
 
 _kernel = njit(error_model="numpy", fastmath=False)
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
@@ -226,85 +223,15 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
             local[j, i] = before[2][vertices[i], j]
     q = begin.copy()
     found = q, forces, local, pushes
-    energy, solved = _solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), False)
+    energy, settled = solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), False)
     pushed = np.zeros(before[1].size)
     for i in range(count):
         pushed[rows[i]] = forces[i]
-    return rows, q, pushed, pushes, energy, solved
+    return rows, q, pushed, pushes, energy, settled
 
 
 @_kernel
-def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
-    """End of a step of implicit Euler in which all of some vertices stay pushed, with no look at others.
-
-    Parameters
-    ----------
-    kept, bodies : tuple
-        As of :func:`press`.
-    step : tuple
-        Coordinates and rates (m,), modal force (m,), G (m,), stiffness of the modes (m,), and how long it is [s].
-    found : tuple
-        Coordinates (m,) of its end; and forces (k,), displacements (3, k) [m] beyond the modes and forces (k, 3) in
-        the axes at rest: those at its beginning, which become those at its end.
-    limits : tuple
-        Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
-
-    Returns
-    -------
-    tuple
-        Elastic energy [J] beyond the modes, and whether all stay.
-    """
-    q, rates, force, compliance, eigenvalues, dt = step
-    ends = np.empty((3, q.size))
-    implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
-    for k in range(q.size):
-        found[0][k] = ends[2, k]
-    return _solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, True)
-
-
-@_kernel
-def stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-untyped-def]
-    """Both parts of a step of SDIRK2 in which all of some vertices stay pushed; see :func:`stay`.
-
-    Parameters
-    ----------
-    kept, bodies, limits : tuple
-        As of :func:`stay`.
-    push : tuple
-        Modal data and a load, and powers, as of :func:`push_frame`; or none, and a modal force (m,) that stays.
-    step : tuple
-        Coordinates and rates (m,), G of a part (m,), stiffness of the modes (m,), how long it is [s], and gamma.
-    found : tuple
-        As of :func:`stay`, but first the rows of :func:`arrive`; then the modal force (m,) of its second part.
-
-    Returns
-    -------
-    tuple
-        Elastic energy [J] beyond the modes, whether all stay, and what :func:`arrive` returns.
-    """
-    q, rates, compliance, eigenvalues, dt, gamma = step
-    ends, forces, local, turned, force = found
-    begun, half, work, energy = np.empty((4, q.size)), np.empty(q.size), np.empty(ROWS), 0.0
-    for k in range(q.size):
-        begun[0, k], begun[1, k], begun[3, k] = q[k], rates[k], q[k] + gamma * dt * rates[k]
-    for turn in range(2):  # one call of each long kernel, which is compiled where it is called
-        if push[0].size:
-            push_frame(push[0], push[1], push[2], begun[3], work, force)
-        else:
-            for k in range(q.size):
-                force[k] = push[1][k]
-        end = half if turn == 0 else ends[0]
-        part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
-        energy, stays = stay(kept, bodies, part, (end, forces, local, turned), limits)
-        if not stays:
-            return energy, False, (0.0, (0.0, 0.0), (0.0, 0.0))
-        if turn == 0:
-            go_on(q, rates, half, dt, gamma, begun)
-    return energy, True, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
-
-
-@_kernel
-def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
+def solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
     """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
 
     ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it.
@@ -318,16 +245,26 @@ def _solved(between, place, bodies, way, found, limits, stays):  # type: ignore[
     triples = np.empty((5, 3, count))
     normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
     across, by = np.empty((q.size, count)), np.empty((6, count))
+    factor = np.empty((count, count) if stays else (0, 0))
     for _ in range(_PASSES):
         _linearised(place, bodies, q, local, (gap, normals, own, across, at, u, w, by))
         residual_compliance(between, own, matrix)
         response(across, compliance, matrix)
         _offsets(gap, normals, local, across, (free, q), offset)
+        if stays:
+            factor[:] = matrix
+            if not factorise(factor):
+                return energy, False
         for _ in range(_CORRECTIONS):
-            complementary(matrix, offset, forces, accuracy, True)
-            for i in range(count):
-                if stays and not forces[i] > 0.0:
-                    return energy, False
+            if stays:
+                for i in range(count):
+                    forces[i] = -offset[i]
+                substitute(factor, forces)
+                for i in range(count):
+                    if not forces[i] > 0.0:
+                        return energy, False
+            else:
+                complementary(matrix, offset, forces, accuracy, True)
             _ended_small(matrix, offset, forces, (free, compliance, across), own, (q, expected, pushes))
             local_at(between, pushes, local)
             energy = 0.0
@@ -373,13 +310,16 @@ def _ended_small(matrix, offset, forces, step, own, out):  # type: ignore[no-unt
 
 @_kernel
 def warp_ended(tiles, q, pushed, rows_of, bodies, out):  # type: ignore[no-untyped-def]
-    """Positions at q by :func:`warp_tiles`, a :func:`local_shape` turned with them, and gaps there; the least one.
+    """Positions at q, a :func:`local_shape` that turns with them, and gaps there; the least one.
 
-    ``tiles`` are modal data and positions at rest in tiles; ``pushed`` stored shapes, slots of these, and forces there.
-    ``out`` are positions and displacements (n, 3) [m], and gaps (r,) [m] of all rows.
+    ``tiles`` are modal data and positions at rest in tiles, for :func:`warp_tiles`, and no lines; or none, positions at
+    rest (n, 3), and the modes as lines (m, 3n), where nothing turns. ``pushed`` are stored shapes, slots of these, and
+    forces there, ``out`` positions and displacements (n, 3) [m], and gaps (r,) [m] of all rows.
     """
-    (modal, rest), (base, local, gaps), work = tiles, out, np.empty(WORK)
+    (modal, rest, lines), (base, local, gaps), work = tiles, out, np.empty(WORK)
     local_shape(pushed[0], pushed[1], pushed[2], base[:0], local)
+    if lines.size:
+        add_lines(lines, q, rest.reshape(-1), base.reshape(-1))
     for tile in range(modal.shape[0]):
         warp_tiles(tile, tile + 1, modal, rest, q, work, base)
         _turn_tile(work, local[tile * TILE : (tile + 1) * TILE])

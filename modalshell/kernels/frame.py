@@ -25,6 +25,8 @@ TILE = 128
 """Vertices in a tile."""
 WORK = 8 * TILE
 """Length of the buffer that one thread needs: six rows of sums, two of coefficients."""
+_PART = 4096
+"""Sums that are added to at a time, to stay near."""
 
 # The coefficients of the warp at s = |w|^2 in [0, (2 pi)^2]: c2 = half(s)^2 and c3 = third(s) with
 #     half(s) = sin(sqrt(s) / 2) / sqrt(s / 2),    third(s) = (sqrt(s) - sin(sqrt(s))) / sqrt(s)^3,
@@ -130,6 +132,25 @@ def warp_tiles(first, last, modal, rest, q, work, out):  # type: ignore[no-untyp
             out[start + j, 0] = work[j]
             out[start + j, 1] = work[TILE + j]
             out[start + j, 2] = work[2 * TILE + j]
+
+
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+def add_lines(lines, q, begin, out):  # type: ignore[no-untyped-def]
+    """Write ``begin + lines^T q`` into ``out`` (k,), by ``lines`` (m, k); zero for ``begin`` where that is empty."""
+    for first in range(0, out.size, _PART):
+        own = out[first : first + _PART]
+        last, mode = first + own.size, 0
+        for i in range(own.size):
+            own[i] = begin[first + i] if begin.size else 0.0
+        while mode + 2 <= q.size:
+            a, b, one, two = q[mode], q[mode + 1], lines[mode, first:last], lines[mode + 1, first:last]
+            for i in range(own.size):
+                own[i] = (own[i] + a * one[i]) + b * two[i]
+            mode += 2
+        if mode < q.size:
+            a, one = q[mode], lines[mode, first:last]
+            for i in range(own.size):
+                own[i] += a * one[i]
 
 
 @_kernel

@@ -19,6 +19,8 @@ ROWS = 3 * TILE
 """Numbers of a load, or a displacement, of a tile."""
 POWERS = np.array(list(zip((0.0, 0.0, *HALF_DOUBLE), THIRD_DOUBLE, strict=True))).ravel()
 """The coefficients of both polynomials of a frame, pair by pair, highest power first."""
+DERIVATIVES = 600
+"""Operations of a vertex's warp with the derivatives of its work."""
 ALIKE = 0.4
 """Distance of a sample's force from the whole one, as a share of it, up to which it tells how that changes."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal.base import DeadForce
+from modalshell.kernels.frame import add_lines
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import FrameModel
@@ -34,6 +35,14 @@ class LinearModal(ModalModel):
         """Displacements ``Phi q`` (n, 3) [m]."""
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)
+
+    def warped_positions(self, q: Array) -> Array:
+        """Vertex positions (n, 3) [m] at q, in one pass."""
+        count_read(self.basis.modes.nbytes)
+        _, rest, lines = self.contact_tiles
+        positions = np.empty_like(rest)
+        add_lines(lines, q, rest.reshape(-1), positions.reshape(-1))
+        return positions
 
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T f`` (m,)."""
@@ -79,6 +88,11 @@ class LinearModal(ModalModel):
     def contact_shape(self) -> tuple[Array, Array, Array]:
         """See :attr:`ModalShape.contact_shape`."""
         return contact_shape(self.basis, turns=False)
+
+    @cached_property
+    def contact_tiles(self) -> tuple[Array, Array, Array]:
+        """See :attr:`ModalShape.contact_tiles`."""
+        return np.empty((0, 0, 0)), self.shell.rest_positions.copy(), np.ascontiguousarray(self.basis.modes.T)
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""

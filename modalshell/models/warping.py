@@ -14,7 +14,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
-from modalshell.kernels.push import POWERS, ROWS, load_rows, push_change, push_frame, work_frame
+from modalshell.kernels.push import DERIVATIVES, POWERS, ROWS, load_rows, push_change, push_frame, work_frame
 from modalshell.loads import Loading
 from modalshell.models.base.shape import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
@@ -26,9 +26,6 @@ from modalshell.models.reduction.warp_step_kernels import warp_step, work_step
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.statics.modal_balance import balance
-
-_DERIVATIVES = 600
-"""Operations of a vertex's warp with the derivatives of its work."""
 
 
 @final
@@ -102,9 +99,9 @@ class ModalWarping(UnstretchedModel):
         return contact_shape(self.basis, turns=True)
 
     @property
-    def contact_tiles(self) -> tuple[Array, Array]:
+    def contact_tiles(self) -> tuple[Array, Array, Array]:
         """See :attr:`ModalShape.contact_tiles`."""
-        return self._frame.modal_data, self._frame.rest_data
+        return self._frame.modal_data, self._frame.rest_data, np.empty((0, 0))
 
     def contact_rows(self, q: Array, vertices: Index) -> Array:
         """Derivatives (k, 3, m) of some vertices' positions by the coordinates, by the closed form of the warp."""
@@ -229,7 +226,7 @@ def _work_of(modal: Array, rows: Array, q: Array) -> tuple[float, Array]:
     """Work [J] of a load in rows, and its gradient (m,); OptionError as below."""
     q = _checked(modal, rows, q)
     count_read(modal.nbytes)
-    count_products(_DERIVATIVES * rows.size // 3)
+    count_products(DERIVATIVES * rows.size // 3)
     force = np.empty(q.size)
     return work_frame(modal, rows, POWERS, q, np.empty(2 * ROWS), force), force
 
@@ -267,7 +264,8 @@ def _change_of(modal: Array, rows: Array, q: Array, near: Array, known: Array) -
 
 def _dead_work(modal: Array, rows: Array) -> DeadForce:
     """The gradient of the work of a load in rows."""
-    return DeadForce(partial(_gradient_of, modal, rows), step=partial(_step_by_work, modal, rows))
+    step = partial(_step_by_work, modal, rows)
+    return DeadForce(partial(_gradient_of, modal, rows), step=step, push=(modal, rows), by_work=True)
 
 
 def _dead_push(modal: Array, rows: Array) -> DeadForce:
@@ -279,7 +277,7 @@ def _step_by_work(modal: Array, rows: Array, *step: Any) -> None:
     """Take a step of the exponential rule under the gradient of the work of a load in rows; see :class:`DeadForce`."""
     times = 1 + work_step(modal, rows, POWERS, *step)
     count_read(times * modal.nbytes)
-    count_products(times * _DERIVATIVES * rows.size // 3)
+    count_products(times * DERIVATIVES * rows.size // 3)
 
 
 def _step(modal: Array, rows: Array, change: ForceChange | None, *step: Any) -> None:

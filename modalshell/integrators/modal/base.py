@@ -40,6 +40,8 @@ class DeadForce(NamedTuple):
 
     Or no data, and the force, where it stays.
     """
+    by_work: bool = False
+    """Whether the force is that of :func:`~modalshell.kernels.push.work_frame` instead."""
 
 
 class ModalStep(NamedTuple):

@@ -26,7 +26,7 @@ from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.modal_motion import EULER, ModalMotion
-from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion, given_back
+from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.staying import staying
 from modalshell.statics.continuation import Steps
@@ -189,7 +189,7 @@ class ModalPressedMotion(PressedMotion):
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""
-        return bool(state.memory[PUSHES].any())
+        return bool(np.count_nonzero(state.memory[PUSHES]))
 
     def enters(self, x: Array, time: float) -> Array | None:
         """Gaps (r,) [m] of a step's end at positions x (n, 3) and ``time`` [s] where something touches, else None."""
@@ -253,7 +253,7 @@ class ModalContactMotion(ModalPressedMotion):
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
         self._resting: Resting | None = None
-        self._staying = staying(self._pressing, model.basis.eigenvalues)
+        self._staying = staying(self._pressing, model.basis.eigenvalues, conservative=model.conservative)
         self._still = np.zeros(model.basis.count)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
 
@@ -289,24 +289,15 @@ class ModalContactMotion(ModalPressedMotion):
             return None, None
         if pressing.moved(self._still, v) <= _FAINT * pressing.touching.size * self._slowest:
             return None, None  # it is to come to rest
-        steps = self._staying
-        steps.begin(Pressed(q, memory[LOCAL], memory[PUSHES], True, base, 0.0, memory.get(TAKEN)))
-        parts = steps.twice((q, v), dead, when, self._compliance(GAMMA * dt))
-        end = None if parts is None else steps.end()
-        if parts is None or end is None or end.positions is None:
+        begin = Pressed(q, memory[LOCAL], memory[PUSHES], True, base, self.energy(before), memory.get(TAKEN))
+        whole = self._staying.whole(begin, v, dead, load, when, self._compliance(GAMMA * dt))
+        end = None if whole is None else whole.pressed
+        if whole is None or end is None or end.positions is None:
             return None, None
-        rates = parts.rates
-        if model.conservative:
-            work, own = dead.work, self.energy(before)
-            done = float(np.vdot(load, end.positions - base)) if work is None else work(end.q) - work(q)
-            slower = given_back((*parts.after, end.energy), (*parts.before, own), done + parts.given)
-            if slower is None:
-                return None, None
-            rates *= slower
-        after = MotionState(end.q, rates)
+        after = MotionState(end.q, whole.rates)
         self._ended = None if end.gaps is None or pressing.moving else (end.q, end.gaps)
-        after.memory = self._kept(before, end) | model.integrator.stood_in_for(before, after, parts.force, dt).memory
-        after.memory[COST][0] = (SDIRK2.error_constant * dt) ** 2 * parts.bent
+        after.memory = self._kept(before, end) | model.integrator.stood_in_for(before, after, whole.force, dt).memory
+        after.memory[COST][0] = (SDIRK2.error_constant * dt) ** 2 * whole.bent
         return after, end.positions
 
     def _kept(self, before: MotionState, pressed: Pressed) -> dict[str, Array]:

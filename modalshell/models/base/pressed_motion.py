@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.modal import ModalContacts
+from modalshell.contact.modal_kernels import given_back
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.steps import refuse_fast
 from modalshell.contact.touching import checked_contacts
@@ -20,10 +20,6 @@ from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.models.base.settle import extrapolated
 from modalshell.models.base.setup import MotionSetup
 
-_NO_GAIN = 1e-12
-"""Energy that is none, as a share of the energies of a step."""
-_SLOWED = 1e-2
-"""Share of the kinetic energy up to which a step gives back by slower rates what it has gained."""
 LOCAL, BEYOND = "local", "beyond"
 """Names in a state's memory of the displacement (n, 3) [m] beyond the modes, and of its elastic energy (1,) [J]."""
 TAKEN = "derivatives_at"
@@ -34,19 +30,6 @@ _AGAIN = 8
 """Projections of a start at most that account for what is pressed in."""
 _SETTLED = 1e-7
 """Change of what is pressed in, as a share of the shell's size, at which it has settled."""
-
-
-def given_back(after: Sequence[float], before: Sequence[float], work: float) -> float | None:
-    """Factor of the rates at a step's end by which it has gained no more energy than the ``work`` [J] of its load.
-
-    ``after`` and ``before`` are the energies [J] at its end and beginning, kinetic ones first. None where it has gained
-    more than little. A rule of order two gains and loses some of that order in turn; implicit Euler in the place of
-    every step that gains would damp as nobody has asked for.
-    """
-    gained, moving = sum(after) - sum(before) - work, after[0]
-    if gained <= _NO_GAIN * (sum(map(abs, after)) + sum(map(abs, before)) + abs(work)):
-        return 1.0
-    return math.sqrt(1.0 - gained / moving) if gained <= _SLOWED * moving else None
 
 
 class PressedMotion(ABC):
@@ -126,13 +109,14 @@ class PressedMotion(ABC):
         """The end of a step that nothing touches."""
         return MotionState(state.coordinates, state.rates, state.memory | self._none)
 
-    def slower(self, before: MotionState, after: MotionState, work: float) -> float | None:
+    def slower(self, before: MotionState, after: MotionState, work: float) -> float:
         """Factor of the rates that gives back what a step has gained beyond the ``work`` [J] of its load.
 
-        None where that is more than little; see :func:`given_back`.
+        0 where that is more than little; see :func:`given_back`.
         """
-        energies = self._model.kinetic_energy, self._model.elastic_energy, self.energy
-        return given_back([one(after) for one in energies], [one(before) for one in energies], work)
+        model = self._model
+        ends = ((model.kinetic_energy(one), model.elastic_energy(one), self.energy(one)) for one in (after, before))
+        return float(given_back(*ends, work))
 
     def local(self, state: MotionState) -> Array:
         """Displacement (n, 3) [m] of a state beyond the modes."""

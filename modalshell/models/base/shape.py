@@ -156,8 +156,11 @@ class ModalShape(ABC):
         return None
 
     @property
-    def contact_tiles(self) -> tuple[Array, Array] | None:
-        """Modal data and positions at rest as a :class:`WarpFrame` has them, if positions are by one; else None."""
+    def contact_tiles(self) -> tuple[Array, Array, Array] | None:
+        """Modal data and positions at rest as a :class:`WarpFrame` has them, if positions are by one, and no lines.
+
+        Of straight models no data, positions at rest (n, 3), and modes as lines (m, 3n). None of others.
+        """
         return None
 
     def largest_turn(self, q: Array) -> float:

@@ -7,20 +7,42 @@ no other vertex is a candidate, and all are looked at once, at the step's end.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple, cast, final
 
 import numpy as np
 
-from modalshell.contact import warp_kernels
 from modalshell.contact.modal import ModalContacts
-from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler
+from modalshell.contact.modal_kernels import arrive, given_back, go_on, implicit_euler
 from modalshell.contact.modal_rows import FAR, SETTLED, SMALL
 from modalshell.contact.pressed import Pressed
-from modalshell.core.cost import count_read
+from modalshell.contact.stay_kernels import OTHERS, STAYS, stay, stay_whole
+from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.second_order import GAMMA
 from modalshell.integrators.modal.base import DeadForce
-from modalshell.kernels.push import POWERS
+from modalshell.kernels.push import DERIVATIVES, POWERS
+
+_NONE = np.empty((0, 3))
+"""No load: a step may gain what it gains."""
+
+
+class Whole(NamedTuple):
+    """The end of a step of SDIRK2.
+
+    Attributes
+    ----------
+    pressed : Pressed
+        Where contacts leave the shell.
+    rates, force : ndarray, shape (m,)
+        Rates, and modal force of the second part.
+    bent : float
+        Square of the change of the rates' derivative in the step.
+    """
+
+    pressed: Pressed
+    rates: Array
+    force: Array
+    bent: float
 
 
 class Parts(NamedTuple):
@@ -57,10 +79,12 @@ class Staying(ABC):
         The contacts.
     eigenvalues : ndarray, shape (m,)
         Stiffness of the modes [1/s^2].
+    conservative : bool
+        Whether the modal force has a potential, so that a step is to gain no more than its load's work.
     """
 
-    def __init__(self, pressing: ModalContacts, eigenvalues: Array) -> None:
-        self._pressing, self._eigenvalues = pressing, eigenvalues
+    def __init__(self, pressing: ModalContacts, eigenvalues: Array, conservative: bool) -> None:
+        self._pressing, self._eigenvalues, self._conservative = pressing, eigenvalues, conservative
 
     @abstractmethod
     def begin(self, before: Pressed) -> None:
@@ -85,13 +109,31 @@ class Staying(ABC):
         along = np.sum(touching.normals(x, rows) * touching.velocities(x, rows), axis=1)
         return float(forces @ along)
 
-    def twice(
+    def whole(
+        self, before: Pressed, rates: Array, dead: DeadForce, load: Array, when: tuple[float, float], compliance: Array
+    ) -> Whole | None:
+        """A step of SDIRK2 under a dead load (n, 3) [N]; None where it does not stay, or gains more than little energy.
+
+        It begins at :meth:`begin`'s ``before`` with ``rates`` (m,); ``when``, and how long it is [s].
+        """
+        self.begin(before)
+        parts = self._twice((before.q, rates), dead, when, compliance)
+        end = None if parts is None else self.end()
+        if parts is None or end is None or end.positions is None or before.positions is None:
+            return None
+        slower, work = 1.0, dead.work
+        if self._conservative:
+            if work is None:
+                done = float(np.vdot(load, end.positions - before.positions))
+            else:
+                done = work(end.q) - work(before.q)
+            slower = given_back((*parts.after, end.energy), (*parts.before, before.energy), done + parts.given)
+        return Whole(end, slower * parts.rates, parts.force, parts.bent) if slower else None
+
+    def _twice(
         self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
     ) -> Parts | None:
-        """Both parts of a step of SDIRK2 under a dead load; None where a vertex opens.
-
-        ``when`` it begins, and how long it is [s].
-        """
+        """Both parts of a step; None where a vertex opens."""
         (q, rates), (time, dt), pressing, given = begin, when, self._pressing, 0.0
         part = GAMMA * dt
         pressing.at(time + part)
@@ -117,39 +159,43 @@ class Staying(ABC):
         """Where the last part has led; None where it leads another vertex inside."""
 
 
-def staying(pressing: ModalContacts, eigenvalues: Array) -> Staying:
+def staying(pressing: ModalContacts, eigenvalues: Array, *, conservative: bool) -> Staying:
     """The steps on some contacts."""
-    return (StayingRows if pressing.asks else StayingWarp)(pressing, eigenvalues)
+    return (StayingRows if pressing.asks else StayingWarp)(pressing, eigenvalues, conservative)
 
 
 @final
 class StayingWarp(Staying):
     """Those of warps in closed form on colliders of known forms, which are compiled."""
 
-    def __init__(self, pressing: ModalContacts, eigenvalues: Array) -> None:
-        super().__init__(pressing, eigenvalues)
+    def __init__(self, pressing: ModalContacts, eigenvalues: Array, conservative: bool) -> None:
+        super().__init__(pressing, eigenvalues, conservative)
         size = pressing.touching.size
         self._limits = SETTLED * size, FAR * size, SMALL * size
         self._kept: Any = None
-        self._chosen = -1, b""
+        self._chosen = -1
         self._found: tuple[Array, Array, Array, Array]
         self._energy = 0.0
 
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""
         rows = np.flatnonzero(before.pushes)
-        shapes, key = self._pressing.shapes, rows.tobytes()
-        if self._chosen != (shapes.begun, key):
-            self._kept = self._pressing.gathered(rows)
-            self._chosen = shapes.begun, key
+        self._choose(rows)
         local = before.local[self._kept[1]].T.copy()
         self._found = before.q, before.pushes[rows], local, np.empty((rows.size, 3))
+
+    def _choose(self, rows: Index) -> None:
+        """Gather what is read of some rows; of those of the last step it is kept."""
+        shapes = self._pressing.shapes
+        if self._chosen != shapes.begun or not np.array_equal(rows, self._kept[0]):
+            self._kept = self._pressing.gathered(rows)
+            self._chosen = shapes.begun
 
     def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
         """See :meth:`Staying.part`."""
         step = *begin, force, compliance, self._eigenvalues, dt
         found = self._found = np.empty(force.size), *self._found[1:]
-        self._energy, stays = warp_kernels.stay(self._kept, self._pressing.bodies, step, found, self._limits)
+        self._energy, stays = stay(self._kept, self._pressing.bodies, step, found, self._limits)
         return found[0] if stays else None
 
     def now(self) -> tuple[Index, Array, Array]:
@@ -157,20 +203,35 @@ class StayingWarp(Staying):
         (q, forces, local, _), (rows, vertices) = self._found, self._kept[:2]
         return rows, forces, self._pressing.positions(q)[vertices] + local.T
 
-    def twice(
-        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
-    ) -> Parts | None:
-        """See :meth:`Staying.twice`; in one call on colliders at rest where the force is compiled, too."""
-        if dead.push is None or self._pressing.moving:
-            return super().twice(begin, dead, when, compliance)
-        dt = when[1]
-        count_read(2 * dead.push[0].nbytes)
-        ends, force, further = np.empty((2, compliance.size)), np.empty(compliance.size), self._found[1:]
-        step, push = (*begin, compliance, self._eigenvalues, dt, GAMMA), (*dead.push, POWERS)
-        given = self._kept, self._pressing.bodies, push, step, (ends, *further, force), self._limits
-        self._energy, stays, ended = warp_kernels.stay_twice(*given)
-        self._found = ends[0], *further
-        return Parts(ends[1], force, 0.0, *ended) if stays else None
+    def whole(
+        self, before: Pressed, rates: Array, dead: DeadForce, load: Array, when: tuple[float, float], compliance: Array
+    ) -> Whole | None:
+        """See :meth:`Staying.whole`; in one call on colliders at rest where the force is compiled, too."""
+        pressing, data = self._pressing, dead.push
+        if data is None or pressing.moving:
+            return super().whole(before, rates, dead, load, when, compliance)
+        count_read(2 * data[0].nbytes)
+        count_products(2 * DERIVATIVES * data[1].size // 3 if dead.by_work else 0)
+        q, local, pushes, _, base, energy = before[:6]
+        x, beyond, ends, force = np.empty(local.shape), np.empty(local.shape), np.empty((2, q.size)), np.empty(q.size)
+        pushed, gaps = np.empty(pushes.size), np.empty(pushes.size)
+        push, out = (*data, POWERS, dead.by_work), (ends, force, x, beyond, gaps, pushed)
+        step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
+        kept = pushes, local, energy, base, load if self._conservative else _NONE
+
+        def tried() -> tuple[int, float, float]:
+            end = stay_whole(self._kept, pressing.bodies, push, step, kept, pressing.surface(), self._limits, out)
+            return cast("tuple[int, float, float]", end)
+
+        if self._chosen != pressing.shapes.begun:
+            self._choose(np.flatnonzero(pushes))
+        found = tried()
+        if found[0] == OTHERS:
+            self._choose(np.flatnonzero(pushes))
+            found = tried()
+        if found[0] != STAYS:
+            return None
+        return Whole(Pressed(ends[0], beyond, pushed, True, x, found[1], None, gaps), ends[1], force, found[2])
 
     def end(self) -> Pressed | None:
         """See :meth:`Staying.end`."""

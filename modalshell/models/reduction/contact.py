@@ -306,7 +306,7 @@ class ReducedContactMotion(PressedMotion):
         model, load = self._model, euler.load_on(after.coordinates)
         moved = model.positions_at(after.coordinates) - model.positions_at(before.coordinates)
         slower = self.slower(before, after, float(np.vdot(load, moved)))
-        if slower is None or slower == 1.0:
+        if slower in (0.0, 1.0):
             return after if slower else None
         less, memory = (slower - 1.0) * after.rates, after.memory
         gains = {name: memory[name] + less for name in ("gain", "middle_gain") if name in memory}
