@@ -252,7 +252,9 @@ def solved(between, place, bodies, way, found, limits, stays):  # type: ignore[n
         response(across, compliance, matrix)
         _offsets(gap, normals, local, across, (free, q), offset)
         if stays:
-            factor[:] = matrix
+            for i in range(count):
+                for j in range(count):
+                    factor[i, j] = matrix[i, j]
             if not factorise(factor):
                 return energy, False
         for _ in range(_CORRECTIONS):
