@@ -31,8 +31,8 @@ _HARDLY_LESS = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
 
-def left_told(missed: float) -> str:
-    """What is said of constraints that modes do not meet, by ``missed`` [m or rad] at most."""
+def out_of_reach(missed: float) -> str:
+    """Message of constraints that modes do not meet, by ``missed`` [m or rad] at most."""
     return f"a constraint is left {missed:.2e} from its target: take more modes, or ds, which stretches"
 
 

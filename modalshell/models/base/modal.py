@@ -19,7 +19,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.manipulation import REACHED, PatchTargets, left_told, meet
+from modalshell.models.base.manipulation import REACHED, PatchTargets, out_of_reach, meet
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
@@ -198,7 +198,7 @@ class ModalModel(ModalMotion):
         if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
-            outcome, message = Outcome.OUT_OF_REACH, left_told(float(missed.max()))
+            outcome, message = Outcome.OUT_OF_REACH, out_of_reach(float(missed.max()))
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
         multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=REACHED)[0].reshape(-1, 3)
