@@ -19,7 +19,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.manipulation import REACHED, PatchTargets, out_of_reach, meet
+from modalshell.models.base.manipulation import REACHED, PatchTargets, meet, out_of_reach
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
