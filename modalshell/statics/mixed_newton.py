@@ -228,7 +228,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
 
     Steps of implicit Euler on ``drag M dx/dt = -grad V`` (theory 8, eq. 4), each solved by mixed Newton, whose number
     of iterations does not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a
-    step fails.
+    step fails. It ends by Newton's method, or at a minimum to the goal already from which that leads nowhere.
     """
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
@@ -256,12 +256,16 @@ def descend(problem: Any, rules: Rules) -> Solved:
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
-        if not reached <= value + HIGHER * abs(value):
-            write(slots[START], x)
-            continue
-        minimum = is_minimum(problem)
+        ended = reached <= value + HIGHER * abs(value)
+        minimum = ended and is_minimum(problem)
         if not minimum and left > value and reached > 0.5 * (left + value):  # up again to the saddle that was left
+            ended = False
+        if not ended:
             write(slots[START], x)
+            if size <= rules.goal:  # solved already: in a flat valley Newton's method leads nowhere
+                drag(problem, 0.0)
+                if is_minimum(problem):
+                    return Solved(size, iterations, True, saddles)
             continue
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)
