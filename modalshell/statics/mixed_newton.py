@@ -200,8 +200,8 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if not np.isfinite(size):
                 break
             stalled = 0 if size <= 0.5 * best else stalled + 1
-            # What rounding makes of the balance may exceed the load itself: the start is no answer for that.
-            if size < best or (found_at == 0 and size <= allowed):
+            # The start is no answer, though balanced more nearly than the goal, or than rounding lets any other be.
+            if size < best or (found_at == 0 and size <= max(allowed, rules.goal)):
                 best, found_at = size, iteration
                 solved = size <= (rules.accepted if iteration > 0 else rules.untouched)
             solved = solved or (found_at > 0 and best <= allowed)
@@ -228,7 +228,7 @@ def descend(problem: Any, rules: Rules) -> Solved:
 
     Steps of implicit Euler on ``drag M dx/dt = -grad V`` (theory 8, eq. 4), each solved by mixed Newton, whose number
     of iterations does not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a
-    step fails.
+    step fails. It ends by Newton's method, or at a minimum within the goal from which that leads nowhere.
     """
     x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
@@ -256,12 +256,16 @@ def descend(problem: Any, rules: Rules) -> Solved:
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
-        if not reached <= value + HIGHER * abs(value):
-            write(slots[START], x)
-            continue
-        minimum = is_minimum(problem)
+        ended = reached <= value + HIGHER * abs(value)
+        minimum = ended and is_minimum(problem)
         if not minimum and left > value and reached > 0.5 * (left + value):  # up again to the saddle that was left
+            ended = False
+        if not ended:
             write(slots[START], x)
+            if size <= rules.goal:  # in a flat valley
+                drag(problem, 0.0)
+                if is_minimum(problem):
+                    return Solved(size, iterations, True, saddles)
             continue
         if minimum or saddles == SADDLES:
             return Solved(last.residual, iterations, minimum, saddles)

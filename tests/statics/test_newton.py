@@ -1,8 +1,11 @@
 """The solver of discrete shells: the potential that it minimises, its steps, and what it takes for a minimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import cantilever
+from scipy.linalg import eigh
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
 from modalshell.core.timings import Timings
@@ -235,6 +238,21 @@ def test_descent_does_not_stop_at_a_saddle(method, share):
     assert result.left_saddle
     assert lowest(shell, result.point, problem) > 0
     assert problem.potential(result.point)[0] < problem.potential(straight.point)[0]
+
+
+@pytest.mark.parametrize(("share", "excess", "most"), [(1.5, 1e-3, 120), (4.0, 1e-4, 120), (20.0, 1e-6, 60)])
+def test_a_step_does_not_creep_along_a_flat_valley(share, excess, most):
+    """Inertia all but steadies the straight strut: its way down to the minimum is within the step's tolerance."""
+    shell, problem, straight = strut(share)
+    mass = np.repeat(shell.mass, 3)[shell.free_unknowns]
+    curvature = eigh(problem.linearise(straight.point, EXACT)[1].toarray(), np.diag(mass), subset_by_index=(0, 0))[0][0]
+    step = replace(problem, inertia=(excess - 1.0) * curvature * shell.mass, origin=straight.point, kept_within=np.inf)
+    result = solve(step, straight.point, step.scale_at(None), 1e-6)
+    assert result.converged
+    assert result.left_saddle
+    assert result.residual <= 1e-6
+    assert lowest(shell, result.point, step) > 0
+    assert result.iterations <= most
 
 
 @pytest.mark.parametrize("share", [1.5, 4.0])
