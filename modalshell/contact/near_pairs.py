@@ -8,6 +8,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from modalshell.contact import face_tree_kernels, pair_kernels, pair_move_kernels
+from modalshell.core.thread_safety import writeable
 from modalshell.core.typing import Array, Index
 
 _PARALLEL = 1e-3
@@ -185,7 +186,7 @@ class NearPairs:
         gradient = np.zeros_like(x)
         if not np.isfinite(x).all():
             return Barrier(np.nan, gradient, np.inf, np.empty(0, np.int64), *self._all)
-        x = x if x.flags.writeable else x.copy()  # of one kind, as above
+        x = writeable(x)  # of one kind, as above
         self.about(x)
         active = np.empty(len(self.pairs), np.int64)
         energy, found, least = pair_kernels.energy_gradient(x, *self._all, gap, gradient, active)

@@ -32,6 +32,11 @@ def read_only_view(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
     return read_only(np.ascontiguousarray(array).view())
 
 
+def writeable(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """``array`` if it can be written to, else a copy, for kernels that are compiled for such ones."""
+    return array if array.flags.writeable else array.copy()
+
+
 class ReadOnlyArrays:
     """Base of classes whose arrays stay read-only when copied or pickled, which NumPy does not ensure."""
 

@@ -1,7 +1,7 @@
 """Functions that only kernels call: numba links them into their callers and makes no machine code of their own.
 
 Numba optimises each function with all that it calls, and makes machine code of both, at every level of calls. What
-only kernels call is met again in the kernel, and is optimised there once: that saves a third of the seconds that an
+only kernels call is met again in the kernel, and is optimised there once: that saves nearly half of the seconds that an
 implicit step takes to compile, for the same machine code.
 """
 
@@ -26,16 +26,10 @@ def _refuse(*_: Any) -> None:
 
 
 class _LinkedLibrary(_Library):  # type: ignore[misc]
-    """LLVM code of one function, simplified and linked with what it calls, for the libraries of its callers."""
+    """LLVM code of one function, linked with what it calls, for the libraries of its callers."""
 
     def _optimize_final_module(self) -> None:
-        """Simplify and inline, which makes less of the code; to vectorise is left to the caller."""
-        with suppress(AttributeError, TypeError):  # other versions of numba may name it otherwise
-            made = self._codegen._module_pass_manager(
-                loop_vectorize=False, slp_vectorize=False, opt=self._codegen._opt_level, cost="cheap"
-            )
-            passes, *builder = made if isinstance(made, tuple) else (made,)  # numba 0.61 has no builder
-            passes.run(self._final_module, *builder)
+        """Nothing: each caller would do it once more."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import Signature, signature
 from numba.extending import intrinsic
 
@@ -14,7 +15,8 @@ def _unwritten(context: Any, array: Any) -> tuple[Signature, Any]:
     """The same array (of any shape), of numba's type for those that are not written to."""
 
     def generate(target: Any, builder: Any, sig: Signature, args: Any) -> Any:
-        return args[0]
+        # Counted, where the caller counts: it counts what it was given down again.
+        return impl_ret_borrowed(target, builder, sig.return_type, args[0])  # type: ignore[no-untyped-call]
 
     return signature(array.copy(readonly=True), array), generate  # type: ignore[no-untyped-call]
 

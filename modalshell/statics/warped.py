@@ -8,9 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalshell.core.thread_safety import writeable
 from modalshell.core.typing import Array
 from modalshell.kernels import rotations
 from modalshell.shell import Shell
+
+
+def _turns(shell: Shell, x: Array, step: Array) -> Array:
+    """Rotation vectors (n, 3) of vertices at x (n, 3) by a small ``step`` (n, 3)."""
+    turns = np.empty_like(x)
+    rotations.vertex_rotations(writeable(x), step, shell.mesh.faces, turns)  # positions at rest are read-only
+    return turns
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
@@ -26,8 +34,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
         How much of ``direction`` that is.
     """
     step = shell.unknowns.prolong(direction).reshape(-1, 3)
-    turns = np.empty_like(x)
-    rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
+    turns = _turns(shell, x, step)
     angle = rotations.largest_angle(turns)
     fraction = 1.0
     if angle > largest_turn:
@@ -59,9 +66,7 @@ def turned_axes(shell: Shell, since: Array, x: Array) -> Array | None:
     """
     if shell.unknowns.matrix is not None:
         return None
-    turns = np.empty_like(x)
-    rotations.vertex_rotations(since, x - since, shell.mesh.faces, turns)
-    turns = turns[shell.free]
+    turns = _turns(shell, since, x - since)[shell.free]
     axes = np.empty((3, *turns.shape))
     for axis, unit in zip(axes, np.eye(3), strict=True):
         rotations.rotate(turns, np.tile(unit, (len(turns), 1)), 1.0, axis)

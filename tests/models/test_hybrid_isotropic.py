@@ -14,6 +14,7 @@ from modalshell.models.base.implicit import ImplicitModel
 from modalshell.models.hybrid import training as hybrid_training
 from modalshell.models.hybrid.assumed_stress import measures_of, reduce_energy, stress_modes
 from modalshell.models.hybrid.energy_kernels import evaluate
+from modalshell.models.hybrid.flat_record import records_of
 from modalshell.models.hybrid.slopes import differences
 
 
@@ -218,6 +219,8 @@ def test_a_step_in_one_call_has_the_bits_of_the_rule_in_parts(make, gravity):
                     orders.add((float(state.memory["order"][0]), float(taken.memory["order"][0])))
             state = after
     assert whole > 24  # the others are handed over, or are more than one solve of the hinged shell
+    _, surface = records_of(model._moving._record)
+    assert not surface.faces.flags.writeable  # as Python's are: kernels are compiled once
     if model._moving._looks:  # the start, and violent steps
         assert {(0.0, 1.0), (0.0, 2.0)} & orders
         assert (2.0, 1.0) in orders

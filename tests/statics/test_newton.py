@@ -9,11 +9,12 @@ from scipy.linalg import eigh
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
 from modalshell.core.timings import Timings
+from modalshell.kernels import rotations
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
 from modalshell.statics.newton import is_minimum, mixed_newton
 from modalshell.statics.potential import Potential, solve
-from modalshell.statics.warped import warped_step
+from modalshell.statics.warped import turned_axes, warped_step
 
 STEPS = np.logspace(-1.5, -3.0, 6)
 
@@ -102,8 +103,18 @@ def test_warped_steps_keep_their_bounds(turn):
     assert warped < straight
 
 
-def test_a_warped_rotation_does_not_stretch():
-    """Of a shell without supports every vertex turns alike: edges keep their lengths to rounding where w x w = 0."""
+def test_a_warped_rotation_does_not_stretch(monkeypatch):
+    """Of a shell without supports every vertex turns alike: edges keep their lengths to rounding where w x w = 0.
+
+    Positions at rest are read-only, and kernels are compiled once more for such ones: they are not given them.
+    """
+    kernel, writeable = rotations.vertex_rotations, set()
+
+    def seen(x, *others):
+        writeable.add(x.flags.writeable)
+        kernel(x, *others)
+
+    monkeypatch.setattr(rotations, "vertex_rotations", seen)
     mesh = flat_beam(length=1.0, width=0.2, cells=(10, 2))
     shell = Shell(mesh, Material(stretch=1.0, shear=1.0, flexure=1.0, density=1.0))
     x = shell.rest_positions
@@ -111,6 +122,8 @@ def test_a_warped_rotation_does_not_stretch():
         moved, _, _ = warped_step(shell, x, np.cross(axis, x).ravel(), np.inf)
         edges = moved[mesh.edges[:, 1]] - moved[mesh.edges[:, 0]]
         np.testing.assert_allclose(np.linalg.norm(edges, axis=1), mesh.edge_lengths, rtol=1e-12)
+        assert turned_axes(shell, x, moved) is not None
+    assert writeable == {True}
 
 
 @pytest.mark.parametrize("method", [Potential.descend, solve, mixed_newton])

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sps
 
 from modalshell.core.cost import count_elements, count_factorisation, count_solves
-from modalshell.core.thread_safety import PerThread
+from modalshell.core.thread_safety import PerThread, writeable
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.linalg import Profile, ProfileAnalysis
@@ -74,7 +74,7 @@ class ProfileStep:
         one of few iterations, which has gone down no way of its own to one of several minima; others are not solved.
         """
         # Writeable, as above: a shell's positions at rest are not.
-        begin, room = Start(*map(_writeable, (start.origin, start.rates, start.near))), self._room()
+        begin, room = Start(*map(writeable, (start.origin, start.rates, start.near))), self._room()
         body, load = self._damped(start, load, damping.stiffness_factor)
         if body is not self._body:
             room.elastic.forget()
@@ -95,9 +95,7 @@ class ProfileStep:
         """
         room, lanczos = self._room(), self._lanczos()
         rooms = room, room._replace(values=room.second, second=room.values)
-        margin, products, factors = check(
-            self._body, rooms, lanczos, _writeable(x), _writeable(load), self._probe, early
-        )
+        margin, products, factors = check(self._body, rooms, lanczos, writeable(x), writeable(load), self._probe, early)
         count_elements(2 * factors * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
         count_factorisation(self._unknowns, factors, self._products)
         count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
@@ -111,10 +109,6 @@ class ProfileStep:
         begun = start.begun(lambda _, state: shell.changes(state.coordinates), shell.elastic_energy.periods)
         elastic, whole = self._body.elastic.damped(shell.damped(begun, factor, start.dt))
         return self._body._replace(mass=self._body.mass / whole, elastic=elastic), load / whole
-
-
-def _writeable(array: Array) -> Array:
-    return array if array.flags.writeable else array.copy()
 
 
 def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:

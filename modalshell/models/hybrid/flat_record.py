@@ -11,6 +11,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
+from modalshell.kernels.read_only import unwritten
 from modalshell.models.hybrid.assumed_stress import Quadratic, ReducedStress, padded
 from modalshell.models.hybrid.measures import Bending
 from modalshell.models.hybrid.surface import Surface
@@ -82,7 +83,7 @@ def records_of(record):  # type: ignore[no-untyped-def]
         _row(i, at, 9), _row(i, at, 10), _row(x, at, 11), _block(x, at, 12), _matrix(x, at, 13),
     )  # fmt: skip
     surface = Surface(
-        _matrix(x, at, 14), _matrix(x, at, 15), _matrix(i, at, 16), _matrix(i, at, 17), _row(x, at, 18),
+        _matrix(x, at, 14), _matrix(x, at, 15), unwritten(_matrix(i, at, 16)), _matrix(i, at, 17), _row(x, at, 18),
         _row(i, at, 19), _row(i, at, 20), _row(x, at, 21),
     )  # fmt: skip
     return ReducedStress(_quadratic(x, i, at, 0), bending), surface
