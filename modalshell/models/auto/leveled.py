@@ -75,12 +75,7 @@ class LeveledStepper(Stepper):
         if level in self.model.coarse_levels:
             state: MotionState = self._levels[level].model.start_motion()
             return state
-        return self._at_rest(level, self.shell.rest_positions, 0.0)
-
-    def _at_rest(self, level: int, x: Array, time: float) -> MotionState:
-        """A level's state at rest at x (n, 3) [m], as far as it can."""
-        stepper = self._stepper(level)
-        return stepper.state_at(stepper.from_local(x, time), time)
+        return self._stepper(level).local_state_at(self.shell.rest_positions, 0.0)
 
     @property
     def note(self) -> str:

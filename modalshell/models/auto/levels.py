@@ -123,7 +123,7 @@ class FullLevel(Level):
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with these velocities, as if its first step were to come."""
-        state = stepper.state_at(stepper.from_local(x, time), time)
+        state = stepper.local_state_at(x, time)
         rates = self.model.shell.unknowns.project(v)
         rates[self.model.shell.clamped] = 0.0
         return stepper.outside(MotionState(state.coordinates, rates, state.memory), time)
@@ -140,7 +140,7 @@ class CoarseLevel(Level):
 
     def entered(self, stepper: Stepper, x: Array, v: Array, time: float) -> MotionState:
         """State with the sampled velocities."""
-        state, coarse = stepper.state_at(stepper.from_local(x, time), time), stepper.model
+        state, coarse = stepper.local_state_at(x, time), stepper.model
         moved = coarse.sampled(coarse.shell.rest_positions + v) - coarse.coarse.shell.rest_positions
         moved[coarse.coarse.shell.clamped] = 0.0
         return MotionState(state.coordinates, moved, state.memory)

@@ -85,7 +85,7 @@ class AutoStepper(LeveledStepper):
         positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         if self._check.touches_rough(positions, 0.0):
-            return self._begun(last, self._at_rest(last, positions, 0.0), (0.0, 1.0, TOUCHES))
+            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
@@ -95,7 +95,7 @@ class AutoStepper(LeveledStepper):
                 return self._begun(number, inner, (missed, margin, LACKS_START))
             if not stable > LEAST_MARGIN:
                 break
-        return self._begun(last, self._at_rest(last, positions, 0.0), (missed, margin, LACKS_START))
+        return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (missed, margin, LACKS_START))
 
     def _begun(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
         """The state of a start on a level, with what the first lacks of it, over what it may, a margin and a mark."""
@@ -118,8 +118,7 @@ class AutoStepper(LeveledStepper):
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], on the most exact level."""
         top = len(self._levels) - 1
-        local = positions if self._frame is None else self._frame.at(time).to_shell(positions)
-        inner = self._at_rest(top, local, time)
+        inner = self._stepper(top).state_at(positions, time)
         return self._watch.fitted(self.model.on_level(top, inner, self._stepper(top).local_positions(inner)))
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:

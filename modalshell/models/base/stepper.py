@@ -107,9 +107,9 @@ class Stepper(ABC):
         own = self.own_positions(state)
         return own + self.origin if self._off_centre else own
 
-    def from_local(self, positions: Array, time: float) -> Array:
-        """Positions (n, 3) [m] in the world of those in the frame of the supports."""
-        return positions if self._frame is None else self.in_world(positions - self.origin, time)
+    def local_state_at(self, positions: Array, time: float) -> MotionState:
+        """The state of :meth:`state_at` at ``positions`` (n, 3) [m] in the frame of the supports."""
+        return self.state_at(positions if self._frame is None else self.in_world(positions - self.origin, time), time)
 
     def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state in its frame, by where it was a short time ``lead`` [s] before."""
