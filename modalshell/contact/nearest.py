@@ -151,8 +151,6 @@ def windings(points, vertices, faces, numbers):  # type: ignore[no-untyped-def]
             b = _between(vertices[faces[t, 1]], points[k])
             c = _between(vertices[faces[t, 2]], points[k])
             u, v, w = _length(a), _length(b), _length(c)
-            ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-            bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
-            ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2]
+            ab, bc, ca = _dot(a, b), _dot(b, c), _dot(c, a)
             total += 2.0 * np.arctan2(_product(a, b, c), u * v * w + ab * w + bc * u + ca * v)
         numbers[k] = total / (4.0 * np.pi)

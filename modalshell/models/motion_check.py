@@ -43,6 +43,22 @@ def instant_of(times: Array, frames: Array) -> Instant:
     return Instant(frames[1], velocity, 2.0 * (after - before) / (first + second), float(times[1]))
 
 
+def acting_load(
+    x: Array, v: Array, time: float, dead: Array, loading: Loading, mass: Array, supports: SupportPath | None
+) -> Array:
+    """All loads (n, 3) [N] as they act in the frame of the supports, inertial ones of their motion with them.
+
+    On a shell of vertex masses (n,) [kg] at x (n, 3) [m] with velocities v (n, 3) [m/s] there, at ``time`` [s]; the
+    ``dead`` ones (n, 3) [N] of the world are given.
+    """
+    pose = None if supports is None else supports.at(time)
+    load = dead
+    if loading.live:
+        at = (x, v) if pose is None else (pose.to_world(x), pose.world_velocities(x, v))
+        load = load + loading.live_force(*at, time)
+    return load if pose is None else pose.shell_load(load, mass, x, v)
+
+
 def balancing_load(
     now: Instant,
     shell: Shell,
@@ -57,17 +73,9 @@ def balancing_load(
     the damping by the mass: ``f - M (a + xi v)``. Damping by the stiffness is left out: the velocities of cheap models
     stretch the membrane, which would drown all else.
     """
-    x, v, mass = now.positions, now.velocities, shell.mass[:, None]
-    load = loading.dead if dead is None else dead
-    pose = None if supports is None else supports.at(now.time)
-    if loading.live:
-        if pose is None:
-            load = load + loading.live_force(x, v, now.time)
-        else:
-            load = load + loading.live_force(pose.to_world(x), pose.world_velocities(x, v), now.time)
-    if pose is not None:
-        load = pose.shell_load(load, shell.mass, x, v)
-    return np.asarray(load - mass * (now.accelerations + damping.mass_factor * v))
+    v, dead = now.velocities, loading.dead if dead is None else dead
+    load = acting_load(now.positions, v, now.time, dead, loading, shell.mass, supports)
+    return np.asarray(load - shell.mass[:, None] * (now.accelerations + damping.mass_factor * v))
 
 
 def touching_frames(
@@ -145,7 +153,7 @@ class MotionCheck:
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._turns = supports is not None and not in_frame
+        self._frame = None if in_frame else supports
         self._coarse, self.unjudged = coarse, ""
         self._touching = touching
         self._estimator: Estimator
@@ -157,7 +165,7 @@ class MotionCheck:
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
         x = np.asarray(positions, dtype=np.float64)
-        return self._supports.at(time).to_shell(x) if self._supports is not None and self._turns else x
+        return x if self._frame is None else self._frame.at(time).to_shell(x)
 
     def bar(self, times: Array, frames: Array, forces: Array | None = None) -> ErrorBar:
         """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s].
@@ -187,9 +195,9 @@ class MotionCheck:
 
     def _turned(self, times: Array, forces: Array) -> Array:
         """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
-        if self._supports is None or not self._turns:
+        if self._frame is None:
             return forces
-        return np.stack([f @ self._supports.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
+        return np.stack([f @ self._frame.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
 
     def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
         """That load (n, 3) [N] alone, without friction."""

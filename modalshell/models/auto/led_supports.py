@@ -1,4 +1,4 @@
-"""Supports that move, as the model that switches itself sees them: what they do to its loads, and its measure."""
+"""The motion of supports in numbers, by which the model that switches itself compares states."""
 
 from __future__ import annotations
 
@@ -51,12 +51,3 @@ class LedSupports:
         numbers = np.concatenate([part / size for part, size in zip(self._parts(time), self._sizes, strict=True)])
         numbers[np.abs(numbers) < _LITTLE] = 0.0
         return numbers.tolist()
-
-    def felt(self, force: Array, mass: Array, x: Array, v: Array, time: float) -> Array:
-        """Load (n, 3) [N] in the frame at x (n, 3) [m] and v (n, 3) [m/s], of forces (n, 3) [N] of the world."""
-        return self._path.at(time).shell_load(force, mass, x, v)
-
-    def in_world(self, x: Array, v: Array, time: float) -> tuple[Array, Array]:
-        """Positions (n, 3) [m] and velocities (n, 3) [m/s] of the world of those in the frame."""
-        pose = self._path.at(time)
-        return pose.to_world(x), pose.world_velocities(x, v)

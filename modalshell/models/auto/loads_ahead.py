@@ -15,6 +15,7 @@ from modalshell.models.auto.checks import Check
 from modalshell.models.auto.led_supports import LedSupports
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
+from modalshell.models.motion_check import acting_load
 
 _MOST_TOGETHER = 2
 """Loads that change whose largest factors are taken together."""
@@ -62,6 +63,7 @@ class LoadsAhead:
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:
         self._model, self._loading, self._dt, self._check = model, setup.loading, setup.dt, check
         live = setup.loading.live
+        self._supports = setup.supports
         self._led = None if setup.supports is None else LedSupports(setup.supports)
         self.change = bool(live or self._led)
         self.count = len(live) + (0 if self._led is None else self._led.count)
@@ -118,10 +120,7 @@ class LoadsAhead:
 
     def at(self, x: Array, v: Array, time: float, dead: Array) -> Array:
         """Load (n, 3) [N] at positions x (n, 3) [m] with velocities v (n, 3) [m/s], that of supports that move too."""
-        if self._led is None:
-            return dead + self._loading.live_force(x, v, time) if self._loading.live else dead
-        force = dead + self._loading.live_force(*self._led.in_world(x, v, time), time) if self._loading.live else dead
-        return self._led.felt(force, self._model.shell.mass, x, v, time)
+        return acting_load(x, v, time, dead, self._loading, self._model.shell.mass, self._supports)
 
     def coming(self, dead: Array) -> list[Coming]:
         """The largest loads that are known to come, one each way, of one or two loads that change by factors alone.
