@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
-from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
 from modalshell.core.errors import (
     FileFormatError,
     LoadError,
@@ -24,7 +23,6 @@ from modalshell.core.errors import (
 )
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
-from modalshell.crowd import Crowd, FlightResult, Flock
 from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import (
     EdgeMoment,
@@ -92,16 +90,15 @@ from modalshell.shell import (
     measure,
 )
 from modalshell.shell.damping import Damping
-from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.supports.constraints import OrientationConstraint, PositionConstraint
-from modalshell.sweep import SweepResult, run_sweep
 
 if TYPE_CHECKING:
+    from modalshell.compare import Advice, QuickAdvice, Tradeoff, advise, quick_advice, tradeoff
     from modalshell.contact import (
         Box,
         Capsule,
@@ -113,26 +110,45 @@ if TYPE_CHECKING:
         SelfContact,
         Sphere,
     )
+    from modalshell.crowd import Crowd, FlightResult, Flock
+    from modalshell.springs import SpringSheet
+    from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
 
-_LAZY = dict.fromkeys(
-    ("Box", "Capsule", "Contact", "Cylinder", "HeightField", "MeshCollider", "Plane", "SelfContact", "Sphere"),
-    "modalshell.contact",
-)
-"""Names that are imported when they are first used: nothing else pays for them."""
+_LATER = {
+    "compare": ("Advice", "QuickAdvice", "Tradeoff", "advise", "quick_advice", "tradeoff"),
+    "contact": (
+        "Box",
+        "Capsule",
+        "Contact",
+        "Cylinder",
+        "HeightField",
+        "MeshCollider",
+        "Plane",
+        "SelfContact",
+        "Sphere",
+    ),
+    "crowd": ("Crowd", "FlightResult", "Flock"),
+    "springs": ("SpringSheet",),
+    "sweep": ("SweepResult", "run_sweep"),
+}
+"""Subpackages that are imported when they or a name of theirs are first used: nothing else pays for them."""
+_HOMES = {name: part for part, names in _LATER.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
+    if name in _LATER:
+        return importlib.import_module(f"{__name__}.{name}")
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_LAZY[name]), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_LATER, *_HOMES})
 
 
 __all__ = [

@@ -131,11 +131,12 @@ def test_a_run_with_contacts_is_drawn(scene_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_scenes_without_contacts_import_none(scene_file):
+def test_a_plain_scene_imports_no_contacts_crowds_springs_or_comparisons(scene_file):
     code = (
         "import sys, modalshell as ms\n"
         f"ms.load_scene({str(scene_file())!r}).build().start_motion().advance()\n"
-        "print([name for name in sys.modules if name.startswith('modalshell.contact')])\n"
+        "print([part for part in ms._LATER if f'modalshell.{part}' in sys.modules])\n"
+        "assert ms.contact.Plane is ms.Plane and 'Flock' in dir(ms) and ms.crowd.Flock is ms.Flock\n"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
