@@ -60,7 +60,7 @@ SHORTER = {
         "studies.motion_limits.SHEET_TIME": 0.1,
         "studies.motion_scenes.SWING_FINE": 4,
     },
-    "stability_atlas": {"studies.stability_atlas.FEWEST": 10, "studies.stability_atlas.MOST": 20},
+    "stability_atlas": {"studies.stability_atlas.FEWEST": 4, "studies.stability_atlas.MOST": 6},
     "tradeoff": {"studies.tradeoff.REPEATS": 1},
     "validity_map": {"studies.validity_map.MOTIONS": 4},
 }

@@ -176,7 +176,7 @@ def test_rungs_with_costly_answers_are_stopped(bent):
     assert stopped[0].outcome is free[0].outcome
     assert [answer.outcome for answer in stopped[1:]] == [ms.Outcome.STOPPED]
     row = replace(costly, statuses=["converged", "stopped"], missed=True)
-    assert choose(replace(bent, rows=[row]), 0.02, 60.0).refused["MD-ROM 4"].endswith("many times those of DS")
+    assert choose(replace(bent, rows=[row]), 0.02, 60.0).refused["MD-ROM 4"].endswith("several times those of DS")
 
 
 def test_advice_says_when_none_meets_it(bent):
