@@ -56,11 +56,12 @@ SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drif
 SHORTER = {
     "engines": {"studies.engines._FRAMES": 2},
     "motion_truth": {
-        "studies.motion_limits.COST_FINE": 640,
+        "studies.motion_limits.COST_FINE": 320,
+        "studies.motion_limits.FREE_TIME": 0.1,
         "studies.motion_limits.SHEET_TIME": 0.1,
-        "studies.motion_scenes.SWING_FINE": 4,
+        "studies.motion_scenes.SWING_FINE": 2,
     },
-    "stability_atlas": {"studies.stability_atlas.FEWEST": 10, "studies.stability_atlas.MOST": 20},
+    "stability_atlas": {"studies.stability_atlas.FEWEST": 4, "studies.stability_atlas.MOST": 6},
     "tradeoff": {"studies.tradeoff.REPEATS": 1},
     "validity_map": {"studies.validity_map.MOTIONS": 4},
 }

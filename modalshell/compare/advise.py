@@ -32,7 +32,7 @@ from modalshell.scene import Scene
 from modalshell.scene.write import write_scene_with
 from modalshell.shell import Shell
 
-_REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
+_REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost several times those of DS"}
 """Outcomes of static answers that a reader of advice would not understand, as reasons."""
 
 

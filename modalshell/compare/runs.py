@@ -28,7 +28,7 @@ _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 """Frames timed at most and at least, and frames before them that are not timed."""
 _FRAME_BUDGET = 4e6
 """Counted cost [reference microseconds] after which timing stops: the same number of frames on every machine."""
-_STATICS_LIMIT = 20.0
+_STATICS_LIMIT = 4.0
 """Counted cost of a rung's static answers over that of DS at all loads, from which the other loads are left out."""
 ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
@@ -217,7 +217,7 @@ def answer_error(answer: Equilibrium, exact: Equilibrium, shell: Shell) -> float
 def static_answers(model: Model, case: Case, path: LoadPath, *, near: bool = False) -> list[Equilibrium]:
     """Equilibria of ``model`` at the loads of ``path``, or at those ``near`` its snap.
 
-    They stop once they cost many times those of DS.
+    They stop once they cost several times those of DS.
     """
     answers: list[Equilibrium] = []
     cost = 0.0

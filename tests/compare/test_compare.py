@@ -176,7 +176,7 @@ def test_rungs_with_costly_answers_are_stopped(bent):
     assert stopped[0].outcome is free[0].outcome
     assert [answer.outcome for answer in stopped[1:]] == [ms.Outcome.STOPPED]
     row = replace(costly, statuses=["converged", "stopped"], missed=True)
-    assert choose(replace(bent, rows=[row]), 0.02, 60.0).refused["MD-ROM 4"].endswith("many times those of DS")
+    assert choose(replace(bent, rows=[row]), 0.02, 60.0).refused["MD-ROM 4"].endswith("several times those of DS")
 
 
 def test_advice_says_when_none_meets_it(bent):
@@ -277,10 +277,9 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compare", [ms.tradeoff, pytest.param(ms.advise, marks=pytest.mark.slow)])
-def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
+def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option():
     with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
-        compare(beam((4, 2)), gravity=(0, 0, -1e11), modes=(4,), loads=(0.5, 1.0))
+        ms.tradeoff(beam((4, 2)), gravity=(0, 0, -1e11), modes=(4,), loads=(0.5, 1.0))
 
 
 def test_a_shell_without_stiffness_in_its_lowest_mode_is_refused():
