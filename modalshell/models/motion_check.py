@@ -20,6 +20,7 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
+from modalshell.supports.led import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
@@ -127,6 +128,8 @@ class MotionCheck:
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
     in_frame : bool
         Whether frames are in the frame of the supports, and not in the world.
+    led : LedVertices, optional
+        Vertices that constraints lead, in the frame of the supports, which ``estimator`` knows if it is given.
 
     Attributes
     ----------
@@ -150,6 +153,7 @@ class MotionCheck:
         estimator: ErrorEstimator | None = None,
         touching: TouchingFrames | None = None,
         in_frame: bool = False,
+        led: LedVertices | None = None,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
@@ -160,7 +164,7 @@ class MotionCheck:
         if touching is not None:
             self._estimator = touching.estimator
         else:
-            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
+            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell, led)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""
@@ -186,7 +190,7 @@ class MotionCheck:
             bar, self.unjudged = self._touching.bar(times, own, load)
             return bar, load
         if self._coarse is None:
-            return self._estimator.bar(x, load), load
+            return self._estimator.bar(x, load, time=float(times[1])), load
         return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
 
     def _seen(self, times: Array, frames: Array) -> Array:
@@ -205,10 +209,13 @@ class MotionCheck:
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
     def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], colliders as at ``time`` [s]."""
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N].
+
+        Colliders are as at ``time`` [s], and so are constraints.
+        """
         if self._touching is not None:
             self._touching.estimator.look(time)
-        return self._estimator.bar(positions, load)
+        return self._estimator.bar(positions, load, time=time)
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""
