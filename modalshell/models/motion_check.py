@@ -20,7 +20,6 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
-from modalshell.supports.led import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
@@ -123,13 +122,11 @@ class MotionCheck:
         The coarse shell of it on which bars are found, in place of itself.
     estimator : ErrorEstimator, optional
         What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
-        Contacts have their own.
+        Contacts have their own, and of constraints one must be given that leads their vertices in that frame.
     touching : TouchingFrames, optional
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
     in_frame : bool
         Whether frames are in the frame of the supports, and not in the world.
-    led : LedVertices, optional
-        Vertices that constraints lead, in the frame of the supports, which ``estimator`` knows if it is given.
 
     Attributes
     ----------
@@ -153,7 +150,6 @@ class MotionCheck:
         estimator: ErrorEstimator | None = None,
         touching: TouchingFrames | None = None,
         in_frame: bool = False,
-        led: LedVertices | None = None,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
@@ -164,7 +160,7 @@ class MotionCheck:
         if touching is not None:
             self._estimator = touching.estimator
         else:
-            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell, led)
+            self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 
     def own(self, time: float, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the frame of the supports."""

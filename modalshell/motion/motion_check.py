@@ -13,6 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.bars import check_bar, led_vertices, no_coarse_constraints, no_coarse_contacts
+from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.error_bars import coarse_of
 from modalshell.models.motion_check import MotionCheck, touching_frames
@@ -68,21 +69,21 @@ def with_bars(
     run: Trajectory,
     model: Model,
     loading: Loading,
+    wanted: WantedBars,
     *,
-    every: int,
-    coarse: CoarseDiscreteShell | None = None,
     damping: Damping | None = None,
     supports: SupportPath | None = None,
-    touching: TouchingFrames | None = None,
-    led: LedVertices | None = None,
 ) -> Trajectory:
-    """The motion of a model with the error bars of some frames, ``every`` one from the last.
+    """The motion of a model with the error bars of some frames, those ``wanted``.
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
     the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
     :class:`MotionCheck`. OptionError for a shell that its supports do not hold.
     """
-    check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse, touching=touching, led=led)
+    every, coarse, touching, led = wanted["every"], wanted["coarse"], wanted["touching"], wanted["led"]
+    shell, damping = model.true_shell, damping or Damping()
+    estimator = None if led is None else quick_estimator(shell, led)
+    check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))

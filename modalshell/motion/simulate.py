@@ -157,7 +157,7 @@ def simulate(
     if wanted is None:
         return run
     setup = motion.setup
-    return with_bars(run, model, setup.loading, **wanted, damping=setup.damping, supports=supports)
+    return with_bars(run, model, setup.loading, wanted, damping=setup.damping, supports=supports)
 
 
 def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:

@@ -384,7 +384,7 @@ class BuiltScene:
         if not self.scene.bar or (table := self.scene.motion) is None:
             return run
         wanted = wanted_bars(BARS_EVERY, self.model, self.contacts, table.dt, self.path, self.constraints)
-        return with_bars(run, self.model, self.loading(), **wanted, damping=build_damping(table), supports=self.path)
+        return with_bars(run, self.model, self.loading(), wanted, damping=build_damping(table), supports=self.path)
 
     def loading(self) -> Loading:
         """All loads together."""
