@@ -15,6 +15,7 @@ REASONS = {
     "compare.advise.advise": OPTIONS,
     "compare.tradeoff.tradeoff": OPTIONS,
     "crowd.flock.Flock.__init__": OPTIONS,
+    "models.error_bars.error_bar": OPTIONS,
     "models.hybrid_stress.HybridStress.trained": OPTIONS,
     "motion.simulate.simulate": OPTIONS,
     "motion.stepping.Motion.__init__": OPTIONS,

@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.timings import Stopwatch
 from modalshell.loads import Load, Loading
-from modalshell.models.base.bars import bar_on_shell, check_bar, no_coarse_contacts
+from modalshell.models.base.bars import bar_on_shell, check_bar, no_coarse_constraints, no_coarse_contacts
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import given_contacts
@@ -21,6 +21,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.shell import Shell
 from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it
@@ -39,6 +40,7 @@ def error_bar(
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
     contacts: Sequence[Contact] | None = None,
+    constraints: Sequence[Constraint] | None = None,
 ) -> ErrorBar:
     """How far a static answer is from that of discrete shells (DS) on the same shell, without solving DS.
 
@@ -61,10 +63,10 @@ def error_bar(
     walk : bool
         Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
         costs some five to ten further bars, in place of an estimate from this one margin.
-    gravity, force, loads, contacts : optional
-        The load and colliders, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows them. What touches
-        stays on its collider while the steps are taken; these are more than two, at most eight, where they change what
-        touches.
+    gravity, force, loads, contacts, constraints : optional
+        The load, colliders and constraints, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows them.
+        What touches stays on its collider while the steps are taken; these are more than two, at most eight, where they
+        change what touches. Constraints hold patches as DS does, each one rigid.
 
     Returns
     -------
@@ -74,29 +76,31 @@ def error_bar(
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold, an answer under constraints, contacts with friction, loads
-        or contacts given twice, or contacts with a bar on a coarse shell or with ``walk``.
+        For a shell that its supports do not hold, contacts with friction, contacts and constraints together, loads,
+        contacts or constraints given twice, or either of the latter with a bar on a coarse shell or with ``walk``.
     LoadError
         For positions or loads of the wrong shape or not finite.
     """
     shell = shell_of(model_or_shell)
     given = any(part is not None for part in (gravity, force, loads))
-    loading, constrained, touching = None, False, given_contacts(contacts)
+    loading, touching, led = None, given_contacts(contacts), checked_constraints(constraints, shell.unknowns)
     if isinstance(answer, Equilibrium):
-        loading, constrained = answer.loading, answer.constraint_residuals.size > 0
+        loading = answer.loading
         if answer.contacts and contacts is not None:
             raise OptionError("the equilibrium knows its contacts: leave them out, or give its positions")
-        touching = answer.contacts or touching
+        if answer.constraints and constraints is not None:
+            raise OptionError("the equilibrium knows its constraints: leave them out, or give its positions")
+        touching, led = answer.contacts or touching, list(answer.constraints) or led
     if loading is not None and given:
         raise OptionError("the equilibrium knows its load: leave out gravity, force and loads, or give its positions")
     if loading is None:
         loading = shell.loading(gravity, force, loads)
     positions = shell.checked_positions(answer.positions if isinstance(answer, Equilibrium) else answer)
-    check_bar(shell, constrained=constrained, contacts=touching)
+    check_bar(shell, constraints=led, contacts=touching)
     if isinstance(on, str) and on == "shell":
-        return bar_on_shell(shell, positions, loading, touching, walk=walk)
-    if touching:
-        raise no_coarse_contacts()
+        return bar_on_shell(shell, positions, loading, touching, led, walk=walk)
+    if touching or led:
+        raise no_coarse_contacts() if touching else no_coarse_constraints()
     return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 

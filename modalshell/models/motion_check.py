@@ -122,7 +122,7 @@ class MotionCheck:
         The coarse shell of it on which bars are found, in place of itself.
     estimator : ErrorEstimator, optional
         What finds bars of the shell that they are found on; by default one whose bars are compiled where that serves.
-        Contacts have their own.
+        Contacts have their own, and of constraints one must be given that leads their vertices in that frame.
     touching : TouchingFrames, optional
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
     in_frame : bool
@@ -186,7 +186,7 @@ class MotionCheck:
             bar, self.unjudged = self._touching.bar(times, own, load)
             return bar, load
         if self._coarse is None:
-            return self._estimator.bar(x, load), load
+            return self._estimator.bar(x, load, time=float(times[1])), load
         return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
 
     def _seen(self, times: Array, frames: Array) -> Array:
@@ -205,10 +205,13 @@ class MotionCheck:
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
     def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], colliders as at ``time`` [s]."""
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N].
+
+        Colliders are as at ``time`` [s], and so are constraints.
+        """
         if self._touching is not None:
             self._touching.estimator.look(time)
-        return self._estimator.bar(positions, load)
+        return self._estimator.bar(positions, load, time=time)
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""

@@ -105,7 +105,9 @@ def quantity_bars(
     if not isinstance(answer, Equilibrium) or answer.loading is None:
         raise OptionError(f"answer must be an equilibrium of a known load, as a model finds (got {shown(answer)})")
     shell = shell_of(model_or_shell)
-    check_bar(shell, constrained=answer.constraint_residuals.size > 0, contacts=answer.contacts)
+    if answer.constraints:
+        raise OptionError("bars of quantities under constraints are not known: take error_bar, or leave these out")
+    check_bar(shell, contacts=answer.contacts)
     loading, named = answer.loading, not isinstance(of, Mapping)
     if answer.contacts and named and "frequency" in of:
         raise OptionError("under contacts a frequency has no bar: leave it out, or the contacts")

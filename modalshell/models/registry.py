@@ -158,7 +158,10 @@ for _spec in (
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
     ModelSpec("hybrid", "hybrid", trained_on_load, "coarse training", 65, color="#e7298a", marker="p"),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
-    ModelSpec("auto", "auto", Auto, "shell", 80, color="#8c6d1f", marker="*", pictured=False, on_ladder=False),
+    ModelSpec(
+        "auto", "auto", Auto, "shell", 80, constraints=True, color="#8c6d1f", marker="*", pictured=False,
+        on_ladder=False,
+    ),
     ModelSpec(TRUTH, "DS", DiscreteShell, "shell", 100, constraints=True, color="#2f9e44"),
 ):  # fmt: skip
     register(_spec)

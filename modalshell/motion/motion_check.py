@@ -12,7 +12,8 @@ from modalshell.core.checks import checked_count
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.models.base.bars import check_bar, no_coarse_contacts
+from modalshell.models.base.bars import check_bar, led_vertices, no_coarse_constraints, no_coarse_contacts
+from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.error_bars import coarse_of
 from modalshell.models.motion_check import MotionCheck, touching_frames
@@ -21,6 +22,8 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
+from modalshell.supports.constraints import Constraint
+from modalshell.supports.led import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
@@ -38,6 +41,7 @@ class WantedBars(TypedDict):
     every: int
     coarse: CoarseDiscreteShell | None
     touching: TouchingFrames | None
+    led: LedVertices | None
 
 
 def wanted_bars(
@@ -46,38 +50,40 @@ def wanted_bars(
     contacts: Sequence[Contact],
     dt: float,
     supports: SupportPath | None,
-    *,
-    constrained: bool,
+    constraints: Sequence[Constraint],
 ) -> WantedBars:
     """What ``bars`` of :func:`modalshell.simulate` asks for; OptionError where that cannot be had."""
     every, on = bars if isinstance(bars, tuple) and len(bars) == 2 else (bars, "shell")
     every = checked_count("bars", every)
-    check_bar(model.true_shell, constrained=constrained, contacts=contacts)
+    shell = model.true_shell
+    check_bar(shell, constraints=constraints, contacts=contacts)
     if isinstance(on, str) and on == "shell":
-        return {"every": every, "coarse": None, "touching": touching_frames(model, contacts, dt, supports)}
-    if contacts:
-        raise no_coarse_contacts()
-    return {"every": every, "coarse": coarse_of(model, model.true_shell, on), "touching": None}
+        led = led_vertices(shell, constraints, supports)
+        return {"every": every, "coarse": None, "touching": touching_frames(model, contacts, dt, supports), "led": led}
+    if contacts or constraints:
+        raise no_coarse_contacts() if contacts else no_coarse_constraints()
+    return {"every": every, "coarse": coarse_of(model, shell, on), "touching": None, "led": None}
 
 
 def with_bars(
     run: Trajectory,
     model: Model,
     loading: Loading,
+    wanted: WantedBars,
     *,
-    every: int,
-    coarse: CoarseDiscreteShell | None = None,
     damping: Damping | None = None,
     supports: SupportPath | None = None,
-    touching: TouchingFrames | None = None,
 ) -> Trajectory:
-    """The motion of a model with the error bars of some frames, ``every`` one from the last.
+    """The motion of a model with the error bars of some frames, those ``wanted``.
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
     the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
     :class:`MotionCheck`. OptionError for a shell that its supports do not hold.
     """
-    check = MotionCheck(model.true_shell, loading, damping or Damping(), supports, coarse, touching=touching)
+    every, coarse, touching, led = wanted["every"], wanted["coarse"], wanted["touching"], wanted["led"]
+    shell, damping = model.true_shell, damping or Damping()
+    estimator = None if led is None else quick_estimator(shell, led)
+    check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))

@@ -24,7 +24,7 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint
+from modalshell.supports.constraints import Constraint, checked_constraints
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
@@ -116,8 +116,9 @@ def simulate(
     ------
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
-        bars under constraints or self-contact, on a coarse shell with contacts, or of a shell that its supports do not
-        hold, or contacts of a model that takes none, that begin inside the shell, or move too fast for the step.
+        bars under self-contact or contacts and constraints together, on a coarse shell with either, or of a shell that
+        its supports do not hold, or contacts of a model that takes none, that begin inside the shell, or move too fast
+        for the step.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError
@@ -134,7 +135,8 @@ def simulate(
         model = model.stepped_by(integrator)
     wanted, touching = None, given_contacts(contacts)
     if bars is not None:
-        wanted = wanted_bars(bars, model, touching, dt, supports, constrained=bool(constraints))
+        led = checked_constraints(constraints, model.shell.unknowns)
+        wanted = wanted_bars(bars, model, touching, dt, supports, led)
     motion = Motion(
         model,
         model.shell.loading(gravity, force, loads),
@@ -155,7 +157,7 @@ def simulate(
     if wanted is None:
         return run
     setup = motion.setup
-    return with_bars(run, model, setup.loading, **wanted, damping=setup.damping, supports=supports)
+    return with_bars(run, model, setup.loading, wanted, damping=setup.damping, supports=supports)
 
 
 def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:

@@ -233,9 +233,9 @@ class ShellScene(Scene):
         contacts = self.build_contacts(shell.mesh)
         if self.bar:
             try:
-                check_bar(shell, constrained=bool(constraints), contacts=contacts)
+                check_bar(shell, constraints=constraints, contacts=contacts)
                 if self.motion is not None:
-                    wanted_bars(BARS_EVERY, model, contacts, self.motion.dt, path, constrained=False)
+                    wanted_bars(BARS_EVERY, model, contacts, self.motion.dt, path, constraints)
             except OptionError as error:
                 raise SceneError(f"{self.file}: bar: {error}") from error
         return BuiltScene(self, shell, model, force, loads, path, constraints, contacts)
@@ -383,8 +383,8 @@ class BuiltScene:
         """A motion of the scene with error bars, where the scene asks for them."""
         if not self.scene.bar or (table := self.scene.motion) is None:
             return run
-        wanted = wanted_bars(BARS_EVERY, self.model, self.contacts, table.dt, self.path, constrained=False)
-        return with_bars(run, self.model, self.loading(), **wanted, damping=build_damping(table), supports=self.path)
+        wanted = wanted_bars(BARS_EVERY, self.model, self.contacts, table.dt, self.path, self.constraints)
+        return with_bars(run, self.model, self.loading(), wanted, damping=build_damping(table), supports=self.path)
 
     def loading(self) -> Loading:
         """All loads together."""

@@ -11,6 +11,8 @@ the norm of the mass.
 The stability margin is the least ``v . K_M(x_2, s_2) v / v . K_1(x_2) v``, with the predicted stresses: those of x_2
 itself hold what is left of the membrane's residual, and say nothing.
 
+Vertices that constraints lead are held where these want them: the first step brings them there from where they are.
+
 Steps alone are blind to branches: past a snap they find the branch that DS has left, and call the answer right. The
 margin alone is blind to modes that an answer lacks.
 """
@@ -36,6 +38,8 @@ from modalshell.statics.early_margin import Begun
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.margin import LITTLE_STEP, Margin, lowest_ratio, probe
 from modalshell.statics.potential import Potential
+from modalshell.statics.warped import led_step
+from modalshell.supports.led import LedVertices
 
 LEAST_MARGIN = 0.3
 """Margin above which a bar holds."""
@@ -46,6 +50,8 @@ QuickCheck = Callable[[Array, Array], tuple[Array, float] | None]
 _STEPS = 2
 _NOTHING = 1e-14
 """Displacement, in sizes of the shell, that is none."""
+_THERE = 1e-6
+"""Such a one up to which a led vertex is put in its place before the first step."""
 _SLIGHT = 1e-3
 """Third step, as a share of the displacement, that any factor may take."""
 _LARGE, _CONTRACTS, _ALIKE = 0.1, 0.9, 0.1
@@ -143,6 +149,8 @@ class Estimator(ABC):
     ----------
     shell : Shell
         A shell that its supports hold.
+    led : LedVertices, optional
+        Further vertices that constraints lead.
 
     Attributes
     ----------
@@ -152,16 +160,26 @@ class Estimator(ABC):
         What the last bar has left for bars of quantities.
     """
 
-    def __init__(self, shell: Shell) -> None:
-        self.shell, self.origin = shell.centred()
+    def __init__(self, shell: Shell, led: LedVertices | None = None) -> None:
+        self._free, self.origin = shell.centred()
+        self.shell = self._free if led is None else self._free.holding(led.vertices)
+        self._led = led
         self.costs = Timings()
         self.last: LastStep | None = None
         self._factoriser = Factoriser()
+        self._way: Array | None = None
 
-    def bar(self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell") -> ErrorBar:
-        """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones."""
+    def bar(
+        self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell", time: float = 0.0
+    ) -> ErrorBar:
+        """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones.
+
+        Constraints lead vertices to where these are at ``time`` [s].
+        """
         watch, shell = Stopwatch(), self.shell
-        x = _allowed(shell, positions - self.origin)
+        x = _allowed(self._free, positions - self.origin)
+        if (led := self._led) is not None:
+            self._way = led.way(x, led.at(time) - self.origin, _THERE * shell.size)
         self.last = None
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -278,7 +296,7 @@ class ErrorEstimator(Estimator):
 
     Parameters
     ----------
-    shell : Shell
+    shell, led
         As above.
     compiled : callable, optional
         Finds the same, of the shell about the origin under dead loads, by compiled code: positions after the steps and
@@ -289,15 +307,23 @@ class ErrorEstimator(Estimator):
         by its factor: without a third one, and nothing is left for bars of quantities then.
     """
 
-    def __init__(self, shell: Shell, compiled: QuickCheck | None = None, *, early: bool = False) -> None:
-        super().__init__(shell)
+    def __init__(
+        self,
+        shell: Shell,
+        compiled: QuickCheck | None = None,
+        *,
+        early: bool = False,
+        led: LedVertices | None = None,
+    ) -> None:
+        super().__init__(shell, led)
         self._compiled, self._early = compiled, early
         self._taken: tuple[Array, list[Array], Begun] | None = None
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """By compiled code where that serves."""
         self._taken = None
-        found = None if self._compiled is None or live is not None else self._compiled(x, load)
+        serves = self._compiled is not None and live is None and self._way is None
+        found = self._compiled(x, load) if self._compiled is not None and serves else None
         if found is None and self._early and live is None:
             problem = self.problem(load)
             corrected, stresses, begun = self._both_steps(problem, x)
@@ -315,15 +341,16 @@ class ErrorEstimator(Estimator):
         stresses: list[Array] | None = None
         begun: Begun | None = None
         for _ in range(_STEPS):
-            geometric = GAUSS_NEWTON if stresses is None else MIXED
-            gradient, hessian = problem.linearise(x, geometric, stresses)
+            geometric, way = (GAUSS_NEWTON, self._way) if stresses is None else (MIXED, None)
+            gradient, hessian = problem.linearise(x, geometric, stresses, way)
             found = begun.direction(self.shell, x, hessian, gradient) if begun is not None and self._early else None
             if begun is not None and found is not None:
                 begun = Begun(x, hessian, begun.factor, unstressed=True)
             else:
                 factor = problem.factor(hessian)
                 begun, found = Begun(x, hessian, factor), problem.step(factor, gradient)
-            x, stresses, _ = problem.moved(x, found)
+            moved = problem.moved(x, found)[:2] if way is None else led_step(self._free, self.shell, x, found, way)
+            x, stresses = moved
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None

@@ -46,6 +46,17 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     return x + shell.unknowns.project(displacement), step, fraction
 
 
+def led_step(shell: Shell, held: Shell, x: Array, direction: Array, way: Array) -> tuple[Array, list[Array]]:
+    """Positions and stresses after a step along a direction (N,) of a shell with vertices ``held`` that go a ``way``.
+
+    Those of the ``shell`` without them turn as they go, and end at x (n, 3) and the way (n, 3).
+    """
+    step, led = way + held.unknowns.prolong(direction).reshape(-1, 3), way.any(axis=1)
+    moved = warped_step(shell, x, shell.unknowns.values(step.ravel()), np.inf)[0]
+    moved[led] = (x + way)[led]
+    return moved, held.predicted_stresses(x, step)
+
+
 def descent_length(shell: Shell, *, turns: bool) -> float:
     """Length [m] by which descents are measured: one that turns with the shell, or of its box."""
     return shell.mesh.moment_length if turns else shell.size

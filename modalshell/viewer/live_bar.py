@@ -7,6 +7,8 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.models.base.bars import led_vertices
+from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.motion_check import MotionCheck, touching_frames
 from modalshell.motion import Motion
 from modalshell.motion.bars import check_text
@@ -35,7 +37,9 @@ class LiveBar:
         if origin.any():  # the model is one about the origin, its frames are in the world
             shell = shell.shifted(-origin)
         touching = touching_frames(model, setup.contacts, setup.dt, supports, shell)
-        self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching)
+        led = led_vertices(shell, setup.constraints, supports)
+        estimator = None if led is None else quick_estimator(shell, led)
+        self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching, estimator=estimator)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []
         self._largest, self._held, self.text = 0.0, True, ""

@@ -46,6 +46,23 @@ def test_the_bar_is_the_true_error(kind, gravity, model):
     assert "% from DS" in repr(answer.bar)
 
 
+@pytest.mark.parametrize("height", [0.03, 0.1])
+@pytest.mark.parametrize("apart", [False, True], ids=["point", "patch"])
+def test_under_constraints_the_bar_is_the_true_error(height, apart):
+    """Of a patch that DS holds rigid and modes by its mean, too."""
+    shell = ms.Shell(ms.flat_beam(cells=(10, 2)), ms.Isotropic(1e8, 0.3, 5e-3, 300.0), "x < 0.001")
+    tip = np.flatnonzero(shell.rest_positions[:, 0] > 0.999)[:: 1 if apart else 3]
+    target = shell.rest_positions[tip].mean(axis=0) + np.array([-0.6 * height**2, 0.0, height])
+    load = {"gravity": (0, 0, -2.0), "constraints": [ms.PositionConstraint(tip, target)]}
+    answer = ms.RotationStrain(ms.solve_modes(shell, 8)).equilibrium(**load, bar=True)
+    assert answer.bar.valid
+    assert answer.bar.displacement == pytest.approx(true_error(shell, answer, **load), rel=0.1)
+    again = ms.error_bar(shell, answer.positions, **load)
+    assert again.displacement == ms.error_bar(shell, answer).displacement == answer.bar.displacement
+    with pytest.raises(ms.OptionError, match="knows its constraints"):
+        ms.error_bar(shell, answer, constraints=load["constraints"])
+
+
 def test_other_rungs_have_bars_too():
     shell = beam()
     load = {"gravity": aside(20.0)}

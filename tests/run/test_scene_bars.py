@@ -60,7 +60,8 @@ def test_scenes_that_have_none_are_refused(tmp_path):
     with pytest.raises(ms.SceneError, match=r"scene.toml: bar: an error bar needs a shell that its supports hold"):
         ms.run_scene(scene, out=tmp_path / "out")
     held = '[[constraints]]\nkind = "position"\nvertices = [80]\ntarget = [0.0, 0.0, 0.1]\nrelative = true\n'
-    scene.write_text(SCENE % ("true", -20.0) + held)
+    floor = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -9.0\n'
+    scene.write_text(SCENE % ("true", -20.0) + held + floor)
     with pytest.raises(ms.SceneError, match=r"scene.toml: bar: .*constraints"):
         ms.run_scene(scene, out=tmp_path / "out")
 

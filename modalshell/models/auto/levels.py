@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar, final
 
 import numpy as np
@@ -13,9 +13,11 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import FreeParts, axial, crossed, inertia_of, left_jacobian, turn_of, vector_of
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.bars import led_vertices
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.full_stepper import FullStepper
+from modalshell.models.base.manipulation import meet, rates_onto
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -103,12 +105,15 @@ class FullLevel(Level):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion."""
-        by_time = not setup.contacts and all(load.constant is not None for load in setup.loading.live)
+        plain = not (setup.contacts or setup.constraints)
+        by_time = plain and all(load.constant is not None for load in setup.loading.live)
         if by_time and self._compiled is not None:
             return self._compiled.stepper(setup)
         if setup.supports is None:
             return self.model.stepper(setup)
-        return FullStepper(self.model, setup.felt_by(self.model.integrator), in_frame=True)
+        led = led_vertices(self.model.shell, setup.constraints)
+        patches, model = ((), self.model) if led is None else (led.patches, self.model.holding(led.vertices))
+        return FullStepper(model, setup.felt_by(model.integrator), patches, in_frame=True)
 
     @cached_property
     def _compiled(self) -> CoarseDiscreteShell | None:
@@ -189,9 +194,14 @@ class ModalLevel(Level):
         modal, own = stepper.model, x - stepper.origin
         if modal.frames is not None:
             return self._flown(modal, modal.frames, own, v)
-        q, root = modal.nearest(own), np.sqrt(modal.shell.mass)[:, None]
+        q, root, dt = modal.nearest(own), np.sqrt(modal.shell.mass)[:, None], stepper.setup.dt
+        targets_at = partial(stepper.targets, time - dt, dt, q)  # type: ignore[attr-defined]
+        if stepper.setup.constraints:
+            q = meet(targets_at(1.0), q, np.ones_like(q), q)[0]
         rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
         rates = np.linalg.lstsq(rows, (root * v).ravel(), rcond=None)[0]
+        if stepper.setup.constraints:
+            rates = rates_onto(targets_at, q, rates, dt)
         state = modal.integrator.at_rest(q)
         return stepper.outside(MotionState(q, rates, state.memory), time)
 

@@ -16,6 +16,7 @@ from modalshell.models.auto.account import (
     DRIFTS,
     LACKS_LOAD,
     LACKS_START,
+    LED,
     NO_MARGIN,
     STRIKES,
     TOUCHES,
@@ -36,8 +37,9 @@ _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
-_RARER = 1.2
-"""Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
+_RARER, _RARER_LED = 1.2, 2.0
+"""Factor on the steps taken by a full rung from one vain attempt to the next, at least; and under constraints, whose
+statics are dear."""
 _IN_A_ROW = 2
 """Attempts that must succeed one after the other: in violent motion one moment may look calm."""
 _SOON, _PATIENCE = 4, 4.0
@@ -66,8 +68,6 @@ class AutoStepper(LeveledStepper):
     """
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
         super().__init__(model, levels, setup)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
 
@@ -80,12 +80,14 @@ class AutoStepper(LeveledStepper):
         """
         rest = self.shell.rest_positions
         self._check.refuse_inside(rest if positions is None else positions)
-        if positions is None and not self._check.touches_rough(rest, 0.0):
+        led = self._check.led is not None  # which way a shell bends that patches press its first steps decide
+        if positions is None and not (led or self._check.touches_rough(rest, 0.0)):
             return self._watch.fitted(super().start(positions))
         positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
-        if self._check.touches_rough(positions, 0.0):
-            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
+        if led or self._check.touches_rough(positions, 0.0):
+            mark = LED if led else TOUCHES
+            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, mark))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
@@ -133,13 +135,13 @@ class AutoStepper(LeveledStepper):
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
-        rough = self._check.contacts and self._levels[level].quadratic
-        if rough and self._check.touches_rough(stepper.local_positions(after), time):
-            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
+        if self._levels[level].quadratic and (mark := self._unfit(level, after, time)):
+            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, mark
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
             stepper = self._stepper(level)
             after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
+        self.residuals = self._missed(level)
         ended = level, after
         x, rates = stepper.local_positions(after), partial(self._levels[level].velocities, stepper, after, dt)
         steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
@@ -178,7 +180,7 @@ class AutoStepper(LeveledStepper):
 
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
-        modal = level == 0 and not (self._check.least or self._check.contacts)
+        modal = level == 0 and not (self._check.least or self._check.restrained)
         moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
@@ -220,7 +222,8 @@ class AutoStepper(LeveledStepper):
                 seen = self._returning(step, seen, memory)
                 memory["ready"] = np.zeros(1) if seen is None else memory["ready"] + 1.0
                 if seen is None:
-                    memory["wait"] = np.maximum(memory["wait"], _RARER * since)
+                    rarer = _RARER if self._check.led is None else _RARER_LED
+                    memory["wait"] = np.maximum(memory["wait"], rarer * since)
                 elif memory["ready"][0] >= _IN_A_ROW:
                     wanted = 0
         if wanted == level or seen is None:

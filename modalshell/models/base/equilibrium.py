@@ -23,6 +23,7 @@ from modalshell.shell import CreaseState
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.supports.constraints import Constraint
 
 
 @final
@@ -66,6 +67,8 @@ class Equilibrium(Drawn):
         Depth of the deepest vertex inside a collider [m]; 0 where none is inside.
     contacts : tuple of Contact
         Contacts under which it was found.
+    constraints : tuple of Constraint
+        Constraints under which it was found.
     self_contact : float or None
         Smallest distance [m] of parts in self-contact, its gap where none are nearer; None without it.
     creases : CreaseState or None
@@ -95,6 +98,7 @@ class Equilibrium(Drawn):
     in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     deepest: float = 0.0
     contacts: tuple[Any, ...] = field(default=(), repr=False, compare=False)
+    constraints: tuple[Constraint, ...] = field(default=(), repr=False, compare=False)
     self_contact: float | None = None
     creases: CreaseState | None = field(default=None, compare=False)
     conservative: bool = True

@@ -99,8 +99,8 @@ class Model(ABC):
             For loads or positions of the wrong shape or not finite.
         OptionError
             For constraints or contacts of a model that takes none, for constraints that contradict one another or the
-            supports, for a start inside a collider, or for a ``bar`` under constraints, contacts with friction, or of
-            a shell that its supports do not hold.
+            supports, for a start inside a collider, or for a ``bar`` under contacts and constraints together, contacts
+            with friction, or of a shell that its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
@@ -109,7 +109,7 @@ class Model(ABC):
         begin = None if start is None else self.shell.checked_positions(start)
         wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts)
         if checked_kind("bar", bar, bool):
-            check_bar(self.true_shell, constrained=bool(wanted), contacts=touching)
+            check_bar(self.true_shell, constraints=wanted, contacts=touching)
         if touching:
             found = self._solve_touching(loading, begin, touching, wanted)
         elif wanted:
@@ -124,13 +124,13 @@ class Model(ABC):
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
         found = replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
-        if touching:
-            found = replace(found, contacts=touching)
+        if touching or wanted:
+            found = replace(found, contacts=touching, constraints=tuple(wanted))
         if found.converged and (beyond := self.beyond_range(found, wanted)):
             found = replace(found, message="; ".join(filter(None, [found.message, beyond])))
         if not bar:
             return found
-        return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading, found.contacts))
+        return replace(found, bar=bar_on_shell(self.true_shell, found.positions, loading, touching, wanted))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.shell!r})"

@@ -28,6 +28,7 @@ from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.error_bar import ErrorEstimator, QuickCheck
 from modalshell.statics.margin import probe
+from modalshell.supports.led import LedVertices
 
 _PRODUCTS, _CHECKED = 4e7, 1e8
 """Multiplications of a factorisation above which sparse steps, which keep their factors, are quicker; and checks."""
@@ -125,9 +126,10 @@ def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:
     return ProfileStep(shell, profile, place, elastic())
 
 
-def quick_estimator(shell: Shell) -> ErrorEstimator:
+def quick_estimator(shell: Shell, led: LedVertices | None = None) -> ErrorEstimator:
     """What finds bars of a shell by the compiled check, where that serves it, and by sparse algebra elsewhere."""
-    return ErrorEstimator(shell, quick_check(shell))
+    held = shell if led is None else shell.holding(led.vertices)
+    return ErrorEstimator(shell, quick_check(held), led=led)
 
 
 def quick_check(shell: Shell, *, early: bool = False) -> QuickCheck | None:
