@@ -84,7 +84,8 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
     """Equilibrium from ``start`` (n, 3) [m] on a way on which the load grows in equal ``steps``.
 
     What touches at the beginning of a step rubs in it; what comes to touch within it does from the next one on, and in
-    the last one while the shell goes there in a thick fluid.
+    the last one while the shell goes there in a thick fluid. So does it where a step finds no end: the sets of a free
+    shell may let go of all that sticks, though friction holds it.
 
     Raises
     ------
@@ -98,11 +99,12 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         step = FrictionStep(loaded, touching, reached.rest.point)
         found = step.solve(reached, MOST) if step.rubs else _unrubbed(loaded, touching, reached)
         iterations += found.rest.iterations
-        failed = step.rubs and not found.message and not arrived(touching, reached, found)
         # What touches first in the last step has no further one to rub in.
-        if failed or (count == steps and not step.rubs and step.would_rub(found.rest.active)):
-            found = _slowly(loaded, touching, reached)
-            iterations += found.rest.iterations
+        first = count == steps and not step.rubs and step.would_rub(found.rest.active)
+        if first or not arrived(touching, reached, found):
+            slow = _slowly(loaded, touching, reached)
+            iterations += slow.rest.iterations
+            found = slow if arrived(touching, reached, slow) else slow._replace(message=found.message)
         if not arrived(touching, reached, found):
             message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
             residual = min(reached.rest.residual, found.rest.residual)
@@ -126,7 +128,10 @@ def _unrubbed(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
 
 
 def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
-    """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins."""
+    """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins.
+
+    It has no end if it drifts off.
+    """
     drag = first_drag(ActiveSet(problem, touching, problem.measure(problem.push)), before.rest.point)[1]
     reached, failures, iterations = before, 0, 0
     for _ in range(_SUB_STEPS):
@@ -139,6 +144,8 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
                 break
             continue
         reached, failures = found, 0
+        if float(np.abs(found.rest.point - before.rest.point).max()) > _FAR * touching.size:
+            break
         if found.rest.iterations > EASY:
             continue
         drag *= FALL
@@ -147,7 +154,7 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
         iterations += last.rest.iterations
         if not end.rubs and end.would_rub(last.rest.active):
             continue  # first to where it touches
-        if last.message or arrived(touching, found, last):
+        if arrived(touching, found, last):
             return last._replace(rest=replace(last.rest, iterations=iterations))
     return reached._replace(rest=replace(reached.rest, iterations=iterations, stable=False))
 

@@ -40,6 +40,19 @@ def test_an_arch_on_a_floor_spreads_about_its_middle():
     assert np.abs(state.positions - mesh.vertices).max() > 2e-3
 
 
+@pytest.mark.parametrize(("floor", "cells"), [("table", (4, 4)), ("field", (8, 4))])
+def test_a_roof_rests_on_smooth_flat_faces_as_on_a_plane(floor, cells):
+    """It may drift along them, so that the answer is no strict minimum: "did not settle" was said of it."""
+    mesh = ms.v_beam(length=0.4, width=0.2, fold=120.0, cells=cells)
+    low = mesh.vertices[:, 2].min()
+    table, field = ms.Box((0.0, 0.0, low - 0.1), (1.0, 1.0, 0.1)), ms.HeightField(np.full((4, 4), low), 1, (-1, -1, 0))
+    shell, state = rest(mesh, (0, 0, -9.81), [ms.Contact(table if floor == "table" else field)])
+    assert state.converged
+    assert state.stable
+    exact = rest(mesh, (0, 0, -9.81), [ms.Contact(ms.Plane((0, 0, 1), low))])[1].positions
+    assert ms.measure.displacement_error(state.positions, exact, shell) < 1e-6
+
+
 @pytest.mark.parametrize("gravity", [(-1.0, 0.5, -9.81), (0.0, 0.0, 9.81)], ids=["along", "off"])
 def test_what_slides_or_flies_off_has_no_equilibrium(gravity):
     state = rest(ms.sheet(length=0.4, width=0.4, cells=(4, 4)), gravity, [FLOOR])[1]

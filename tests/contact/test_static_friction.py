@@ -153,6 +153,23 @@ def test_springs_that_have_no_stiffness_at_rest_come_down_to_what_rubs():
     assert lying.in_contact.any()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("coefficient", "gap"), [(0.1, 0.0), (0.3, 1e-3)])
+def test_a_free_roof_stands_on_a_rough_table_and_spreads_against_friction(coefficient, gap):
+    """Sets of what sticks let go of all of it at once: "it slides" was said of it, and nothing held it in the air."""
+    mesh = ms.v_beam(length=0.4, width=0.2, fold=120.0, cells=(4, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=1000.0))
+    table = [ms.Contact(ms.Plane((0, 0, 1), mesh.vertices[:, 2].min() - gap), friction=coefficient)]
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -WEIGHT), contacts=table)
+    assert state.converged
+    assert state.stable
+    forces, side = state.contact_forces[state.in_contact], np.sign(mesh.vertices[state.in_contact, 1])
+    np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, WEIGHT * shell.mass.sum()], atol=1e-6)
+    limit = coefficient * forces[:, 2]
+    assert (np.linalg.norm(forces[:, :2], axis=1) <= limit * (1.0 + 1e-6)).all()
+    np.testing.assert_allclose(-side @ forces[:, 1], limit.sum(), rtol=0.01)
+
+
 @pytest.mark.by_default("near")
 @pytest.mark.parametrize("start", ["rest", "near"])
 def test_what_touches_first_in_the_last_step_rubs(start):

@@ -1,4 +1,4 @@
-"""Parts of a shell that smooth planes let drift along them: they rest there with as little held as can be."""
+"""Parts of a shell that smooth planes or flat faces let drift along them: they rest with as little held as can be."""
 
 from __future__ import annotations
 
@@ -72,17 +72,63 @@ def rest_on_planes(
             none = np.zeros(touching.vertices.size)
             words = f"{PUSHED}, or off them, by {share:.2g} of itself: hold it, or give them friction"
             return Rest(start, none.astype(bool), none, share, tried, False), words
-        held = shell.also_supported([one for part, _ in parts for one in part.supports(shell, turning=False)])
-        own = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
-        rest = solve(own, Touching(touching.contacts, held, origin))
+        rest, bears = _held(problem, touching, origin, start, [part for part, _ in parts], solve)
         tried += rest.iterations
-        forces, point = touching.forces(rest.point, rest.pushes), rest.point.copy()
-        least = BORNE * float(np.linalg.norm(load))
-        if all(np.abs(forces[one.vertices] @ one.directions).sum() <= least for one, _ in parts):
-            for part, _ in parts:
-                part.put_back(shell, point, start)
-            return replace(rest, point=point, iterations=tried), ""
+        if not bears:
+            return replace(rest, iterations=tried), ""
     return None
+
+
+def rest_on_faces(
+    problem: Potential,
+    touching: Touching,
+    origin: Array,
+    start: Array,
+    ended: Rest,
+    solve: Callable[[Potential, Touching], Rest],
+) -> Rest:
+    """Where a solve ``ended``, or where parts rest that may drift along all flat faces that they touch there.
+
+    So a table is one, as a plane is: the end is a minimum, but no strict one. See :func:`rest_on_planes`.
+    """
+    parts, rows, load = [], np.flatnonzero(ended.active), problem.load
+    _, normals, curvatures = touching.gaps(ended.point, rows)
+    for vertices, directions, motions in free_translations(problem.shell):
+        own = np.isin(touching.vertices[rows], vertices)
+        bent = float(np.abs(curvatures[own]).max(initial=0.0)) * touching.size
+        if not own.any() or not directions.shape[1] or bent > _ALONG:
+            continue
+        _, sizes, right = np.linalg.svd(normals[own] @ directions)
+        along = directions @ right[np.count_nonzero(sizes > _ALONG) :].T
+        forces = np.concatenate([load[vertices], np.linalg.norm(load) * normals[own]])
+        if along.shape[1]:
+            parts.append(DriftingPart(vertices, along, parallel(forces) if motions == 6 else None, False))
+    if problem.live is not None or not parts:
+        return ended
+    rest, bears = _held(problem, touching, origin, start, parts, solve)
+    return replace(ended if bears or not rest.stable else rest, iterations=ended.iterations + rest.iterations)
+
+
+def _held(
+    problem: Potential,
+    touching: Touching,
+    origin: Array,
+    start: Array,
+    parts: Sequence[DriftingPart],
+    solve: Callable[[Potential, Touching], Rest],
+) -> tuple[Rest, bool]:
+    """Where parts rest that are held along the ways on which they drift, put back there, and whether that bears."""
+    shell = problem.shell
+    held = shell.also_supported([one for part in parts for one in part.supports(shell, turning=False)])
+    own = replace(problem, shell=held, factoriser=Factoriser(problem.factoriser.backend))
+    rest = solve(own, Touching(touching.contacts, held, origin))
+    forces, point = touching.forces(rest.point, rest.pushes), rest.point.copy()
+    least = BORNE * float(np.linalg.norm(problem.load))
+    if any(np.abs(forces[one.vertices] @ one.directions).sum() > least for one in parts):
+        return rest, True
+    for part in parts:
+        part.put_back(shell, point, start)
+    return replace(rest, point=point), False
 
 
 def _pushed_along(load: Array, parts: Sequence[tuple[DriftingPart, Array]]) -> tuple[float, bool] | None:

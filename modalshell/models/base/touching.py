@@ -21,7 +21,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
-from modalshell.models.base.drift_on_planes import BORNE, PUSHED, rest_on_planes
+from modalshell.models.base.drift_on_planes import BORNE, PUSHED, rest_on_faces, rest_on_planes
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
@@ -108,7 +108,8 @@ def _smooth(
     touching.refuse_inside(first)
     drifted = rest_on_planes(problem, touching, origin, first, solve)
     if drifted is None:
-        return _Found(solve(problem, touching))
+        rest = solve(problem, touching)
+        return _Found(rest if rest.stable else rest_on_faces(problem, touching, origin, first, rest, solve))
     return _Found(drifted[0], failure=drifted[1] or _UNSETTLED)
 
 
