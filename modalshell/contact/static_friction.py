@@ -22,6 +22,7 @@ from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import EXACT_GAP, INSIDE, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
+from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.potential import Potential
@@ -92,19 +93,20 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations = begun(touching, start), 0
+    reached, iterations, loose = begun(touching, start), 0, bool(left_free(problem.shell))
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
         step = FrictionStep(loaded, touching, reached.rest.point)
         found = step.solve(reached, MOST) if step.rubs else _unrubbed(loaded, touching, reached)
         iterations += found.rest.iterations
-        failed = step.rubs and not found.message and not arrived(touching, reached, found)
+        failed = step.rubs and not (loose and found.message) and not arrived(touching, reached, found)
         # What touches first in the last step has no further one to rub in.
         if failed or (count == steps and not step.rubs and step.would_rub(found.rest.active)):
-            found = _slowly(loaded, touching, reached)
+            found = _slowly(loaded, touching, reached, loose)
             iterations += found.rest.iterations
         if not arrived(touching, reached, found):
-            message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
+            why = "" if found.message == SLIDES and not loose else found.message
+            message = f"{why or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
             residual = min(reached.rest.residual, found.rest.residual)
             rest = replace(reached.rest, residual=residual, iterations=iterations, converged=False)
             return reached._replace(rest=rest, message=message)
@@ -125,8 +127,11 @@ def _unrubbed(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
     return Rubbed(rest, np.zeros_like(before.friction), message, sets)
 
 
-def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
-    """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins."""
+def _slowly(problem: Potential, touching: Touching, before: Rubbed, loose: bool) -> Rubbed:
+    """Where the shell comes to in a thick fluid, in each step of which it rubs from where that begins.
+
+    A ``loose`` shell may slide away. What supports hold only snaps or slips on to where it rests again.
+    """
     drag = first_drag(ActiveSet(problem, touching, problem.measure(problem.push)), before.rest.point)[1]
     reached, failures, iterations = before, 0, 0
     for _ in range(_SUB_STEPS):
@@ -147,7 +152,7 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
         iterations += last.rest.iterations
         if not end.rubs and end.would_rub(last.rest.active):
             continue  # first to where it touches
-        if last.message or arrived(touching, found, last):
+        if (loose and last.message) or arrived(touching, found, last):
             return last._replace(rest=replace(last.rest, iterations=iterations))
     return reached._replace(rest=replace(reached.rest, iterations=iterations, stable=False))
 
