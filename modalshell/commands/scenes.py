@@ -131,8 +131,9 @@ def path(
     make_folder(out)
     with progress(f"{scene.stem} points") as on_step:
         followed = scene_path(declared, on_step, **changed)
-    say(f"{declared.name}: {followed.outcome.with_message(followed.message)}, {len(followed.factors)} points")
     units = declared.require_shell().unit_system
+    message = followed.outcome.with_message(units.restated(followed.message))
+    say(f"{declared.name}: {message}, {len(followed.factors)} points")
     for number, one in enumerate([followed, *followed.branches]):
         begin = "" if one is followed else f"branch {number}: "
         for kind, index, factor in one.events:
@@ -179,7 +180,8 @@ def fit(
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
         given |= {"gravity": declared.gravity, "loads": loads}
-    fitted = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
+    with declared.unit_system.said():
+        fitted = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
     for name, value in fitted.values.items():
         low, high = fitted.intervals[name]
         unit = declared.unit_system.of(unit_of_constant(fitted.material, name))

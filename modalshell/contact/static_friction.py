@@ -22,6 +22,7 @@ from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import EXACT_GAP, INSIDE, Touching
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
+from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.potential import Potential
@@ -93,7 +94,7 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations = begun(touching, start), 0
+    reached, iterations, loose = begun(touching, start), 0, bool(left_free(problem.shell))
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
         step = FrictionStep(loaded, touching, reached.rest.point)
@@ -106,7 +107,8 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
             iterations += slow.rest.iterations
             found = slow if arrived(touching, reached, slow) else slow._replace(message=found.message)
         if not arrived(touching, reached, found):
-            message = f"{found.message or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
+            why = "" if found.message == SLIDES and not loose else found.message
+            message = f"{why or 'stick and slip did not settle'} at {count / steps:.3g} of the load"
             residual = min(reached.rest.residual, found.rest.residual)
             rest = replace(reached.rest, residual=residual, iterations=iterations, converged=False)
             return reached._replace(rest=rest, message=message)

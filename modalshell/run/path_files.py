@@ -77,7 +77,7 @@ def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) ->
     declared = scene.require_shell()
     table = declared.path or PathTable()
     built = declared.build()
-    with located(declared.file, "path", table):
+    with located(declared.file, "path", table), declared.unit_system.said():
         if built.path is not None or built.constraints:
             raise OptionError("a path knows no supports that move and no constraints: leave them out")
         if (table.watch is None) != (table.direction is None):

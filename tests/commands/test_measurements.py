@@ -99,6 +99,11 @@ def test_a_fit_has_the_units_of_its_scene(capsys, tmp_path, curve, monkeypatch):
     assert told(out) == pytest.approx(1.0, rel=1e-4)
     assert re.search(r"residual: \S+ mm \(root mean square\)", out)
     assert re.search(r"young = \S+, within \S+ to \S+ MPa at 95 %", out)
+    monkeypatch.setitem(globals(), "SCENE", text + "[rest]\nrest_curvature = 1e-4\n")
+    file.write_text("frequency\n1.0\n")
+    status, _, err = command(capsys, tmp_path, "--data", str(file), "--wrt", "young")
+    assert status == 2
+    assert re.search(r"Newton's first step is \S+ mm\)", err)
 
 
 def test_young_is_found_from_frequencies(capsys, tmp_path, curve):

@@ -183,3 +183,19 @@ def test_what_touches_first_in_the_last_step_rubs(start):
     answer = model.equilibrium(gravity=gravity, contacts=table, start=hanging[0] if start == "near" else None)
     assert answer.converged
     assert np.linalg.norm(answer.contact_forces[:, :2]) > 1e-3 * np.linalg.norm(answer.contact_forces)
+
+
+@pytest.mark.slow
+def test_a_clamped_strip_that_snaps_over_a_rounded_edge_rests_again():
+    """Its supports hold it, so that it cannot slide away: "no equilibrium: it slides" was said of it."""
+    mesh = ms.flat_beam(length=1.0, width=0.3, cells=(8, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(young=5e6, poisson=0.3, thickness=4e-3, density=200.0), "x < 1e-9")
+    gravity, box = (3.0, 0.0, -WEIGHT), ms.Box((0.75, 0.0, -0.28), (0.1, 0.1, 0.2), rounding=0.05)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=gravity, contacts=[ms.Contact(box, friction=0.3)])
+    assert state.converged
+    assert state.in_contact.any()
+    forces, normals = state.contact_forces, box.gap(state.positions)[1]
+    pushes = np.sum(forces * normals, axis=1)
+    assert (np.linalg.norm(forces - pushes[:, None] * normals, axis=1) <= 0.3 * pushes + 1e-6 * pushes.max()).all()
+    unbalanced = shell.force(state.positions) + forces + shell.mass[:, None] * np.array(gravity)
+    assert np.linalg.norm(unbalanced[~shell.clamped]) < 1e-6 * WEIGHT * shell.mass.sum()
