@@ -11,10 +11,10 @@ from modalshell.integrators.state import COST, MotionState
 from modalshell.models.base.stepper import Stepper
 from modalshell.statics.error_bar import LEAST_MARGIN, share_as_text
 
-LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, DRIFTS, LED, MISSES = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0
+LACKS_LOAD, LACKS_START, STRIKES, TOUCHES, DRIFTS, LED = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 """Marks of switches for what the modes lack: of the linear answer to the load, and of where the motion starts; for a
 strike on a collider that is ahead; for one that modes do not take, which is about to touch; for errors that have added
-up; for the first steps under constraints; and for a constraint that modes miss."""
+up; and for constraints."""
 NO_MARGIN = -1e9
 """Margin of a switch whose check has found no bar."""
 _LITTLE = 1e-4
@@ -71,9 +71,7 @@ def told(state: MotionState, names: Sequence[str]) -> str:
         elif mark == TOUCHES:
             reason = "it touches a collider with friction, restitution or push_out"
         elif mark == LED:
-            reason = "constraints decide there which way it bends"
-        elif mark == MISSES:
-            reason = "its modes miss a constraint"
+            reason = "constraints lead it"
         elif mark == DRIFTS:
             reason = f"errors of phase may have added up to {share_as_text(bar)}"
         elif int(level) == 0 or margin <= LEAST_MARGIN:

@@ -57,8 +57,6 @@ class AtRest:
 
         None from a start inside one.
         """
-        if self._check.led is not None:
-            return level.still.equilibrium(force=force, start=start, constraints=self._check.led.still(time))
         if not self._check.contacts:
             return level.still.equilibrium(force=force, start=start)
         from modalshell.contact.contact import smooth, stopped  # not without contacts

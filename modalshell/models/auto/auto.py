@@ -20,7 +20,6 @@ from modalshell.loads import Loading
 from modalshell.models.auto.account import told
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
-from modalshell.models.auto.constrained import both_refused, check_under, under_constraints
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
 from modalshell.models.auto.stepper import AutoStepper
@@ -59,7 +58,7 @@ class Auto(Model):
     * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
       fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is left for good
       where its own bar exceeds half of ``error``.
-    * What small errors of stiffness add up to in a vibration is followed apart from bars, which are of one instant, and
+    * A bar is of one instant. What small errors of stiffness add up to in a vibration is followed apart from bars, and
       DS goes on while that comes to half of ``error``.
     * DS tries to hand back to MWTS from time to time. It does where twice in a row the nearest shape of MWTS is within
       0.4 ``error`` at the ends of the swing, too, has about its energy, would rest near it, and the margin exceeds
@@ -70,24 +69,26 @@ class Auto(Model):
     Checks of shells of up to about a thousand vertices are compiled. One of a larger shell takes as long as
     hundreds of steps of MWTS: with ``coarse`` or ``triangles`` most are made on the coarse shell, as long as one on the
     shell itself agrees within a tenth each thirteenth time. As a level the coarse shell is left out where its linear
-    answer misses more than ``error`` of the lowest mode, with contacts, and under constraints. A start away from rest
-    begins on the first level that comes within 0.4 ``error`` of it and would stay there.
+    answer misses more than ``error`` of the lowest mode, and with contacts.
+
+    A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
 
     With contacts bars take into account what touches, and modal levels are checked every five steps throughout.
     Strikes that take more than a tenth of the swing (at 5 %) are foreseen and left to DS, and so are steps in which a
     collider with friction, restitution or ``push_out`` touches. Frames in which something strikes are not judged.
 
-    Under constraints RSW takes the place of MWTS, on the modes and the static shapes under forces on the patches, each
-    held by up to four of its vertices as DS holds it. A motion begins on DS, whose first steps decide which way a shell
-    bends that patches press; RSW is checked every three steps, and left where it misses a constraint.
-    On supports that move all levels step in their frame; a check vouches for states under motions like those it saw.
+    On supports that move all levels step in the frame of these. A check vouches for states under accelerations and
+    turns of the supports like those it has seen. Under constraints DS takes all steps: RSW, on modes with static shapes
+    of what is led, took as long.
+
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
     displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
+
     ``error`` is what is added to the error that steps of ``dt`` cost: a stiff panel in a wind whose modes have few
     steps a period is off whatever the level, and so are the first frames under a load, in which high vibrations begin.
 
     Statics is that of MWTS corrected by the two steps of its bar where that is at most half of ``error``; else that of
-    DS. With contacts MWTS is not corrected; of friction, ``push_out``, free parts and constraints DS answers.
+    DS. With contacts MWTS is not corrected; with friction, ``push_out`` or constraints, as of free parts, DS answers.
 
     Parameters
     ----------
@@ -145,7 +146,6 @@ class Auto(Model):
         rigid = 0 if self._free is None else 6 * len(self._free.parts)
         self._at_rest = PerThread(partial(solver_at_rest, shell))
         self.basis = basis = model_basis(shell, min(rigid + count, shell.unknowns.count), at_rest=self._at_rest)
-        self._modes = basis.count
         self.levels: list[Level] = [ModalLevel(basis, consistent_warping, ModalWarping.name)]
         if self._free is None:
             self.levels.append(ModalLevel(basis, RotationStrain, RotationStrain.name))
@@ -187,18 +187,17 @@ class Auto(Model):
     def _solve_constrained(
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        """That of DS, whose reactions are in balance."""
-        return self.full._solve_constrained(loading, start, constraints)
+        """That of DS."""
+        return self.levels[-1].model._solve_constrained(loading, start, constraints)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        """The modal answer where its bar is small; that of DS elsewhere, and of friction and what is pushed out."""
-        if constraints:
-            raise both_refused(self.name)
+        """The modal answer where its bar is small; that of DS elsewhere, under constraints and friction, too."""
         modal, full = self.levels[0].model, self.levels[-1].model
-        if self._free is not None or any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts):
-            return _static(full, loading, start, contacts)
+        rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
+        if constraints or rough or self._free is not None:
+            return full._solve_touching(loading, start, contacts, constraints)
         found = _static(modal, loading, start, contacts)
         bar = bar_on_shell(self.shell, found.positions, loading, contacts)
         if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
@@ -224,8 +223,6 @@ class Auto(Model):
         touching, supports = touching_frames(self, setup.contacts, setup.dt, setup.supports), setup.supports
         if touching is not None:
             return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching, supports=supports)
-        if setup.constraints:
-            return check_under(self.shell, setup)
         if self._free is None:
             estimator, coarse = ErrorEstimator(self.shell, self._quick_check, early=True), self._checked_on
             sampled = None if coarse is None else SampledCheck(*coarse)
@@ -233,8 +230,8 @@ class Auto(Model):
         return FlownCheck(self.shell, self._free, setup.loading, setup.damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
-        """What takes the steps of one motion; OptionError for constraints with contacts, or in free flight."""
-        return AutoStepper(model := under_constraints(self, setup), model.levels, setup)
+        """What takes the steps of one motion."""
+        return AutoStepper(self, self.levels, setup)
 
     @property
     def full(self) -> Model:
@@ -248,8 +245,8 @@ class Auto(Model):
 
     @property
     def highest(self) -> float:
-        """Largest angular frequency [rad/s] of the modes, static shapes left out."""
-        return float(np.sqrt(self.basis.eigenvalues[self._modes - 1]))
+        """Largest angular frequency [rad/s] of the modes."""
+        return float(np.sqrt(self.basis.eigenvalues[-1]))
 
     @cached_property
     def periods(self) -> Array:

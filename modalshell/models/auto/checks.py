@@ -21,7 +21,6 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.supports import Pin, Roller, Support, SupportPath
-from modalshell.supports.led import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact.motion_bar import TouchingFrames
@@ -44,10 +43,6 @@ class HeldCheck:
         What finds bars of modal states on a coarse shell.
     contacts : tuple of Contact
         Its contacts.
-    led : LedVertices or None
-        Vertices that constraints lead.
-    restrained : bool
-        Whether contacts or constraints act on it, so that coordinates, rates and loads alone do not decide a bar.
     """
 
     least = 0.0
@@ -61,12 +56,10 @@ class HeldCheck:
         sampled: SampledCheck | None = None,
         touching: TouchingFrames | None = None,
         supports: SupportPath | None = None,
-        led: LedVertices | None = None,
     ) -> None:
         self._check = MotionCheck(
             shell, loading, damping, supports, estimator=estimator, touching=touching, in_frame=True
         )
-        self.led, self.restrained = led, touching is not None or led is not None
         self._touching, self.contacts = touching, () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, np.repeat(shell.mass, 3)
         self.sampled = sampled
@@ -132,9 +125,8 @@ class FlownCheck:
     by as few reactions as hold it: they are zero under such a load.
     """
 
-    sampled = led = None
+    sampled = None
     contacts = ()
-    restrained = False
     unjudged = ""
 
     def __init__(self, shell: Shell, parts: FreeParts, loading: Loading, damping: Damping) -> None:

@@ -44,16 +44,10 @@ class Drift:
         Modes of the shell.
     damping : Damping
         Damping of the motion.
-
-    Attributes
-    ----------
-    modes : ndarray, shape (3n, m)
-        The modes.
     """
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
-        self.modes = basis.modes
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
         self._rest = basis.shell.rest_positions
         self._flow: tuple[float, Array, Array] | None = None

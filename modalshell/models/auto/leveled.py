@@ -12,13 +12,12 @@ import numpy as np
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
-from modalshell.models.auto.account import MISSES, TOUCHES, energy_change
+from modalshell.models.auto.account import energy_change
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import LoadsAhead
 from modalshell.models.auto.trusted import SELDOM, KnownStates
 from modalshell.models.auto.watching import SWITCH, Seen, Step, Watch
-from modalshell.models.base.modal_motion import CONSTRAINT_MET
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
 
@@ -62,10 +61,9 @@ class LeveledStepper(Stepper):
         if setup.contacts and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
         self._levels, self._mass = levels, model.shell.mass[:, None]
+        self._smooth = _smoothed(setup)
+        self._made: dict[int, Stepper] = {}
         self._check: Check = model.check(setup)
-        led = self._check.led
-        self._smooth = _smoothed(setup) if led is None else replace(setup, constraints=led.points())
-        self._made = {0: levels[0].stepper(self._smooth)}
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)
         self._last: tuple[MotionState, int, MotionState] | None = None
@@ -73,8 +71,11 @@ class LeveledStepper(Stepper):
             self.model = model.of_states([self._first_state(k) for k in range(len(levels))])
 
     def _first_state(self, level: int) -> MotionState:
-        """A state of a level at rest, with what it remembers of contacts; coarse ones are never in contact."""
-        if level in self.model.coarse_levels:
+        """A state of a level at rest, with what it remembers of contacts; coarse ones are never in contact.
+
+        Nor are levels of modes under constraints.
+        """
+        if level in self.model.coarse_levels or (self.setup.constraints and self._levels[level].quadratic):
             state: MotionState = self._levels[level].model.start_motion()
             return state
         return self._stepper(level).local_state_at(self.shell.rest_positions, 0.0)
@@ -169,27 +170,6 @@ class LeveledStepper(Stepper):
         frames = step.frames[1], x, x + step.dt * v
         return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
 
-    def _at_rest(self, time: float) -> MotionSetup:
-        """The same motion without loads, its supports and constraints at rest where they are at ``time`` [s]."""
-        led = self._check.led
-        held = self.setup.constraints if led is None else led.still(time, every=True)
-        return replace(self.setup, loading=self.shell.loading(), supports=None, constraints=held)
-
-    def _missed(self, level: int) -> Array:
-        """What a level has left to each constraint's target (k,) in its last step, [m] or [rad]."""
-        led, constraints = self._check.led, self.setup.constraints
-        if led is None or not self._levels[level].quadratic:
-            return np.zeros(len(constraints))
-        return led.missed(constraints, self._stepper(level).residuals)
-
-    def _unfit(self, level: int, after: MotionState, time: float) -> float:
-        """Mark of what a modal level's step has met that it does not take; 0 of none."""
-        stepper = self._stepper(level)
-        if self._check.contacts and self._check.touches_rough(stepper.local_positions(after), time):
-            return TOUCHES
-        missed = self._check.led is not None and stepper.residuals.max() > CONSTRAINT_MET * self.shell.size
-        return MISSES if missed else 0.0
-
     def _gained(
         self,
         levels: tuple[int, int],
@@ -241,7 +221,7 @@ class LeveledStepper(Stepper):
 
         No load pushes in these steps.
         """
-        stepper = self._levels[level].stepper(self._at_rest(time))
+        stepper = self._levels[level].stepper(replace(self.setup, loading=self.shell.loading(), supports=None))
         dt = _SHORT * self.setup.dt
         x, still, load = inner.coordinates, np.zeros_like(inner.rates), np.zeros_like(self.shell.rest_positions)
         last = math.inf

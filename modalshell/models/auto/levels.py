@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import ClassVar, final
 
 import numpy as np
@@ -17,7 +17,6 @@ from modalshell.models.base.bars import led_vertices
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.full_stepper import FullStepper
-from modalshell.models.base.manipulation import meet, rates_onto
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -194,14 +193,9 @@ class ModalLevel(Level):
         modal, own = stepper.model, x - stepper.origin
         if modal.frames is not None:
             return self._flown(modal, modal.frames, own, v)
-        q, root, dt = modal.nearest(own), np.sqrt(modal.shell.mass)[:, None], stepper.setup.dt
-        targets_at = partial(stepper.targets, time - dt, dt, q)  # type: ignore[attr-defined]
-        if stepper.setup.constraints:
-            q = meet(targets_at(1.0), q, np.ones_like(q), q)[0]
+        q, root = modal.nearest(own), np.sqrt(modal.shell.mass)[:, None]
         rows = (root[:, :, None] * modal.warped_rows(q, self._every)).reshape(-1, q.size)
         rates = np.linalg.lstsq(rows, (root * v).ravel(), rcond=None)[0]
-        if stepper.setup.constraints:
-            rates = rates_onto(targets_at, q, rates, dt)
         state = modal.integrator.at_rest(q)
         return stepper.outside(MotionState(q, rates, state.memory), time)
 

@@ -12,7 +12,6 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.models.auto.answered import Answer, SumAnswers, along
 from modalshell.models.auto.checks import Check
-from modalshell.models.auto.constrained import ConstrainedAnswers
 from modalshell.models.auto.led_supports import LedSupports
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import LEAD
@@ -66,13 +65,11 @@ class LoadsAhead:
         live = setup.loading.live
         self._supports = setup.supports
         self._led = None if setup.supports is None else LedSupports(setup.supports)
-        self._constrained = None if check.led is None else ConstrainedAnswers(model.basis, check.led)
-        self.change = bool(live or self._led or self._constrained)
+        self.change = bool(live or self._led)
         self.count = len(live) + (0 if self._led is None else self._led.count)
         self._at: tuple[float, list[float]] = (-math.inf, [])
         forces = [load.constant for load in live if load.constant is not None]
-        varied = check.least or self._led or self._constrained
-        self._parts = forces if len(forces) == len(live) and not varied else None
+        self._parts = forces if len(forces) == len(live) and not (check.least or self._led) else None
         self.dear = self.change and self._parts is None
         self._sums: tuple[Array, Array, SumAnswers] | None = None
         self._coming: tuple[Array, list[Coming]] | None = None
@@ -104,9 +101,6 @@ class LoadsAhead:
                 along(np.tensordot(factors, kept[1], 1), memory)
             return kept[2].of(factors)
         force = self.force(state, time, dead)
-        if self._constrained is not None and np.isfinite(force).all():
-            led = self._constrained.of(force, time)
-            return led if led.whole > 0.0 else None
         if not (np.isfinite(force).all() and force.any()):
             return None
         found: Answer = self._model.answers.following(force, memory)

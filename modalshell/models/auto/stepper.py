@@ -37,9 +37,8 @@ _BACK_MARGIN = 0.39
 """Stability margin above which it may."""
 _AHEAD = 2.0
 """Factor of the linear answer on that of the last look ahead, from which the next one comes."""
-_RARER, _RARER_LED = 1.2, 2.0
-"""Factor on the steps taken by a full rung from one vain attempt to the next, at least; and under constraints, whose
-statics are dear."""
+_RARER = 1.2
+"""Factor on the steps taken by a full rung from one vain attempt to the next, at least."""
 _IN_A_ROW = 2
 """Attempts that must succeed one after the other: in violent motion one moment may look calm."""
 _SOON, _PATIENCE = 4, 4.0
@@ -75,19 +74,21 @@ class AutoStepper(LeveledStepper):
         """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
 
         A modal level holds a start that its shapes come near to, and that DS would keep under the load under which the
-        level rests there. Where that load's stability margin has failed, DS alone does. Of free parts the first level
-        is asked alone, and whether it comes near.
+        level rests there. Where that load's stability margin has failed, DS alone does, and under constraints. Of free
+        parts the first level is asked alone, and whether it comes near.
         """
         rest = self.shell.rest_positions
         self._check.refuse_inside(rest if positions is None else positions)
-        led = self._check.led is not None  # which way a shell bends that patches press its first steps decide
-        if positions is None and not (led or self._check.touches_rough(rest, 0.0)):
+        if self.setup.constraints:
+            top = len(self._levels) - 1
+            inner = self._stepper(top).local_state_at(rest if positions is None else positions, 0.0)
+            return self._begun(top, inner, (0.0, 1.0, LED))
+        if positions is None and not self._check.touches_rough(rest, 0.0):
             return self._watch.fitted(super().start(positions))
         positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
-        if led or self._check.touches_rough(positions, 0.0):
-            mark = LED if led else TOUCHES
-            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, mark))
+        if self._check.touches_rough(positions, 0.0):
+            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
@@ -135,13 +136,13 @@ class AutoStepper(LeveledStepper):
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
-        if self._levels[level].quadratic and (mark := self._unfit(level, after, time)):
-            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, mark
+        rough = self._check.contacts and self._levels[level].quadratic
+        if rough and self._check.touches_rough(stepper.local_positions(after), time):
+            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
             stepper = self._stepper(level)
             after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
-        self.residuals = self._missed(level)
         ended = level, after
         x, rates = stepper.local_positions(after), partial(self._levels[level].velocities, stepper, after, dt)
         steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
@@ -152,7 +153,7 @@ class AutoStepper(LeveledStepper):
         if largest != before:
             memory["largest"] = np.array([largest])
         moved_before = memory["frames"].item() >= 1.0
-        if moved_before and math.isfinite(largest):
+        if moved_before and math.isfinite(largest) and not self.setup.constraints:
             frames = memory["before"], state.coordinates, x
             step = Step(level, inner, after, frames, rates, moved, time, dt, load)
             drifts = self._drifts(step, memory)
@@ -180,7 +181,7 @@ class AutoStepper(LeveledStepper):
 
         Displacements of MWTS are no longer than those of the modes, which are known without them.
         """
-        modal = level == 0 and not (self._check.least or self._check.restrained)
+        modal = level == 0 and not (self._check.least or self._check.contacts)
         moved = math.hypot(*after.coordinates.tolist()) if modal else math.inf
         if moved <= largest:
             return moved, largest
@@ -222,8 +223,7 @@ class AutoStepper(LeveledStepper):
                 seen = self._returning(step, seen, memory)
                 memory["ready"] = np.zeros(1) if seen is None else memory["ready"] + 1.0
                 if seen is None:
-                    rarer = _RARER if self._check.led is None else _RARER_LED
-                    memory["wait"] = np.maximum(memory["wait"], rarer * since)
+                    memory["wait"] = np.maximum(memory["wait"], _RARER * since)
                 elif memory["ready"][0] >= _IN_A_ROW:
                     wanted = 0
         if wanted == level or seen is None:

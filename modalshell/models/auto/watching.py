@@ -12,7 +12,6 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.models.auto.at_rest import AtRest
 from modalshell.models.auto.checks import Check, HeldCheck
-from modalshell.models.auto.constrained import modes_between
 from modalshell.models.auto.drift import Drift
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import Coming, LoadsAhead
@@ -96,14 +95,13 @@ class Watch:
         self._model, self._check, self._loads = model, check, loads
         # Another shape flies elsewhere: a free one is checked as soon as three frames are its own, and so on.
         every = EVERY if model.check_every is None else model.check_every
-        self.every = min(every, FRAMES) if check.least or check.led is not None else every
-        self._touches = check.restrained  # what touches or leads decides of the bar, too: no state vouches for others
+        self.every = min(every, FRAMES) if check.least else every
+        self._touches = bool(check.contacts)  # what touches decides of the bar, too: no state vouches for others
         self._fixed = bool(check.least or model.check_every is not None or self._touches)
         self._states = KnownStates(loads.count)
         self._size = 2 * model.count + loads.count
         # Free parts turn, and what touches acts on the errors, too: of neither is known how they add up.
-        modes = model.basis if check.led is None else modes_between(model.basis, check.led)
-        self._drift = None if check.least or check.contacts else Drift(modes, setup.damping)
+        self._drift = None if check.least or self._touches else Drift(model.basis, setup.damping)
         self.rests = AtRest(model, check, loads)
         self._calm = _CALM * model.shell.mesh.extent * float(np.sqrt(model.shell.mass.sum()))
 
@@ -139,7 +137,7 @@ class Watch:
             return
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
-        if self._drift is not None and memory["drift"].shape[1] != self._drift.modes.shape[1]:
+        if self._drift is not None and memory["drift"].shape[1] != self._model.count:
             memory["drift"] = self._drift.none()
         if not np.array_equal(memory["dead"], dead):
             self.forget(memory, sampled=True)
@@ -200,15 +198,13 @@ class Watch:
 
         It is still remembered: it is no more than a scale.
         """
-        assert self._drift is not None
-        (x, v), rows, modes = motion, memory["drift"], self._drift.modes
+        (x, v), rows, modes = motion, memory["drift"], self._model.basis.modes
         return x + (modes @ rows[0]).reshape(-1, 3), v + (modes @ rows[1]).reshape(-1, 3)
 
     def _coordinates(self, level: int, inner: MotionState, x: Array) -> Array:
         """Coordinates (m,) of a level's state at x (n, 3) [m]: of modes their own, as these need no projection."""
         assert self._drift is not None
-        own = self._model.levels[level].quadratic and self._check.led is None
-        return inner.coordinates if own else self._drift.coordinates(x)
+        return inner.coordinates if self._model.levels[level].quadratic else self._drift.coordinates(x)
 
     def _power(self, step: Step) -> int:
         """Of the displacement, by which a level's errors grow."""

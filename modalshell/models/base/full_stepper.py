@@ -90,13 +90,8 @@ class FullStepper(Stepper):
         return self._begun(state if self.contacts is None else self.contacts.unpressed(state))
 
     def outside(self, state: MotionState, time: float) -> MotionState:
-        """A state that another motion's was put into at ``time`` [s], out of the colliders, led vertices in place."""
-        state = state if self.contacts is None else self.contacts.put_out(state, time)
-        path = self._path or self._frame
-        held = self._held_positions(time, None if path is None else path.at(time)) if self._patches else None
-        if held is not None:
-            state.coordinates[self.model.shell.clamped] = held
-        return state
+        """A state that another motion's was put into at ``time`` [s], its vertices put out of the colliders."""
+        return state if self.contacts is None else self.contacts.put_out(state, time)
 
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""

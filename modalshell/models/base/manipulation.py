@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from modalshell.core.typing import Array, Index
-from modalshell.models.base.stepper import LEAD
 from modalshell.supports import Pose
 from modalshell.supports.constraints import Constraint, nearest_branch
 
@@ -79,13 +78,6 @@ class PatchTargets:
     def lengths(self, residuals: Array) -> Array:
         """Length of each constraint's residual (k,): [m] for positions, [rad] for orientations."""
         return np.asarray(np.linalg.norm(residuals.reshape(-1, 3), axis=1) * self.units)
-
-
-def rates_onto(targets_at: Callable[[float], PatchTargets], q: Array, rates: Array, dt: float) -> Array:
-    """Rates (m,) nearest to given ones by which patches at q (m,) move with targets at the end of a step ``dt`` [s]."""
-    residual, jacobian = targets_at(1.0)(q)
-    wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
-    return rates + np.asarray(np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=REACHED)[0])
 
 
 def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array]:

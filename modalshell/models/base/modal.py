@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, cast, final
 
 import numpy as np
@@ -384,15 +384,15 @@ class ModalStepper(ContactStepper):
 
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
-        targets_at = partial(self.targets, begin, dt, state.coordinates)
-        after, self.residuals = self.model.meet_constraints(state, free, dt, self.setup.damping, targets_at)
-        return after
+        setup = self.setup
 
-    def targets(self, begin: float, dt: float, present: Array, share: float) -> PatchTargets:
-        """Constraints at a share of a step of ``dt`` [s] that begins at a time [s], near ``present`` (m,)."""
-        time = begin + share * dt
-        pose = None if self._frame is None else self._frame.at(time)
-        return self.model._targets(self.setup.constraints, present, time, pose)
+        def targets_at(share: float) -> PatchTargets:
+            time = begin + share * dt
+            pose = None if self._frame is None else self._frame.at(time)
+            return self.model._targets(setup.constraints, state.coordinates, time, pose)
+
+        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
+        return after
 
 
 def as_modal(model: Model) -> ModalModel | None:

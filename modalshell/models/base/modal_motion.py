@@ -21,7 +21,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.buckling_range import BucklingRange
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.manipulation import PatchTargets, meet, rates_onto
+from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
 from modalshell.models.base.model import FrameModel, probes
 from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
@@ -333,7 +333,9 @@ class ModalMotion(ModalShape, FrameModel):
         if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
             rates = free.rates + move / dt
         else:
-            rates = rates_onto(targets_at, q, free.rates + by_rate / compliance * move, dt)
+            rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
+            wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
+            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=REACHED)[0]
         return MotionState(q, rates, free.memory), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
