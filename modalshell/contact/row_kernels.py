@@ -9,6 +9,11 @@ from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import add_lines
 from modalshell.kernels.rotations import coefficients
 
+PASSES = 12
+"""Linearisations of a frame at most."""
+CORRECTIONS = 8
+"""Corrections of one by the gaps that it leads to, at most."""
+
 _kernel = njit(error_model="numpy", fastmath=False)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import arrive, given_back, go_on, implicit_euler
-from modalshell.contact.modal_rows import FAR, SETTLED, SMALL
+from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, STILL
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.stay_kernels import OTHERS, STAYS, stay, stay_whole
 from modalshell.core.cost import count_products, count_read
@@ -251,6 +251,7 @@ class StayingRows(Staying):
     _rows: Index
     _state: Pressed
     _turned: Array
+    _derived: tuple[bytes, Array, Array] = b"", np.empty(0), np.empty(0)  # rows, and where derivatives were taken
 
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""
@@ -271,6 +272,32 @@ class StayingRows(Staying):
             return None
         self._state, self._turned = found, turned
         return found.q
+
+    def _twice(
+        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
+    ) -> Parts | None:
+        """See :meth:`Staying._twice`; in one call on colliders at rest where the force has one."""
+        pressing, found, stay = self._pressing, self._state, dead.stay
+        if stay is None or pressing.moving or not (pressing.by_rows.alone and len(pressing.spins.spin)):
+            return super()._twice(begin, dead, when, compliance)
+        touching, (q, rates), count, key = pressing.touching, begin, self._rows.size, self._rows.tobytes()
+        vertices, numbers, size = touching.vertices[self._rows], np.arange(count), touching.size
+        if self._derived[0] != key:
+            self._derived = key, np.full(q.size, np.nan), np.empty((count, len(pressing.directions), q.size))
+        at = np.full(q.size, np.nan) if found.at is None else found.at.copy()
+        place = numbers, touching.contact_of[self._rows], pressing.shapes.between(vertices)[1]
+        rows = pressing.bodies, pressing.directions, place, pressing.spins.parts(q, vertices)
+        step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
+        assert found.positions is not None
+        state = q.copy(), found.pushes, found.local, found.positions, np.empty((count, 3))
+        limits = STILL * size, SETTLED * size, FAR * size, SMALL * size, pressing.reach
+        ends, force = np.empty((2, q.size)), np.empty(q.size)
+        energy, stays, arrived = stay(vertices, rows, step, state, (at, *self._derived[1:]), limits, (ends, force))
+        if not stays:
+            return None
+        end, forces, local, points, self._turned = state
+        self._state = Pressed(end, local, forces, True, points, energy, at)
+        return Parts(ends[1], force, 0.0, *arrived)
 
     def now(self) -> tuple[Index, Array, Array]:
         """See :meth:`Staying.now`."""
