@@ -132,7 +132,8 @@ class RotationStrain(TurnedTriangles):
         fit = self._modal, self._shape, self._corners, *self._by_triangle, self._green_of(vertices), at_rest
         energy, stays, read, arrived = stay_twice(fit, work, rows, step, (*state, right), *rest)
         count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * (self._modal.nbytes + work[0].nbytes))
-        self._spread = state[0].tobytes(), right
+        if stays:
+            self._spread = state[0].tobytes(), right
         return energy, stays, arrived
 
     def _green_of(self, vertices: Index) -> Array:

@@ -6,8 +6,9 @@ by Python between two of a step's solutions.
 
 import numpy as np
 
+from modalshell.contact.complementarity import factorise, substitute
 from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler, reach_of
-from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_end, row_ended, row_reached
+from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_ended, row_reached, row_solved
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.packed import LANES, dot, load, store
 from modalshell.kernels.packed import spread as spread_number
@@ -72,12 +73,12 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
     free, compliance, start = part
     q, forces, local, points, turned, right = state
     at, taken, moves = derivatives
-    still, none, far, small, reach = limits
+    still, none, far, reach = limits
     count, read, energy = vertices.size, 0, 0.0
     square, normals = np.empty((2, count, count)), np.empty((3, count))
     problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), normals
     after, expected, reached, pushes = np.empty(q.size), np.empty(count), np.empty(count), np.empty(count)
-    ends, shift, before = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
+    factor, shift, before = np.empty((count, count)), np.empty((count, 3)), np.empty((count, 3))
     known = reach_of(at, start, reach) <= still
     if not known:
         q[:], at[:] = start, start
@@ -94,8 +95,17 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
         before[:] = points
         where = vertices, contact_of, local, between
         row_begin(bodies, where, before, moves, (q, free, forces), turning, compliance, problem)
+        factor[:] = problem[0]
+        if not factorise(factor):
+            return energy, False, read
         for _ in range(CORRECTIONS):
-            energy = row_end(problem, forces, free, small, True, (after, turned, expected))
+            for i in range(count):
+                forces[i] = -problem[3][i]
+            substitute(factor, forces)
+            for i in range(count):
+                if not forces[i] > 0.0:
+                    return energy, False, read
+            energy = row_solved(problem, forces, free, (after, turned, expected))
             _points(fit, after, right, points)
             off = row_reached(where, points, turned, forces, turning, after, bodies, (reached, shift))
             read += 1
@@ -105,9 +115,6 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
                 problem[3][i] += reached[i] - expected[i]
         move = row_ended(points, vertices, before, vertices, forces, pushes)
         q[:], local[:] = after, shift
-        for i in range(count):
-            if not forces[i] > 0.0:
-                return energy, False, read
         if off <= none and move <= far:
             return energy, True, read
         at[:] = q
@@ -138,8 +145,8 @@ def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type:
     derivatives : tuple
         Coordinates (m,) near which derivatives serve, those of the derivatives that are known, and these (k, d, m).
     limits : tuple
-        Moves [m] within which derivatives are kept and gap that is none, move of a good linearisation, and accuracy of
-        the small problems; and how far (m,) [m] each coordinate may move a vertex.
+        Moves [m] within which derivatives are kept, gap that is none, move of a good linearisation, and how far (m,)
+        [m] each coordinate may move a vertex.
     out : ndarray
         Coordinates and rates (2, m) at the end, and the modal force (m,) of the second part.
 
