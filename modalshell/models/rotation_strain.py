@@ -109,7 +109,8 @@ class RotationStrain(TurnedTriangles):
             return points, None
         columns, slots = self._by_triangle
         right = np.empty((fit.rows, len(directions), columns.shape[2]))
-        kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right)
+        none = self._corners, np.empty((0, 3))
+        kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right, none)
         moves = (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, *right.shape[1:])
         return points, moves[:, :, : q.size]
 

@@ -18,10 +18,9 @@ _kernel = njit(error_model="numpy", fastmath=False)
 
 
 @_kernel
-def _points(fit, q, right, points):  # type: ignore[no-untyped-def]
-    """Positions (k, 3) [m] of the pushed vertices at q (m,); ``right`` (N + 1, 3) becomes the fit's right side."""
-    modal, shape, corners, _, _, green, rest = fit
-    spread(modal, shape, corners, q, np.empty(WORK), right)
+def _points(fit, right, points):  # type: ignore[no-untyped-def]
+    """Positions (k, 3) [m] of the pushed vertices by the fit's right side (N + 1, 3)."""
+    green, rest = fit[5], fit[6]
     rows, flat = green.shape[1], green.reshape(-1)
     turned = np.empty(3 * rows)
     for axis in range(3):
@@ -33,13 +32,13 @@ def _points(fit, q, right, points):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _moves(fit, directions, q, moves):  # type: ignore[no-untyped-def]
-    """Derivatives (k, d, m) of the same along directions (d, 3)."""
-    modal, shape, _, columns, slots, green, _ = fit
+def _moves(fit, directions, q, moves, right_side):  # type: ignore[no-untyped-def]
+    """Derivatives (k, d, m) of the same along directions (d, 3) at q (m,); and the right side, if it has rows."""
+    modal, shape, corners, columns, slots, green, _ = fit
     (count, rows), size = green.shape, columns.shape[2]
     width = directions.shape[0] * size
     right = np.empty((rows + 1, directions.shape[0], size))
-    spread_rows(modal, shape, columns, slots, q, directions, right)
+    spread_rows(modal, shape, columns, slots, q, directions, right, (corners, right_side))
     lines, found = right.reshape(-1), np.empty(count * width)
     for first in range(0, count, 4):  # four vertices at a time: a line is read once for all of them
         b, c, d = min(first + 1, count - 1), min(first + 2, count - 1), min(first + 3, count - 1)
@@ -79,19 +78,22 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
     problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), normals
     after, expected, reached, pushes = np.empty(q.size), np.empty(count), np.empty(count), np.empty(count)
     factor, shift, before = np.empty((count, count)), np.empty((count, 3)), np.empty((count, 3))
-    known = reach_of(at, start, reach) <= still
+    work, known = np.empty(WORK), reach_of(at, start, reach) <= still
     if not known:
         q[:], at[:] = start, start
     for _ in range(PASSES):
-        if not known:
-            _points(fit, q, right, points)
-            known, read = True, read + 1
         same = True
         for k in range(q.size):
             same = same and at[k] == taken[k]
         if not same:
-            _moves(fit, directions, at, moves)
+            _moves(fit, directions, at, moves, right[:0] if known else right)
             taken[:], read = at, read + 1
+        elif not known:
+            spread(fit[0], fit[1], fit[2], q, work, right)
+            read += 1
+        if not known:
+            _points(fit, right, points)
+            known = True
         before[:] = points
         where = vertices, contact_of, local, between
         row_begin(bodies, where, before, moves, (q, free, forces), turning, compliance, problem)
@@ -106,7 +108,8 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
                 if not forces[i] > 0.0:
                     return energy, False, read
             energy = row_solved(problem, forces, free, (after, turned, expected))
-            _points(fit, after, right, points)
+            spread(fit[0], fit[1], fit[2], after, work, right)
+            _points(fit, right, points)
             off = row_reached(where, points, turned, forces, turning, after, bodies, (reached, shift))
             read += 1
             if not none < off < np.inf:
