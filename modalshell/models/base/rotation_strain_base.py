@@ -93,7 +93,7 @@ class TurnedTriangles(UnstretchedModel):
         change = partial(self._change_of, adjoint) if len(self._modal) * TILE >= LEAST else None
         return DeadForce(partial(self._force_of, adjoint), change, stay=self._stay_under(adjoint))
 
-    def _stay_under(self, adjoint: LoadAdjoint) -> Callable[..., Any] | None:  # noqa: ARG002 (of models that have one)
+    def _stay_under(self, adjoint: LoadAdjoint) -> Callable[..., Any] | None:
         """:attr:`DeadForce.stay` of a load; None without one."""
         return None
 

@@ -9,12 +9,19 @@ import numpy as np
 from modalshell.contact.complementarity import factorise, substitute
 from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler, reach_of
 from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_ended, row_reached, row_solved
-from modalshell.kernels.compiler import njit
+from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, store
 from modalshell.kernels.packed import spread as spread_number
 from modalshell.models.reduction.rotation_strain_kernels import WORK, potential, spread, spread_rows
 
 _kernel = njit(error_model="numpy", fastmath=False)
+
+
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+def _copy(values, out):  # type: ignore[no-untyped-def]
+    """Write flat ``values`` to ``out``: the error that a slice may raise takes seconds to compile."""
+    for i in range(out.size):
+        out[i] = values[i]
 
 
 @_kernel
@@ -80,24 +87,26 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
     factor, shift, before = np.empty((count, count)), np.empty((count, 3)), np.empty((count, 3))
     work, known = np.empty(WORK), reach_of(at, start, reach) <= still
     if not known:
-        q[:], at[:] = start, start
+        _copy(start, q)
+        _copy(start, at)
     for _ in range(PASSES):
         same = True
         for k in range(q.size):
             same = same and at[k] == taken[k]
         if not same:
             _moves(fit, directions, at, moves, right[:0] if known else right)
-            taken[:], read = at, read + 1
+            _copy(at, taken)
+            read += 1
         elif not known:
             spread(fit[0], fit[1], fit[2], q, work, right)
             read += 1
         if not known:
             _points(fit, right, points)
             known = True
-        before[:] = points
+        _copy(points.reshape(-1), before.reshape(-1))
         where = vertices, contact_of, local, between
         row_begin(bodies, where, before, moves, (q, free, forces), turning, compliance, problem)
-        factor[:] = problem[0]
+        _copy(problem[0].reshape(-1), factor.reshape(-1))
         if not factorise(factor):
             return energy, False, read
         for _ in range(CORRECTIONS):
@@ -117,10 +126,11 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
             for i in range(count):
                 problem[3][i] += reached[i] - expected[i]
         move = row_ended(points, vertices, before, vertices, forces, pushes)
-        q[:], local[:] = after, shift
+        _copy(after, q)
+        _copy(shift.reshape(-1), local.reshape(-1))
         if off <= none and move <= far:
             return energy, True, read
-        at[:] = q
+        _copy(q, at)
     return energy, False, read
 
 
@@ -165,7 +175,7 @@ def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type:
     for k in range(q.size):
         begun[0, k], begun[1, k], begun[3, k] = q[k], rates[k], q[k] + gamma * dt * rates[k]
     for turn in range(2):
-        force[:] = work[1]
+        _copy(work[1], force)
         potential(fit[0], work[0], begun[3], np.empty(WORK), force)
         implicit_euler(begun[0], begun[1], force, compliance, eigenvalues, gamma * dt, parts)
         part = parts[0], compliance, parts[2]
@@ -174,7 +184,7 @@ def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type:
         if not stays:
             return energy, False, read, (0.0, (0.0, 0.0), (0.0, 0.0))
         if turn == 0:
-            half[:] = state[0]
+            _copy(state[0], half)
             go_on(q, rates, half, dt, gamma, begun)
-    ends[0] = state[0]
+    _copy(state[0], ends[0])
     return energy, True, read, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
