@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.packed import dot
 
 _SWEEPS = 30
 """Sweeps of Gauss-Seidel before sets are tried again."""
@@ -93,17 +94,15 @@ def factorise(upper):  # type: ignore[no-untyped-def]
 @_contracted
 def substitute(upper, right):  # type: ignore[no-untyped-def]
     """Solve for ``right`` (s,) by a factor of :func:`factorise`, in place."""
-    size = right.size
+    size, flat = right.size, upper.reshape(-1)
     for a in range(size):
         value, row = right[a] * upper[a, a], upper[a]
         right[a] = value
         for b in range(a + 1, size):
             right[b] -= row[b] * value
     for a in range(size - 1, -1, -1):
-        value, row = right[a], upper[a]
-        for c in range(a + 1, size):
-            value -= row[c] * right[c]
-        right[a] = value * row[a]
+        known = size - a - 1
+        right[a] = (right[a] - dot(flat, a * size + a + 1, right, a + 1, known)) * upper[a, a]
 
 
 @_kernel

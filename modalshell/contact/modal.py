@@ -264,7 +264,8 @@ class ModalContacts:
         vertices = self.touching.vertices
         slots = self.shapes.slots(vertices[rows])
         rows_of = vertices, self.touching.contact_of
-        return warp_kernels.gather(self._shape, rows_of, rows, slots, self.shapes.blocks)
+        linear = self._shape is not None and not self._shape[2].size and self.rests and len(self.directions) == 1
+        return warp_kernels.gather(self._shape, rows_of, rows, slots, self.shapes.blocks, linear)
 
     def ended(self, q: Array, slots: Index, forces: Array) -> tuple[Array, Array, Array, float]:
         """Positions (n, 3) [m] at q, displacements (n, 3) [m] beyond them, gaps (r,) [m], and the least of these.

@@ -22,11 +22,7 @@ FAR = 1e-4
 """Move, as a share of the shell's size, of a linearisation that still counts as one about its end."""
 SMALL = 1e-12
 """Gap, as a share of the shell's size, that is none in small problems."""
-_PASSES = 12
-"""Linearisations of a frame at most."""
-_CORRECTIONS = 8
-"""Corrections of one by the gaps that it leads to, at most."""
-_STILL = 1e-5
+STILL = 1e-5
 """Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
 
 Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
@@ -70,7 +66,7 @@ class RowFrames:
 
     def __init__(self, pressing: Pressing, near: Near | None) -> None:
         self._pressing, self._near = pressing, near
-        self._reach, self._still = pressing.reach, _STILL * pressing.touching.size
+        self._reach, self._still = pressing.reach, STILL * pressing.touching.size
         self._taken: tuple[bytes, Array, Array] | None = None
 
     @property
@@ -90,9 +86,9 @@ class RowFrames:
         start, q, base = begin
         local, pushes, reach, at = before
         pressed, at = self.begin(Pressed(q, local, pushes, False, base, at=at), start)
-        for _ in range(_PASSES):
+        for _ in range(rows_by.PASSES):
             rows = self._pressing.candidates(gaps, pressed.pushes, reach)
-            pressed = self.newton(free, compliance, pressed, rows, _CORRECTIONS, at)[0]
+            pressed = self.newton(free, compliance, pressed, rows, rows_by.CORRECTIONS, at)[0]
             assert pressed.gaps is not None
             if pressed.solved:
                 break
@@ -118,8 +114,8 @@ class RowFrames:
         displacements (k, 3), forces and gaps (k,). Also returned are forces (k, 3) [N] in the axes at rest.
         """
         pressed, at = self.begin(before, start)
-        for _ in range(_PASSES):
-            pressed, turned = self.newton(free, compliance, pressed, rows, _CORRECTIONS, at, alone=self.alone)
+        for _ in range(rows_by.PASSES):
+            pressed, turned = self.newton(free, compliance, pressed, rows, rows_by.CORRECTIONS, at, alone=self.alone)
             if np.count_nonzero(pressed.pushes > 0.0) < rows.size:
                 break
             if pressed.solved:

@@ -9,6 +9,11 @@ from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import add_lines
 from modalshell.kernels.rotations import coefficients
 
+PASSES = 12
+"""Linearisations of a frame at most."""
+CORRECTIONS = 8
+"""Corrections of one by the gaps that it leads to, at most."""
+
 _kernel = njit(error_model="numpy", fastmath=False)
 
 
@@ -126,8 +131,14 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 
     ``out`` are coordinates (m,), forces (k, 3) in the axes at rest, and the gaps (k,) that the problem expects.
     """
+    complementary(problem[0], problem[3], forces, accuracy, symmetric)
+    return row_solved(problem, forces, free, out)
+
+
+@_kernel
+def row_solved(problem, forces, free, out):  # type: ignore[no-untyped-def]
+    """What :func:`row_end` tells of the forces (k,) that solve a problem."""
     columns, beyond, softened, offset, own = problem
-    complementary(columns, offset, forces, accuracy, symmetric)
     (q, pushes, expected), energy = out, 0.0
     for k in range(q.size):
         q[k] = free[k]

@@ -39,7 +39,10 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
     implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
     for k in range(q.size):
         found[0][k] = ends[2, k]
-    return solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, True)
+    steady, count = kept[5], found[1].size
+    if not steady[2].size:
+        steady = np.empty((count, count)), np.empty((count, count)), steady[2]
+    return solved(kept[3], kept[4], bodies, (ends[0], compliance), found, limits, steady)
 
 
 @_kernel

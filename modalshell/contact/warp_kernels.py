@@ -17,6 +17,7 @@ from modalshell.contact.modal_kernels import (
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import TILE, WORK, add_lines, warp_tiles
+from modalshell.kernels.packed import dot
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -135,10 +136,12 @@ def _reached(kept, bodies, q, local, begin, frame):  # type: ignore[no-untyped-d
 
 
 @_kernel
-def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
+def gather(shape, rows_of, rows, slots, blocks, linear):  # type: ignore[no-untyped-def]
     """What :func:`press` reads of candidates (k,), whose slots are known: it serves as long as they stay.
 
     ``shape`` are positions at rest (n, 3), modes and modal rotations (3n, m), none where these do not turn the modes.
+    Where gaps are ``linear`` in the coordinates and forces, there is room for the matrix of the problem in which all
+    are pushed, its factor, and G (m,) of these, which is not a number yet.
     """
     rest, modes, rotations = shape
     count, size = rows.size, modes.shape[1]
@@ -154,12 +157,14 @@ def gather(shape, rows_of, rows, slots, blocks):  # type: ignore[no-untyped-def]
             if rotations.size:
                 for mode in range(size):
                     by_turns[mode, axis, i] = rotations[3 * vertices[i] + axis, mode]
-    return rows, vertices, slots, between_slots(blocks, slots), (contact_of, places, by_modes, by_turns)
+    room = count if linear else 0
+    steady = np.empty((room, room)), np.empty((room, room)), np.full(size if linear else 0, np.nan)
+    return rows, vertices, slots, between_slots(blocks, slots), (contact_of, places, by_modes, by_turns), steady
 
 
 @_plain
 def _same(one, other):  # type: ignore[no-untyped-def]
-    """Whether candidates (k,) are the same as others."""
+    """Whether numbers (k,) are the same as others."""
     same = one.size == other.size
     for i in range(min(one.size, other.size)):
         same = same and one[i] == other[i]
@@ -209,7 +214,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
         rest (k, 3), their elastic energy [J] beyond the modes, and whether the gaps met their tolerance. Coordinates
         are empty where the candidates are others than those that are kept.
     """
-    rows, vertices, _, between, place = kept
+    rows, vertices, _, between, place, _ = kept
     free, compliance, begin = step
     near, most, inside, deep, far, accuracy = limits
     found = candidates(before[0], before[1], near, most, inside)
@@ -223,7 +228,8 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
             local[j, i] = before[2][vertices[i], j]
     q = begin.copy()
     found = q, forces, local, pushes
-    energy, settled = solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), False)
+    steady = np.empty((count, count)), np.empty((0, 0)), np.empty(0)
+    energy, settled = solved(between, place, bodies, (free, compliance), found, (deep, far, accuracy), steady)
     pushed = np.zeros(before[1].size)
     for i in range(count):
         pushed[rows[i]] = forces[i]
@@ -231,32 +237,36 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def solved(between, place, bodies, way, found, limits, stays):  # type: ignore[no-untyped-def]
+def solved(between, place, bodies, way, found, limits, steady):  # type: ignore[no-untyped-def]
     """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
 
-    ``way`` are coordinates (m,) without contacts, and G (m,). Where all are to stay pushed, one that opens ends it.
-    Returns the elastic energy [J] beyond the modes, and whether gaps met their tolerance.
+    ``way`` are coordinates (m,) without contacts, and G (m,). ``steady`` are the matrix, its factor and G as of
+    :func:`gather`, or room for the matrix and no G. Where there is a factor all are to stay pushed, and one that opens
+    ends it. Returns the elastic energy [J] beyond the modes, and whether gaps met their tolerance.
     """
     q, forces, local, pushes = found
     free, compliance = way
     deep, far, accuracy = limits
     count, solved, move, energy = forces.size, False, np.inf, 0.0
-    gap, offset, expected, matrix = np.empty(count), np.empty(count), np.empty(count), np.empty((count, count))
+    matrix, factor, known = steady
+    gap, offset, expected, stays = np.empty(count), np.empty(count), np.empty(count), factor.size > 0
     triples = np.empty((5, 3, count))
     normals, own, at, u, w = triples[0], triples[1], triples[2], triples[3], triples[4]
     across, by = np.empty((q.size, count)), np.empty((6, count))
-    factor = np.empty((count, count) if stays else (0, 0))
     for _ in range(_PASSES):
         _linearised(place, bodies, q, local, (gap, normals, own, across, at, u, w, by))
-        residual_compliance(between, own, matrix)
-        response(across, compliance, matrix)
+        if not (known.size and _same(known, compliance)):
+            residual_compliance(between, own, matrix)
+            response(across, compliance, matrix)
+            if stays:
+                for i in range(count):
+                    for j in range(count):
+                        factor[i, j] = matrix[i, j]
+                if not factorise(factor):
+                    return energy, False
+            for k in range(known.size):
+                known[k] = compliance[k]
         _offsets(gap, normals, local, across, (free, q), offset)
-        if stays:
-            for i in range(count):
-                for j in range(count):
-                    factor[i, j] = matrix[i, j]
-            if not factorise(factor):
-                return energy, False
         for _ in range(_CORRECTIONS):
             if stays:
                 for i in range(count):
@@ -292,12 +302,9 @@ def _ended_small(matrix, offset, forces, step, own, out):  # type: ignore[no-unt
     """Coordinates (m,), expected gaps (k,) and forces (k, 3) in the axes at rest by forces (k,) on the candidates."""
     free, compliance, across = step
     q, expected, pushes = out
-    for k in range(q.size):
-        row, value = across[k], free[k]
-        for i in range(forces.size):
-            if forces[i] > 0.0:
-                value += compliance[k] * row[i] * forces[i]
-        q[k] = value
+    flat = across.reshape(-1)
+    for k in range(q.size):  # forces are not negative
+        q[k] = free[k] + compliance[k] * dot(flat, k * forces.size, forces, 0, forces.size)
     for j in range(expected.size):
         expected[j] = offset[j]
     for i in range(forces.size):

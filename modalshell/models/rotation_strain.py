@@ -5,8 +5,9 @@ See theory 9, eq. 1 to 4.
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import TypeVar, final
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import ModalPush
 from modalshell.models.reduction.patched_work import PatchedWork
 from modalshell.models.reduction.poisson import PoissonFit
+from modalshell.models.reduction.rotation_strain_stay import stay_twice
 from modalshell.modes import Basis
 
 _GREEN = 512
@@ -107,7 +109,8 @@ class RotationStrain(TurnedTriangles):
             return points, None
         columns, slots = self._by_triangle
         right = np.empty((fit.rows, len(directions), columns.shape[2]))
-        kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right)
+        none = self._corners, np.empty((0, 3))
+        kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right, none)
         moves = (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, *right.shape[1:])
         return points, moves[:, :, : q.size]
 
@@ -118,6 +121,21 @@ class RotationStrain(TurnedTriangles):
         rows = self.contact_frame(q, vertices, np.eye(3))[1]
         assert rows is not None
         return rows
+
+    def _stay_under(self, adjoint: LoadAdjoint) -> Callable[..., Any] | None:
+        return None if self._fit.coupled or self._fit.floating else partial(self._stay, adjoint)
+
+    def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[float, bool, Any]:
+        """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` and on are ``given``."""
+        rows, step, state, *rest = given
+        right = np.empty((self._fit.rows, 3))
+        at_rest, work = self.shell.rest_positions[vertices], (adjoint.gradients, adjoint.constant)
+        fit = self._modal, self._shape, self._corners, *self._by_triangle, self._green_of(vertices), at_rest
+        energy, stays, read, arrived = stay_twice(fit, work, rows, step, (*state, right), *rest)
+        count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * (self._modal.nbytes + work[0].nbytes))
+        if stays:
+            self._spread = state[0].tobytes(), right
+        return energy, stays, arrived
 
     def _green_of(self, vertices: Index) -> Array:
         """Displacements (k, N) of some vertices per unit of each row of a right side; those of the last are kept."""

@@ -285,22 +285,41 @@ def test_a_step_on_contacts_that_stay_looks_at_all_vertices_once(strip, modal, n
     assert len(looks) == 12
 
 
-@pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent"])
+@pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent", "RSW"])
 def test_a_step_in_one_call_is_that_of_its_parts(strip, modal, name, monkeypatch):
-    """Of the consistent force there was none, and what a model gains was given back elsewhere."""
+    """Of the consistent force and of RSW there was none, and what a model gains was given back elsewhere."""
     model = modal[name]
     start = model.equilibrium(gravity=tuple(WEIGHT), contacts=[lying()]).positions
     frames, given = [], type(model).dead_force
-    assert given(model, strip.loading(LESS).dead).push is not None  # which one call needs
+    dead = given(model, strip.loading(LESS).dead)
+    assert (dead.push is None) == (dead.stay is not None) == (name == "RSW")  # which one call needs
     for apart in (False, True):
         motion = Motion(model, strip.loading(LESS), dt=1 / 120, contacts=[lying()], start=start)
         if apart:
-            monkeypatch.setattr(type(model), "dead_force", lambda *one: given(*one)._replace(push=None))
+            monkeypatch.setattr(type(model), "dead_force", lambda *one: given(*one)._replace(push=None, stay=None))
         for _ in range(12):
             motion.advance()
         frames.append((motion.positions(), motion.touched().forces, motion.energies()))
     for whole, parts in zip(*frames, strict=True):
         np.testing.assert_allclose(whole, parts, rtol=1e-10, atol=1e-12)
+
+
+def test_a_plane_s_factor_is_that_of_each_step_s_length(strip, modal, monkeypatch):
+    """Of linear modes it is kept: as if it were found anew, where steps of two lengths take turns."""
+    model, floor, ends = modal["LMA"], [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.02))], []
+    start, loading = model.equilibrium(gravity=tuple(WEIGHT), contacts=floor).positions, strip.loading(LESS)
+    for anew in (False, True):
+        motion = Motion(model, loading, dt=1 / 120, contacts=floor, start=start)
+        if anew:
+            monkeypatch.setattr(ModalContacts, "rests", False)
+        state, time = motion.state, 0.0
+        for dt in 8 * [1 / 120, 1 / 240]:
+            state, solved = motion.stepper.advance(time, dt, state, loading.dead)
+            time += dt
+            assert solved
+        assert state.memory["pushes"].any()
+        ends.append(motion.stepper.own_positions(state))
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-13)
 
 
 def test_what_a_step_gains_is_given_back():

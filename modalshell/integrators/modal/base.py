@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,9 @@ class DeadForce(NamedTuple):
     """
     by_work: bool = False
     """Whether the force is that of :func:`~modalshell.kernels.push.work_frame` instead."""
+    stay: Callable[..., Any] | None = None
+    """A step of SDIRK2 under it in which some vertices (k,) stay pushed in one call, if there is one, with the
+    arguments of :func:`~modalshell.models.reduction.rotation_strain_stay.stay_twice` from ``rows`` to ``limits``."""
 
 
 class ModalStep(NamedTuple):

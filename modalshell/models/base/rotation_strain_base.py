@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -91,7 +91,11 @@ class TurnedTriangles(UnstretchedModel):
         """See :meth:`ModalShape.dead_force`; it tells its change by a sample of the triangles, of many."""
         adjoint = self._face(load)
         change = partial(self._change_of, adjoint) if len(self._modal) * TILE >= LEAST else None
-        return DeadForce(partial(self._force_of, adjoint), change)
+        return DeadForce(partial(self._force_of, adjoint), change, stay=self._stay_under(adjoint))
+
+    def _stay_under(self, adjoint: LoadAdjoint) -> Callable[..., Any] | None:
+        """:attr:`DeadForce.stay` of a load; None without one."""
+        return None
 
     def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""

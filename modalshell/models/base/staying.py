@@ -13,7 +13,7 @@ import numpy as np
 
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import arrive, given_back, go_on, implicit_euler
-from modalshell.contact.modal_rows import FAR, SETTLED, SMALL
+from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, STILL
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.stay_kernels import OTHERS, STAYS, stay, stay_whole
 from modalshell.core.cost import count_products, count_read
@@ -251,6 +251,7 @@ class StayingRows(Staying):
     _rows: Index
     _state: Pressed
     _turned: Array
+    _kept: tuple[Any, Any, Any] = None, None, None  # rows, what is read of them, and their derivatives
 
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""
@@ -271,6 +272,38 @@ class StayingRows(Staying):
             return None
         self._state, self._turned = found, turned
         return found.q
+
+    def _twice(
+        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
+    ) -> Parts | None:
+        """See :meth:`Staying._twice`; in one call on colliders at rest where the force has one."""
+        pressing, found, stay = self._pressing, self._state, dead.stay
+        if stay is None or pressing.moving or not (pressing.by_rows.alone and len(pressing.spins.spin)):
+            return super()._twice(begin, dead, when, compliance)
+        (q, rates), key, size = begin, (pressing.shapes.begun, self._rows.tobytes()), pressing.touching.size
+        if self._kept[0] != key:
+            derived = np.full(q.size, np.nan), np.empty((self._rows.size, len(pressing.directions), q.size))
+            self._kept = key, self._read_of(q), derived
+        at = np.full(q.size, np.nan) if found.at is None else found.at.copy()
+        step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
+        assert found.positions is not None
+        state = q.copy(), found.pushes, found.local, found.positions, np.empty(found.local.shape)
+        limits = STILL * size, SETTLED * size, FAR * size, pressing.reach
+        ends, force = np.empty((2, q.size)), np.empty(q.size)
+        given = step, state, (at, *self._kept[2]), limits, (ends, force)
+        energy, stays, arrived = stay(*self._kept[1], *given)
+        if not stays:
+            return None
+        end, forces, local, points, self._turned = state
+        self._state = Pressed(end, local, forces, True, points, energy, at)
+        return Parts(ends[1], force, 0.0, *arrived)
+
+    def _read_of(self, q: Array) -> tuple[Index, Any]:
+        """Vertices (k,) of the rows, and these as of :func:`stay_twice`."""
+        pressing, rows = self._pressing, self._rows
+        vertices, contact_of = pressing.touching.vertices[rows], pressing.touching.contact_of[rows]
+        place = np.arange(rows.size), contact_of, pressing.shapes.between(vertices)[1]
+        return vertices, (pressing.bodies, pressing.directions, place, pressing.spins.parts(q, vertices))
 
     def now(self) -> tuple[Index, Array, Array]:
         """See :meth:`Staying.now`."""

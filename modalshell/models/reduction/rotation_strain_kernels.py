@@ -91,26 +91,32 @@ def spread(modal, shape, corners, q, work, right_side):  # type: ignore[no-untyp
     right_side[:] = 0.0
     for tile in range(modal.shape[0]):
         _combine(modal, tile, q, work)
-        for j in range(TILE):
-            ax, ay, az, bx, by, bz = _columns(j, work)
-            height, foot, length = shape[tile, 9 * TILE + j], shape[tile, 10 * TILE + j], shape[tile, 11 * TILE + j]
-            for axis in range(3):
-                a, b, n = (
-                    shape[tile, axis * TILE + j],
-                    shape[tile, (3 + axis) * TILE + j],
-                    shape[tile, (6 + axis) * TILE + j],
-                )
-                fa = ax * a + ay * b + az * n
-                fb = bx * a + by * b + bz * n
-                work[(8 + axis) * TILE + j] = height * fa - foot * fb
-                work[(11 + axis) * TILE + j] = length * fb
-        for j in range(TILE):
-            at0, at1, at2 = corners[tile, 0, j], corners[tile, 1, j], corners[tile, 2, j]
-            for axis in range(3):
-                one, two = work[(8 + axis) * TILE + j], work[(11 + axis) * TILE + j]
-                right_side[at0, axis] -= one + two
-                right_side[at1, axis] += one
-                right_side[at2, axis] += two
+        _spread_tile(shape, corners, tile, work, right_side)
+
+
+@_kernel
+def _spread_tile(shape, corners, tile, work, right_side):  # type: ignore[no-untyped-def]
+    """Add what a tile's triangles spread to ``right_side``, after :func:`_combine`; ``work`` from row 8 on is used."""
+    for j in range(TILE):
+        ax, ay, az, bx, by, bz = _columns(j, work)
+        height, foot, length = shape[tile, 9 * TILE + j], shape[tile, 10 * TILE + j], shape[tile, 11 * TILE + j]
+        for axis in range(3):
+            a, b, n = (
+                shape[tile, axis * TILE + j],
+                shape[tile, (3 + axis) * TILE + j],
+                shape[tile, (6 + axis) * TILE + j],
+            )
+            fa = ax * a + ay * b + az * n
+            fb = bx * a + by * b + bz * n
+            work[(8 + axis) * TILE + j] = height * fa - foot * fb
+            work[(11 + axis) * TILE + j] = length * fb
+    for j in range(TILE):
+        at0, at1, at2 = corners[tile, 0, j], corners[tile, 1, j], corners[tile, 2, j]
+        for axis in range(3):
+            one, two = work[(8 + axis) * TILE + j], work[(11 + axis) * TILE + j]
+            right_side[at0, axis] -= one + two
+            right_side[at1, axis] += one
+            right_side[at2, axis] += two
 
 
 @_kernel
@@ -337,21 +343,24 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
 
 @njit(error_model="numpy", fastmath=False)
-def spread_rows(modal, shape, columns, corners, q, directions, out):  # type: ignore[no-untyped-def]
+def spread_rows(modal, shape, columns, corners, q, directions, out, spreads):  # type: ignore[no-untyped-def]
     """Derivatives ``out`` (N + 1, d, M) of the right side of :func:`spread` along directions (d, 3) by q (m,).
 
     ``columns`` (T, 6, M) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``. M
-    is m filled up to whole registers.
+    is m filled up to whole registers. ``spreads`` are the corners of tiles and the right side itself, which is written
+    as well, as of :func:`spread`; or rows of none.
     """
     work, slopes, size = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE)), columns.shape[2]
-    numbers, sums = columns.reshape(-1), out.reshape(-1)
-    sums[:] = 0.0
+    numbers, sums, right_side = columns.reshape(-1), out.reshape(-1), spreads[1]
+    sums[:], right_side[:] = 0.0, 0.0
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:
             _combine(modal, t // TILE, q, work)
             for d in range(directions.shape[0]):
                 _slopes(shape, t // TILE, directions[d], work, slopes[d])
+            if right_side.size:
+                _spread_tile(shape, spreads[0], t // TILE, work, right_side)
         for d in range(directions.shape[0]):
             by = slopes[d]
             a0, a1, a2 = spread_number(by[0, j]), spread_number(by[1, j]), spread_number(by[2, j])

@@ -1,0 +1,190 @@
+"""Compiled: steps of RSW in which all that colliders push stays pushed (theory 13, eq. 7 and 8).
+
+As :class:`modalshell.contact.modal_rows.RowFrames` solves the problems of rows that are looked at alone, without a call
+by Python between two of a step's solutions.
+"""
+
+import numpy as np
+
+from modalshell.contact.complementarity import factorise, substitute
+from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler, reach_of
+from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_ended, row_reached, row_solved
+from modalshell.kernels.compiler import UNCOUNTED, njit
+from modalshell.kernels.packed import LANES, dot, load, store
+from modalshell.kernels.packed import spread as spread_number
+from modalshell.models.reduction.rotation_strain_kernels import WORK, potential, spread, spread_rows
+
+_kernel = njit(error_model="numpy", fastmath=False)
+
+
+@njit(error_model="numpy", fastmath=False, **UNCOUNTED)
+def _copy(values, out):  # type: ignore[no-untyped-def]
+    """Write flat ``values`` to ``out``: the error that a slice may raise takes seconds to compile."""
+    for i in range(out.size):
+        out[i] = values[i]
+
+
+@_kernel
+def _points(fit, right, points):  # type: ignore[no-untyped-def]
+    """Positions (k, 3) [m] of the pushed vertices by the fit's right side (N + 1, 3)."""
+    green, rest = fit[5], fit[6]
+    rows, flat = green.shape[1], green.reshape(-1)
+    turned = np.empty(3 * rows)
+    for axis in range(3):
+        for row in range(rows):
+            turned[axis * rows + row] = right[row, axis]
+    for i in range(points.shape[0]):
+        for axis in range(3):
+            points[i, axis] = rest[i, axis] + dot(flat, i * rows, turned, axis * rows, rows)
+
+
+@_kernel
+def _moves(fit, directions, q, moves, right_side):  # type: ignore[no-untyped-def]
+    """Derivatives (k, d, m) of the same along directions (d, 3) at q (m,); and the right side, if it has rows."""
+    modal, shape, corners, columns, slots, green, _ = fit
+    (count, rows), size = green.shape, columns.shape[2]
+    width = directions.shape[0] * size
+    right = np.empty((rows + 1, directions.shape[0], size))
+    spread_rows(modal, shape, columns, slots, q, directions, right, (corners, right_side))
+    lines, found = right.reshape(-1), np.empty(count * width)
+    for first in range(0, count, 4):  # four vertices at a time: a line is read once for all of them
+        b, c, d = min(first + 1, count - 1), min(first + 2, count - 1), min(first + 3, count - 1)
+        for at in range(0, width, LANES):
+            one, two, three, four = spread_number(0.0), spread_number(0.0), spread_number(0.0), spread_number(0.0)
+            for row in range(rows):
+                line = load(lines, row * width + at)
+                one = one + spread_number(green[first, row]) * line
+                two = two + spread_number(green[b, row]) * line
+                three = three + spread_number(green[c, row]) * line
+                four = four + spread_number(green[d, row]) * line
+            store(found, first * width + at, one)
+            store(found, b * width + at, two)
+            store(found, c * width + at, three)
+            store(found, d * width + at, four)
+    for i in range(count):
+        for axis in range(directions.shape[0]):
+            for k in range(q.size):
+                moves[i, axis, k] = found[i * width + axis * size + k]
+
+
+@_kernel
+def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyped-def]
+    """End of a part of a step, in place of its beginning in ``state``; energy [J] beyond the modes, whether all stay.
+
+    ``part`` are coordinates without contacts and G, (m,) each, and where the shell would go by its rates. The rest is
+    as of :func:`stay_twice`; also returned is how often all triangles were read.
+    """
+    bodies, directions, place, turning = rows
+    vertices, contact_of, between = place
+    free, compliance, start = part
+    q, forces, local, points, turned, right = state
+    at, taken, moves = derivatives
+    still, none, far, reach = limits
+    count, read, energy = vertices.size, 0, 0.0
+    square, normals = np.empty((2, count, count)), np.empty((3, count))
+    problem = square[0], square[1], np.empty((count, q.size)), np.empty(count), normals
+    after, expected, reached, pushes = np.empty(q.size), np.empty(count), np.empty(count), np.empty(count)
+    factor, shift, before = np.empty((count, count)), np.empty((count, 3)), np.empty((count, 3))
+    work, known = np.empty(WORK), reach_of(at, start, reach) <= still
+    if not known:
+        _copy(start, q)
+        _copy(start, at)
+    for _ in range(PASSES):
+        same = True
+        for k in range(q.size):
+            same = same and at[k] == taken[k]
+        if not same:
+            _moves(fit, directions, at, moves, right[:0] if known else right)
+            _copy(at, taken)
+            read += 1
+        elif not known:
+            spread(fit[0], fit[1], fit[2], q, work, right)
+            read += 1
+        if not known:
+            _points(fit, right, points)
+            known = True
+        _copy(points.reshape(-1), before.reshape(-1))
+        where = vertices, contact_of, local, between
+        row_begin(bodies, where, before, moves, (q, free, forces), turning, compliance, problem)
+        _copy(problem[0].reshape(-1), factor.reshape(-1))
+        if not factorise(factor):
+            return energy, False, read
+        for _ in range(CORRECTIONS):
+            for i in range(count):
+                forces[i] = -problem[3][i]
+            substitute(factor, forces)
+            for i in range(count):
+                if not forces[i] > 0.0:
+                    return energy, False, read
+            energy = row_solved(problem, forces, free, (after, turned, expected))
+            spread(fit[0], fit[1], fit[2], after, work, right)
+            _points(fit, right, points)
+            off = row_reached(where, points, turned, forces, turning, after, bodies, (reached, shift))
+            read += 1
+            if not none < off < np.inf:
+                break
+            for i in range(count):
+                problem[3][i] += reached[i] - expected[i]
+        move = row_ended(points, vertices, before, vertices, forces, pushes)
+        _copy(after, q)
+        _copy(shift.reshape(-1), local.reshape(-1))
+        if off <= none and move <= far:
+            return energy, True, read
+        _copy(q, at)
+    return energy, False, read
+
+
+@_kernel
+def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type: ignore[no-untyped-def]
+    """Both parts of a step of SDIRK2 in which all of some vertices stay pushed.
+
+    Parameters
+    ----------
+    fit : tuple
+        Modal data, shapes and corners of the triangles as of :func:`spread`, turns and strains and rows as of
+        :func:`spread_rows`; displacements (k, N) of the vertices per unit of each row, and their positions (k, 3) [m]
+        at rest.
+    work : tuple
+        A load's adjoint gradients as of :func:`potential`, and the part (m,) of its force that stays.
+    rows : tuple
+        Colliders, directions (d, 3) of their normals; of the pushed, the numbers 0 to k - 1, contacts (k,) and shapes
+        (3, 3, k, k) between them; and their turns, as of :func:`row_begin`.
+    step : tuple
+        Coordinates and rates (m,), G of a part (m,), stiffness of the modes (m,), how long it is [s], and gamma.
+    state : tuple
+        Coordinates (m,), forces (k,) [N], displacements beyond the modes and positions without these (k, 3) [m] at the
+        beginning, which become those at the end; forces (k, 3) [N] there in the axes at rest, and the fit's right side
+        (N + 1, 3), which are written.
+    derivatives : tuple
+        Coordinates (m,) near which derivatives serve, those of the derivatives that are known, and these (k, d, m).
+    limits : tuple
+        Moves [m] within which derivatives are kept, gap that is none, move of a good linearisation, and how far (m,)
+        [m] each coordinate may move a vertex.
+    out : ndarray
+        Coordinates and rates (2, m) at the end, and the modal force (m,) of the second part.
+
+    Returns
+    -------
+    tuple
+        Elastic energy [J] beyond the modes, whether all stay, how often all triangles were read but for the force, and
+        what :func:`arrive` returns.
+    """
+    q, rates, compliance, eigenvalues, dt, gamma = step
+    ends, force = out
+    begun, half, parts, read = np.empty((4, q.size)), np.empty(q.size), np.empty((3, q.size)), 0
+    for k in range(q.size):
+        begun[0, k], begun[1, k], begun[3, k] = q[k], rates[k], q[k] + gamma * dt * rates[k]
+    for turn in range(2):
+        _copy(work[1], force)
+        potential(fit[0], work[0], begun[3], np.empty(WORK), force)
+        implicit_euler(begun[0], begun[1], force, compliance, eigenvalues, gamma * dt, parts)
+        part = parts[0], compliance, parts[2]
+        energy, stays, times = _stay(fit, rows, part, state, derivatives, limits)
+        read += times
+        if not stays:
+            return energy, False, read, (0.0, (0.0, 0.0), (0.0, 0.0))
+        if turn == 0:
+            _copy(state[0], half)
+            go_on(q, rates, half, dt, gamma, begun)
+    _copy(state[0], ends[0])
+    return energy, True, read, arrive(q, rates, half, dt, gamma, begun, eigenvalues, ends)
