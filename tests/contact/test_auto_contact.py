@@ -40,9 +40,6 @@ def test_auto_leaves_what_pushes_out_to_discrete_shells(shell):
     state = model.equilibrium(contacts=[wall])
     assert state.converged
     assert state.positions[shell.mesh.vertices[:, 0] > 0.5, 2].min() >= 0.02 - 1e-9
-    hold = ms.PositionConstraint([shell.mesh.vertices[:, 0].argmax()], (1.0, 0.0, 0.5))
-    with pytest.raises(ms.OptionError, match="takes no position or orientation constraints"):
-        model.equilibrium(contacts=[FLOOR], constraints=[hold])
 
 
 def test_auto_leaves_friction_to_discrete_shells(shell):

@@ -468,8 +468,6 @@ def test_comparisons_of_all_models_leave_it_out(beam):
 def test_what_it_does_not_take_is_refused(beam):
     with pytest.raises(ms.OptionError, match="error must be"):
         ms.Auto(beam, error=0.5)
-    with pytest.raises(ms.OptionError, match="constraints"):
-        ms.simulate(ms.Auto(beam), duration=0.1, constraints=[ms.PositionConstraint(80, (0.5, 0.0, 0.1))])
 
 
 @pytest.mark.parametrize("load", [ms.SelfWeight((0.0, 0.0, -0.3)), ms.Wind((0.0, 0.1, 2.0), density=1.2)])

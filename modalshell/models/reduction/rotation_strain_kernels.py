@@ -352,7 +352,8 @@ def spread_rows(modal, shape, columns, corners, q, directions, out, spreads):  #
     """
     work, slopes, size = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE)), columns.shape[2]
     numbers, sums, right_side = columns.reshape(-1), out.reshape(-1), spreads[1]
-    sums[:], right_side[:] = 0.0, 0.0
+    sums[:] = 0.0
+    right_side[:] = 0.0
     for t in range(columns.shape[0]):
         j = t % TILE
         if j == 0:
