@@ -263,6 +263,7 @@ def solved(between, place, bodies, way, found, limits, steady):  # type: ignore[
                     for j in range(count):
                         factor[i, j] = matrix[i, j]
                 if not factorise(factor):
+                    known[:] = np.nan  # what was kept is overwritten
                     return energy, False
             for k in range(known.size):
                 known[k] = compliance[k]

@@ -10,6 +10,7 @@ from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import given_back, local_shape
 from modalshell.models.base.kept_sets import KeptSteps
 from modalshell.models.base.modal_contact import modal_contacts
+from modalshell.models.base.staying import staying
 from modalshell.motion.stepping import Motion
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
@@ -320,6 +321,21 @@ def test_a_plane_s_factor_is_that_of_each_step_s_length(strip, modal, monkeypatc
         assert state.memory["pushes"].any()
         ends.append(motion.stepper.own_positions(state))
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-13)
+
+
+def test_a_plane_s_factor_is_none_after_a_matrix_that_has_none(modal):
+    """Such a matrix took the place of the one that was kept, and was taken for it."""
+    model, floor = modal["LMA"], [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.02))]
+    pressing, values = modal_contacts(model, floor), model.basis.eigenvalues
+    before = pressing.state(np.zeros(8), np.eye(36)[35], 0.0)
+    dt, force = 10.0, model.dead_force(model.shell.loading(tuple(WEIGHT)).dead).at(np.zeros(8))
+    compliance, steps, ends = 1.0 / (1.0 / dt**2 + values), staying(pressing, values, conservative=True), []
+    for share in (1.0, -100.0, 1.0):
+        steps.begin(before)
+        ends.append(steps.part((np.zeros(8), np.zeros(8)), force, dt, share * compliance))
+    assert ends[0] is not None
+    assert ends[1] is None
+    np.testing.assert_array_equal(ends[0], ends[2])
 
 
 def test_what_a_step_gains_is_given_back():
