@@ -58,3 +58,13 @@ def test_it_rests_as_ds_does(strip, touches):
     answer, exact = (kind(strip).equilibrium(**given, contacts=contacts) for kind in (ms.Auto, ms.DiscreteShell))
     assert np.array_equal(answer.positions, exact.positions)
     assert np.array_equal(answer.constraint_reactions, exact.constraint_reactions)
+
+
+@pytest.mark.parametrize("who", ["constraints", "supports"])
+def test_it_says_that_vertices_are_led_through_a_collider(strip, who):
+    led = {"supports": ms.SupportPath([0.0, 0.06], [(0, 0, 0), (0, 0, -0.05)])}
+    if who == "constraints":
+        led = {"constraints": [ms.PositionConstraint(26, lambda t: strip.rest_positions[26] - (0.0, 0.0, 0.5 * t))]}
+    floor = [ms.Contact(ms.Plane((0, 0, 1), -0.02))]
+    run = ms.simulate(ms.Auto(strip), duration=0.08, dt=DT, contacts=floor, **led)
+    assert f"{who} lead vertices into contact 0" in run.message

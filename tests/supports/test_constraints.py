@@ -172,6 +172,13 @@ def test_a_moving_target_is_followed(basis, tip):
     np.testing.assert_allclose(run.positions[:, tip], goals, atol=METRES)
 
 
+def test_a_motion_under_constraints_that_leaves_the_finite_numbers_ends_and_says_so(basis, tip):
+    held = [ms.PositionConstraint(tip, basis.shell.rest_positions[tip])]
+    storm = [ms.Wind((1e20, 1.0, 1e20))]
+    run = ms.simulate(ms.ModalWarping(basis), duration=0.2, dt=0.02, loads=storm, constraints=held)
+    assert "positions left the finite numbers" in run.message
+
+
 def test_constraints_and_moving_supports_are_both_in_the_world(basis, tip):
     supports = ms.SupportPath([0.0, 1.0], [[0, 0, 0], [0.1, 0.2, 0]], [[0, 0, 0], [0, 0, 0.6]])
     goal = supports.at(1.0).to_world(basis.shell.rest_positions[tip][None])[0] + [0, 0, 0.2]

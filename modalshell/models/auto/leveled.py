@@ -151,6 +151,13 @@ class LeveledStepper(Stepper):
         stepper = self._stepper(level)
         return stepper.loaded_positions(inner) + stepper.origin
 
+    def remark(self, state: MotionState, time: float) -> str:
+        """That constraints or supports lead vertices through a collider, as DS says it; "" otherwise."""
+        if not self.setup.contacts:
+            return ""
+        full = self._stepper(len(self._levels) - 1)
+        return full.remark(MotionState(state.coordinates - full.origin, state.rates, {}), time)
+
     def further_energy(self, state: MotionState) -> float:
         """Elastic energy [J] of what contacts press in."""
         if not self.setup.contacts:

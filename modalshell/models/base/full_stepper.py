@@ -70,9 +70,10 @@ class FullStepper(Stepper):
     def remark(self, state: MotionState, time: float) -> str:
         """Message about a state at ``time`` [s]: of the model, or that vertices are led through a collider."""
         remark = super().remark(state, time)
-        if remark or self.contacts is None or not (self._patches or self._path):
+        moved = self._path or self._frame
+        if remark or self.contacts is None or not (self._patches or moved):
             return remark
-        held = self.model.shell.clamped if self._path else np.empty(0, dtype=np.int64)
+        held = self.model.shell.clamped if moved else np.empty(0, dtype=np.int64)
         led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
         inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)
         who = "constraints" if self._patches else "supports"

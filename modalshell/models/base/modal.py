@@ -333,7 +333,7 @@ class ModalStepper(ContactStepper):
             if at < 1.0:  # of the velocity there, which is as far from the one that the force was asked for at
                 rates, drag = (rates - (1.0 - at) * state.rates) / at, at * drag
             after = model.slowed(after, rates, dt, damping, drag, rule)
-        if self.setup.constraints:
+        if self.setup.constraints and np.isfinite(after.coordinates).all():  # else the motion ends here
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
