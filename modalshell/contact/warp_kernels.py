@@ -263,7 +263,8 @@ def solved(between, place, bodies, way, found, limits, steady):  # type: ignore[
                     for j in range(count):
                         factor[i, j] = matrix[i, j]
                 if not factorise(factor):
-                    known[:] = np.nan  # what was kept is overwritten
+                    if known.size:
+                        known[0] = np.nan  # what was kept is overwritten
                     return energy, False
             for k in range(known.size):
                 known[k] = compliance[k]
