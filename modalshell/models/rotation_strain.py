@@ -25,7 +25,6 @@ from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import ModalPush
 from modalshell.models.reduction.patched_work import PatchedWork
 from modalshell.models.reduction.poisson import PoissonFit
-from modalshell.models.reduction.rotation_strain_stay import stay_twice
 from modalshell.modes import Basis
 
 _GREEN = 512
@@ -127,6 +126,8 @@ class RotationStrain(TurnedTriangles):
 
     def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[float, bool, Any]:
         """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` and on are ``given``."""
+        from modalshell.models.reduction.rotation_strain_stay import stay_twice  # not without contacts
+
         rows, step, state, *rest = given
         right = np.empty((self._fit.rows, 3))
         at_rest, work = self.shell.rest_positions[vertices], (adjoint.gradients, adjoint.constant)
