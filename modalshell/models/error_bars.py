@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.timings import Stopwatch
 from modalshell.loads import Load, Loading
-from modalshell.models.base.bars import bar_on_shell, check_bar, no_coarse_constraints, no_coarse_contacts
+from modalshell.models.base.bars import bar_on_shell, check_bar, refuse_on_coarse
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import given_contacts
@@ -99,8 +99,7 @@ def error_bar(
     check_bar(shell, constraints=led, contacts=touching)
     if isinstance(on, str) and on == "shell":
         return bar_on_shell(shell, positions, loading, touching, led, walk=walk)
-    if touching or led:
-        raise no_coarse_contacts() if touching else no_coarse_constraints()
+    refuse_on_coarse(touching, led)
     return CoarseBars(coarse_of(model_or_shell, shell, on)).bar(positions, loading, walk=walk)
 
 

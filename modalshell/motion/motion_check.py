@@ -12,7 +12,7 @@ from modalshell.core.checks import checked_count
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.models.base.bars import check_bar, led_vertices, no_coarse_constraints, no_coarse_contacts
+from modalshell.models.base.bars import check_bar, led_vertices, refuse_on_coarse
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.error_bars import coarse_of
@@ -60,8 +60,7 @@ def wanted_bars(
     if isinstance(on, str) and on == "shell":
         led = led_vertices(shell, constraints, supports)
         return {"every": every, "coarse": None, "touching": touching_frames(model, contacts, dt, supports), "led": led}
-    if contacts or constraints:
-        raise no_coarse_contacts() if contacts else no_coarse_constraints()
+    refuse_on_coarse(contacts, constraints)
     return {"every": every, "coarse": coarse_of(model, shell, on), "touching": None, "led": None}
 
 

@@ -62,7 +62,7 @@ class LeveledStepper(Stepper):
             raise model.no_contacts()
         self._levels, self._mass = levels, model.shell.mass[:, None]
         self._smooth = _smoothed(setup)
-        self._made = {} if setup.constraints else {0: levels[0].stepper(self._smooth)}  # then by DS alone
+        self._made = {} if setup.constraints else {0: levels[0].stepper(self._smooth)}  # DS takes constraints
         self._check: Check = model.check(setup)
         self._loads = LoadsAhead(model, setup, self._check)
         self._watch = Watch(model, setup, self._check, self._loads)

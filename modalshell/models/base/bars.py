@@ -48,14 +48,11 @@ def led_vertices(
     return LedVertices(held_patches(constraints, shell.rest_positions, shell.mesh.faces, shell.unknowns), path)
 
 
-def no_coarse_contacts() -> OptionError:
-    """The error of bars on a coarse shell, which take no contacts."""
-    return OptionError('under contacts a bar is found on the shell itself: take on="shell"')
-
-
-def no_coarse_constraints() -> OptionError:
-    """The error of bars on a coarse shell, which has other vertices than constraints name."""
-    return OptionError('under constraints a bar is found on the shell itself: take on="shell"')
+def refuse_on_coarse(contacts: Sequence[Contact], constraints: Sequence[Constraint]) -> None:
+    """OptionError for what acts on vertices of a shell, with a bar on a coarse one, which has others."""
+    if contacts or constraints:
+        what = "contacts" if contacts else "constraints"
+        raise OptionError(f'under {what} a bar is found on the shell itself: take on="shell"')
 
 
 def bar_on_shell(
