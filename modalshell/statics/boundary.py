@@ -20,7 +20,7 @@ from modalshell.statics.mixed_newton import ACCEPTED, CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
-from modalshell.statics.warped import warped_step
+from modalshell.statics.warped import led_step
 from modalshell.supports.constraints import Constraint, HeldPatch
 
 FIRST_STEP = 0.25
@@ -117,9 +117,8 @@ def predicted(
     direction = solve(gradient + held.unknowns.restrict(pull), hessian)
     moved += held.unknowns.prolong(direction).reshape(-1, 3)
     reaction = float(np.linalg.norm(held.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
-    guess, _, fraction = warped_step(shell, x, shell.unknowns.values(moved.ravel()), _STEP_TURN)
-    guess[vertices] = target
-    return guess, held.predicted_stresses(x, moved), reaction, fraction > 0.999
+    guess, stresses, fraction = led_step(shell, held, x, moved, (vertices, target), _STEP_TURN)
+    return guess, stresses, reaction, fraction > 0.999
 
 
 def unstressed(problem: Potential, x: Array) -> float | None:

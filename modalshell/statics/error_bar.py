@@ -349,14 +349,19 @@ class ErrorEstimator(Estimator):
             else:
                 factor = problem.factor(hessian)
                 begun, found = Begun(x, hessian, factor), problem.step(factor, gradient)
-            moved = problem.moved(x, found)[:2] if way is None else led_step(self._free, self.shell, x, found, way)
-            x, stresses = moved
+            x, stresses = problem.moved(x, found)[:2] if way is None else self._led_step(x, found, way)
             if not np.isfinite(x).all():
                 raise SolverError("two Newton steps from this answer leave the finite numbers")
         assert stresses is not None
         assert begun is not None
         self._taken = x, stresses, begun
         return self._taken
+
+    def _led_step(self, x: Array, direction: Array, way: Array) -> tuple[Array, list[Array]]:
+        """Positions and stresses after a step along a direction (N,) and a way (n, 3) [m] of what is led."""
+        assert self._led is not None
+        vertices, step = self._led.vertices, way + self.shell.unknowns.prolong(direction).reshape(-1, 3)
+        return led_step(self._free, self.shell, x, step, (vertices, (x + way)[vertices]), np.inf)[:2]
 
     def _astray(self, x: Array, load: Array, live: LiveLoads | None) -> float:
         """By the second step and, where that is as long as both, a third one, which must find about the same error."""

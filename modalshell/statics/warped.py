@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from modalshell.core.thread_safety import writeable
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
 from modalshell.shell import Shell
 
@@ -46,15 +46,18 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     return x + shell.unknowns.project(displacement), step, fraction
 
 
-def led_step(shell: Shell, held: Shell, x: Array, direction: Array, way: Array) -> tuple[Array, list[Array]]:
-    """Positions and stresses after a step along a direction (N,) of a shell with vertices ``held`` that go a ``way``.
+def led_step(
+    shell: Shell, held: Shell, x: Array, step: Array, led: tuple[Index, Array], largest_turn: float
+) -> tuple[Array, list[Array], float]:
+    """Positions and stresses after a ``step`` (n, 3) [m] from x (n, 3) in which vertices (k,) are led to places (k, 3).
 
-    Those of the ``shell`` without them turn as they go, and end at x (n, 3) and the way (n, 3).
+    The ``shell`` does not hold these, so that they turn as they go; ``held`` does, and stresses are of what can move in
+    it. Also returned is how much of the step that is.
     """
-    step, led = way + held.unknowns.prolong(direction).reshape(-1, 3), way.any(axis=1)
-    moved = warped_step(shell, x, shell.unknowns.values(step.ravel()), np.inf)[0]
-    moved[led] = (x + way)[led]
-    return moved, held.predicted_stresses(x, step)
+    moved, _, fraction = warped_step(shell, x, shell.unknowns.values(step.ravel()), largest_turn)
+    vertices, places = led
+    moved[vertices] = places
+    return moved, held.predicted_stresses(x, step), fraction
 
 
 def descent_length(shell: Shell, *, turns: bool) -> float:

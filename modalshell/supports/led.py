@@ -18,19 +18,17 @@ class LedVertices:
 
     Attributes
     ----------
-    patches : sequence of HeldPatch
-        The patches.
     vertices : ndarray of int, shape (k,)
-        Their vertices, one patch after the other.
+        Vertices of the patches, one after the other.
     """
 
     def __init__(self, patches: Sequence[HeldPatch], path: SupportPath | None = None) -> None:
-        self.patches, self._path = patches, path
+        self._patches, self._path = patches, path
         self.vertices: Index = np.concatenate([patch.vertices for patch in patches])
 
     def at(self, time: float) -> Array:
         """Positions (k, 3) [m] of the vertices at ``time`` [s]."""
-        places = np.concatenate([patch.at(time) for patch in self.patches])
+        places = np.concatenate([patch.at(time) for patch in self._patches])
         return places if self._path is None else self._path.at(time).to_shell(places)
 
     def way(self, x: Array, places: Array, there: float) -> Array | None:

@@ -13,10 +13,8 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import FreeParts, axial, crossed, inertia_of, left_jacobian, turn_of, vector_of
 from modalshell.integrators.state import MotionState
-from modalshell.models.base.bars import led_vertices
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model
 from modalshell.models.base.setup import MotionSetup
@@ -108,11 +106,7 @@ class FullLevel(Level):
         by_time = plain and all(load.constant is not None for load in setup.loading.live)
         if by_time and self._compiled is not None:
             return self._compiled.stepper(setup)
-        if setup.supports is None:
-            return self.model.stepper(setup)
-        led = led_vertices(self.model.shell, setup.constraints)
-        patches, model = ((), self.model) if led is None else (led.patches, self.model.holding(led.vertices))
-        return FullStepper(model, setup.felt_by(model.integrator), patches, in_frame=True)
+        return self.model.stepper(setup, in_frame=True)
 
     @cached_property
     def _compiled(self) -> CoarseDiscreteShell | None:

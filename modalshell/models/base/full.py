@@ -342,11 +342,11 @@ class FullModel(Model):
         """Elastic energy [J], with what the hardening of creases has stored."""
         return self.as_creased(state).shell.stored_energy(self.positions(state))
 
-    def stepper(self, setup: MotionSetup) -> Stepper:
+    def stepper(self, setup: MotionSetup, *, in_frame: bool = False) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
         patches = self._patches(setup.constraints)
         model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
-        in_frame = self.shell.unknowns.matrix is not None  # supports of single components turn with their frame
+        in_frame |= self.shell.unknowns.matrix is not None  # supports of single components turn with their frame
         return FullStepper(model, setup.felt_by(self.integrator), patches, in_frame=in_frame)
 
     @property
