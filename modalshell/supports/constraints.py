@@ -106,7 +106,11 @@ def _change(kind: str, first: Array, second: Array) -> float:
     """Distance of two targets (3,) [m], or the angle between them [rad]."""
     if kind == "position":
         return float(np.linalg.norm(second - first))
-    return float((Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)).magnitude())
+    # By quaternions, to 1e-8: each step asks, and SciPy makes a rotation in the time of a modal step.
+    lengths = np.linalg.norm([first, second], axis=1, keepdims=True)
+    vectors = 0.5 * np.sinc(lengths / (2.0 * math.pi)) * [first, second]
+    cosine = math.prod(np.cos(0.5 * lengths[:, 0])) + vectors[0] @ vectors[1]
+    return 2.0 * math.acos(min(abs(cosine), 1.0))
 
 
 def jumps(constraint: Constraint, begin: float, end: float, least: float) -> bool:
@@ -114,17 +118,19 @@ def jumps(constraint: Constraint, begin: float, end: float, least: float) -> boo
     kind, low, high = constraint.kind, constraint.at(begin), constraint.at(end)
     if np.array_equal(low, high):
         return False
-    wanted = max(least, _JUMP * _change(kind, low, high))
+    change = _change(kind, low, high)
+    wanted = max(least, _JUMP * change)
     for _ in range(_HALVINGS):
-        if _change(kind, low, high) < wanted:
+        if change < wanted:
             return False
         middle = 0.5 * (begin + end)
         between = constraint.at(middle)
-        if _change(kind, low, between) > _change(kind, between, high):
-            end, high = middle, between
+        first, second = _change(kind, low, between), _change(kind, between, high)
+        if first > second:
+            end, high, change = middle, between, first
         else:
-            begin, low = middle, between
-    return _change(kind, low, high) >= wanted
+            begin, low, change = middle, between, second
+    return change >= wanted
 
 
 def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unknowns) -> list[Constraint]:

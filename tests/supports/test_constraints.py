@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models.base.manipulation import meet
+from modalshell.models.base.manipulation import PatchTargets, meet
 from modalshell.supports.constraints import nearest_branch
 
 LENGTH = 1.0
@@ -301,13 +301,35 @@ def test_linear_constraints_give_the_least_work(seed):
     rng = np.random.default_rng(seed)
     jacobian, compliance = rng.standard_normal((3, 8)), 10.0 ** rng.uniform(-4, 0, 8)
     free, goal = rng.standard_normal(8), rng.standard_normal(3)
-    q, residual = meet(lambda q: (goal - jacobian @ q, jacobian), free, compliance, free)
+    q, residual, _ = meet(lambda q: (goal - jacobian @ q, jacobian), free, compliance, free)
     assert np.abs(residual).max() < 1e-7
     spread = compliance[:, None] * jacobian.T
     exact = free + spread @ np.linalg.solve(jacobian @ spread, goal - jacobian @ free)
     assert np.linalg.norm((q - exact) / np.sqrt(compliance)) < 1e-4 * np.linalg.norm(
         (exact - free) / np.sqrt(compliance)
     )
+
+
+@pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
+def test_a_few_evaluations_meet_targets_that_modes_reach(monkeypatch, basis, tip, model):
+    """They were met from soft to hard, and searches went on from points that were minima: 20 to 120 a step."""
+    asked, rest, original = [], basis.shell.rest_positions[tip], PatchTargets.__call__
+    monkeypatch.setattr(PatchTargets, "__call__", lambda self, q: asked.append(q) or original(self, q))
+    turned = ms.OrientationConstraint(tip, lambda time: [0.0, -0.5 * np.sin(3 * time), 0.0])
+    lifted = ms.PositionConstraint(
+        tip, lambda time: rest + np.array([-0.04 * np.sin(time) ** 2, 0.0, 0.2 * np.sin(time)])
+    )
+
+    def counted(constraint, duration):
+        asked.clear()
+        run = ms.simulate(model(basis), duration=duration, gravity=(0, 0, -1), constraints=[constraint])
+        return len(asked), len(run.times)
+
+    few, frames = counted(turned, 0.5)
+    assert few <= 6 * frames
+    # Near the flat rest the way inward is of second order: what lifts the strip is easily met later.
+    (early, first), (all_, last) = counted(lifted, 0.25), counted(lifted, 0.5)
+    assert all_ - early <= 10 * (last - first)
 
 
 def test_a_prescribed_displacement_answers_with_its_reaction():

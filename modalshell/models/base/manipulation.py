@@ -23,6 +23,13 @@ REACHED = 1e-7
 """Derivative of constrained values, over the largest one, below which it is rounding: the root of the last softness."""
 _PASSES = 12
 """Gauss-Newton steps at one softness at most."""
+_LEAST_GAIN, _SETTLED = 1e-12, 1e-4
+"""Gain as a share of what is minimised, and change of coordinates as a share of theirs, at which steps end."""
+_CONTRACTION = 0.5
+"""Share of the change before to which the next one falls, where linearised constraints settle."""
+_HARDLY_REACHED = 1e-8
+"""Response of a combination of constraints, as a share of the largest one, below which modes hardly reach its target:
+it is met from soft to hard, or if below the last softness not at all."""
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 """Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
@@ -80,12 +87,13 @@ class PatchTargets:
         return np.asarray(np.linalg.norm(residuals.reshape(-1, 3), axis=1) * self.units)
 
 
-def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array]:
+def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array, Array]:
     """Least ``(q - q_free)^T G^-1 (q - q_free) / 2`` among the q that meet the constraints.
 
-    Solves ``q = q_free + G J^T mu`` with ``r = eps mu``, for eps from soft to hard: of the linearised constraints
-    ``(J G J^T + eps I) mu = r + J (q - q_free)`` each pass is a Gauss-Newton step with a line search. A harder
-    constraint that brings its target no nearer is not followed: the stiff modes would be shaken for nothing.
+    Solves ``q = q_free + G J^T mu`` with ``r = eps mu``. Targets that the modes reach well are met at the last, least
+    eps by a few linearised constraints, ``(J G J^T + eps I) mu = r + J (q - q_free)``. Others are met for eps from soft
+    to hard, where each pass is a Gauss-Newton step with a line search; a harder constraint that brings its target no
+    nearer is not followed: the stiff modes would be shaken for nothing.
 
     Parameters
     ----------
@@ -104,6 +112,8 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
         Modal coordinates.
     residual : ndarray, shape (k,)
         What is left of target less value.
+    jacobian : ndarray, shape (k, m)
+        Derivatives of the constrained values there.
     """
     root = np.sqrt(compliance)
     z: Array = (start - free) / root
@@ -117,24 +127,52 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
             residual, jacobian = evaluate(q)
             return residual - offset, jacobian
 
-        known = on_the_way(free + root * z)
-        z = _minimise(on_the_way, free, root, z, *known, _STAGE_SOFTNESS * unit)[0]
-    residual, jacobian = evaluate(free + root * z)
-    best, reached = z, residual
+        led = residual - first * (1.0 - stage / stages), jacobian
+        done = _reached(on_the_way, free, root, z, *led)
+        z, residual, jacobian = done or _minimise(on_the_way, free, root, z, *led, _STAGE_SOFTNESS * unit)
+        residual = residual + first * (1.0 - stage / stages)
+    best = _reached(evaluate, free, root, z, residual, jacobian)
+    if best is not None:
+        return free + root * best[0], *best[1:]
+    best = z, residual, jacobian
     softness = _SOFTEST
     stalls = 0
     while softness >= _HARDEST:
         z, residual, jacobian = _minimise(evaluate, free, root, z, residual, jacobian, softness * unit)
-        size, before = float(np.abs(residual).max()), float(np.abs(reached).max())
+        size, before = float(np.abs(residual).max()), float(np.abs(best[1]).max())
         # The first answer is taken as it is: leading may have ended nearer, by more work.
         if softness == _SOFTEST or size <= _HARDLY_LESS * before:
-            best, reached, stalls = z, residual, 0
+            best, stalls = (z, residual, jacobian), 0
         else:
             stalls += 1
         if size <= _MET or stalls == 2:
             break
         softness *= _HARDER
-    return free + root * best, reached
+    return free + root * best[0], *best[1:]
+
+
+def _reached(
+    evaluate: Evaluate, free: Array, root: Array, z: Array, residual: Array, jacobian: Array
+) -> tuple[Array, Array, Array] | None:
+    """The least z that meets targets, by linearised constraints from z; None of targets that modes hardly reach."""
+    before = np.inf
+    for _ in range(_PASSES):
+        scaled = jacobian * root
+        values, ways = np.linalg.eigh(scaled @ scaled.T)
+        kept = values > _HARDEST * values[-1]
+        values, ways = values[kept], ways[:, kept]
+        if not kept.any() or values[0] <= _HARDLY_REACHED * values[-1]:
+            return None
+        move = ((residual + scaled @ z) @ ways / values) @ ways.T @ scaled - z
+        z = z + move
+        length = float(np.linalg.norm(move))
+        if length > _CONTRACTION * before:
+            return None
+        before = length
+        residual, jacobian = evaluate(free + root * z)
+        if length <= _SETTLED * float(np.linalg.norm(z)):
+            return (z, residual, jacobian) if np.abs(residual).max() <= _MET else None
+    return None
 
 
 def _minimise(
@@ -153,6 +191,8 @@ def _minimise(
         except np.linalg.LinAlgError:  # targets that no softness tells apart, under absurd loads
             break
         move = scaled.T @ mu - z
+        if value - merit(z + move, residual - scaled @ move) <= _LEAST_GAIN * value:
+            break
         length = 1.0
         while length > 1e-4:
             trial = z + length * move
@@ -165,6 +205,6 @@ def _minimise(
             break
         gain, value = value - lower, lower
         z, residual, jacobian = trial, found, slope
-        if gain <= 1e-12 * value or np.abs(residual).max() <= 0.1 * _MET:
+        if gain <= _LEAST_GAIN * value or np.abs(residual).max() <= 0.1 * _MET:
             break
     return z, residual, jacobian

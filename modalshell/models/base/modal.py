@@ -188,7 +188,7 @@ class ModalModel(ModalMotion):
                 break
             before = q
             iterations += 1
-            q, residual = meet(targets, compliance * self.modal_force(q, load), compliance, q)
+            q, residual, jacobian = meet(targets, compliance * self.modal_force(q, load), compliance, q)
             nearest = min(nearest, float(np.abs(residual).max()))
             work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
@@ -201,7 +201,7 @@ class ModalModel(ModalMotion):
             outcome, message = Outcome.OUT_OF_REACH, out_of_reach(float(missed.max()))
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=REACHED)[0].reshape(-1, 3)
+        multipliers = np.linalg.lstsq(jacobian.T, out_of_balance, rcond=REACHED)[0].reshape(-1, 3)
         answer = self._answer(Statics(q, change, iterations, outcome, message))
         return replace(answer, constraint_residuals=missed, constraint_reactions=multipliers / targets.units[:, None])
 

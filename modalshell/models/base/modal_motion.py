@@ -75,6 +75,7 @@ class ModalMotion(ModalShape, FrameModel):
         self.frames = FreeFrames.of(basis.shell, basis.modes[:, : basis.rigid_modes])
         self._identity, self._range = np.eye(basis.count), BucklingRange(basis.shell)
         self._damp: tuple[Damping, Array] | None = None
+        self._impulsed: tuple[tuple[ModalIntegrator, Damping, float], tuple[Array, Array]] | None = None
         self._mass_size = self.shell.mesh.extent * float(np.sqrt(self.shell.mass.sum()))
 
     def _rule(self, integrator: str | ModalIntegrator) -> ModalIntegrator:
@@ -242,6 +243,14 @@ class ModalMotion(ModalShape, FrameModel):
             kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
         return kept[1]
 
+    def _impulse(self, damping: Damping, dt: float) -> tuple[Array, Array]:
+        """What a modal force throughout a step does, see :meth:`ModalIntegrator.impulse`; kept from step to step."""
+        key, kept = (self.integrator, damping, dt), self._impulsed  # read once: as of the damping
+        if kept is None or kept[0] != key:
+            damp = self._modal_damping(damping)
+            kept = self._impulsed = key, self.integrator.impulse(self.basis.eigenvalues, damp, dt)
+        return kept[1]
+
     def drag_at(self, q: Array, vertices: Index, drag: Array) -> Array:
         """Drag (m, m) in the turned modes of one (k, 3, 3) [N s/m] at some vertices."""
         rows = self.turned_rows(q, vertices)
@@ -326,14 +335,14 @@ class ModalMotion(ModalShape, FrameModel):
         coordinates, and where a target was not met at the step's beginning, so that it jumps, the forces act at the
         step's end.
         """
-        eigenvalues, damp, targets = self.basis.eigenvalues, self._modal_damping(damping), targets_at(1.0)
-        compliance, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
-        q, residual = meet(targets, free.coordinates, compliance, free.coordinates)
+        targets = targets_at(1.0)
+        compliance, by_rate = self._impulse(damping, dt)
+        q, residual, jacobian = meet(targets, free.coordinates, compliance, before.coordinates)
         move = q - free.coordinates
         if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
             rates = free.rates + move / dt
         else:
-            rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
+            rates = free.rates + by_rate / compliance * move
             wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
             rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=REACHED)[0]
         return MotionState(q, rates, free.memory), targets.lengths(residual)
