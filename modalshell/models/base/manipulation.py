@@ -15,7 +15,7 @@ from modalshell.supports.constraints import Constraint, nearest_branch
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Residual (k,), target less value, and Jacobian (k, m) of the constrained values at q."""
 
-_MET = 1e-8
+MET = 1e-8
 """Residual, lengths as shares of the shell's size and angles in radians, at which constraints count as met."""
 _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 """First softness eps of the constraints, the factor from one to the next, and the last."""
@@ -23,7 +23,7 @@ REACHED = 1e-7
 """Derivative of constrained values, over the largest one, below which it is rounding: the root of the last softness."""
 _PASSES = 12
 """Gauss-Newton steps at one softness at most."""
-_STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
+STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 """Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
 """Enough for 30 times the shell's size; modes do not reach farther targets."""
@@ -54,7 +54,7 @@ class PatchTargets:
         size: float,
         present: Array,
     ) -> None:
-        self._parts = []
+        self._parts, self._constraints = [], constraints
         for constraint in constraints:
             goal, value = constraint.at(time), values[constraint.kind]
             if constraint.kind == "position":
@@ -74,6 +74,25 @@ class PatchTargets:
             residuals.append((goal - mean) / unit)
             jacobians.append(jacobian / unit)
         return np.concatenate(residuals), np.vstack(jacobians)
+
+    def beyond(self, local: Array) -> Array:
+        """Parts (3 k,), in their units, of the values that displacements (n, 3) [m] beyond the modes have."""
+        positions = [constraint.kind == "position" for constraint in self._constraints]
+        means = [local[c.vertices].mean(axis=0) * own for c, own in zip(self._constraints, positions, strict=True)]
+        return (np.array(means) / self.units[:, None]).ravel()
+
+    def reactions(self, q: Array, unbalanced: Array) -> Array:
+        """Forces [N] and moments [N m] (k, 3) of the constraints that bear an ``unbalanced`` modal force (m,) at q."""
+        multipliers = np.linalg.lstsq(self(q)[1].T, unbalanced, rcond=REACHED)[0].reshape(-1, 3)
+        return np.asarray(multipliers / self.units[:, None])
+
+    def spread(self, reactions: Array, count: int) -> Array:
+        """Forces (n, 3) [N] of reactions (k, 3) on the ``count`` vertices of a shell; moments have none."""
+        forces = np.zeros((count, 3))
+        for constraint, reaction in zip(self._constraints, reactions, strict=True):
+            if constraint.kind == "position":
+                forces[constraint.vertices] += reaction / constraint.vertices.size
+        return forces
 
     def lengths(self, residuals: Array) -> Array:
         """Length of each constraint's residual (k,): [m] for positions, [rad] for orientations."""
@@ -110,7 +129,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     residual, jacobian = evaluate(start)
     unit = float(np.sum((jacobian * root) ** 2)) / len(residual) or 1.0
     # Far targets are led there in stages: a single leap would land on another branch.
-    first, stages = residual, int(min(np.ceil(np.abs(residual).max() / _STAGE), _MOST_STAGES))
+    first, stages = residual, int(min(np.ceil(np.abs(residual).max() / STAGE), _MOST_STAGES))
     for stage in range(1, stages):
 
         def on_the_way(q: Array, offset: Array = first * (1.0 - stage / stages)) -> tuple[Array, Array]:
@@ -131,7 +150,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
             best, reached, stalls = z, residual, 0
         else:
             stalls += 1
-        if size <= _MET or stalls == 2:
+        if size <= MET or stalls == 2:
             break
         softness *= _HARDER
     return free + root * best, reached
@@ -165,6 +184,6 @@ def _minimise(
             break
         gain, value = value - lower, lower
         z, residual, jacobian = trial, found, slope
-        if gain <= 1e-12 * value or np.abs(residual).max() <= 0.1 * _MET:
+        if gain <= 1e-12 * value or np.abs(residual).max() <= 0.1 * MET:
             break
     return z, residual, jacobian
