@@ -58,7 +58,7 @@ class LeveledStepper(Stepper):
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
-        if setup.contacts and any(level.still is not level.model for level in levels):
+        if setup.contacts and not setup.constraints and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
         self._levels, self._mass = levels, model.shell.mass[:, None]
         self._smooth = _smoothed(setup)

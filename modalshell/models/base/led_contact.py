@@ -98,9 +98,10 @@ class LedTargets:
         """
         found = self._targets.beyond(pressed.local)
         off = self(pressed.q)[0] + self._beyond - found
+        if not np.isfinite(off).all():
+            return np.inf
         self._seen = [*self._seen[1 - _MEMORY :], (self._beyond, found - self._beyond)]
-        if np.isfinite(found).all():
-            self._beyond = extrapolated(*map(list, zip(*self._seen, strict=True)))
+        self._beyond = extrapolated(*map(list, zip(*self._seen, strict=True)))
         return float(np.abs(off).max())
 
     def missed(self, q: Array, local: Array) -> Array:
