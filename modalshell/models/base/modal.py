@@ -104,11 +104,7 @@ class ModalModel(ModalMotion):
         return judged(answer, loading, self.tangent_eigenvalue) if asked else answer
 
     def _solve_touching(
-        self,
-        loading: Loading,
-        start: Array | None,
-        contacts: Sequence[Any],
-        constraints: Sequence[Constraint],
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
         from modalshell.models.base.modal_contact import equilibrium_on_modal_contacts  # not without contacts
 
@@ -201,8 +197,8 @@ class ModalModel(ModalMotion):
             outcome, message = Outcome.OUT_OF_REACH, out_of_reach(float(missed.max()))
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        answer, reactions = self._answer(Statics(q, change, iterations, outcome, message)), targets.reactions
-        return replace(answer, constraint_residuals=missed, constraint_reactions=reactions(q, out_of_balance))
+        answer, pulled = self._answer(Statics(q, change, iterations, outcome, message)), targets.reactions
+        return replace(answer, constraint_residuals=missed, constraint_reactions=pulled(q, out_of_balance))
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
@@ -386,11 +382,8 @@ class ModalStepper(ContactStepper):
 
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
-
-        def targets_at(share: float) -> PatchTargets:
-            return self._targets(begin + share * dt, state.coordinates)
-
-        after, self.residuals = self.model.meet_constraints(state, free, dt, self.setup.damping, targets_at)
+        damping, targets = self.setup.damping, lambda share: self._targets(begin + share * dt, state.coordinates)
+        after, self.residuals = self.model.meet_constraints(state, free, dt, damping, targets)
         return after
 
     def _targets(self, time: float, q: Array) -> PatchTargets:
