@@ -7,6 +7,7 @@ and no stiffness to choose. Where the sets cycle, or leave a mechanism, :mod:`.d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -109,9 +110,11 @@ class ActiveSet:
             chosen[self.touching.movable(x, rows)] = True
         return chosen
 
-    def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
-        """Gradient (N,) and Hessian of the potential, that of friction with it."""
-        gradient, hessian = self.problem.linearise(x, geometric, stresses)
+    def linearise(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
+    ) -> tuple[Array, sps.csc_array]:
+        """Gradient (N,) and Hessian of the potential, that of friction with it; see :meth:`Potential.linearise`."""
+        gradient, hessian = self.problem.linearise(x, geometric, stresses, led)
         return (gradient if self._friction is None else self._friction.add(x, gradient, hessian)), hessian
 
     def potential(self, x: Array) -> tuple[float, Array]:
@@ -172,20 +175,32 @@ class ActiveSet:
                     break
         return Rest(x, active, np.where(active, pushes, 0.0), size, iteration, solved, limited=size > rules.accepted)
 
-    def correct(self, x: Array, least: int, most: int) -> tuple[Rest, list[Array]]:
+    def correct(
+        self, x: Array, least: int, most: int, way: Array | None, lead: Callable[..., tuple[Array, list[Array]]]
+    ) -> tuple[Rest, list[Array]]:
         """At ``least`` so often a step from x (n, 3), until the set repeats, and ``most``; the stresses predicted too.
 
-        Converged says whether the set repeats. SolverError where the steps leave the finite numbers.
+        The first step goes a ``way`` (n, 3) [m] of held vertices, if there is one: ``lead`` takes it, from positions,
+        Newton's direction (N,), and that way. Converged says whether the set repeats. SolverError where the steps leave
+        the finite numbers, or that way leads through a collider.
         """
         active, stresses = self.near(x), None
         pushes, repeated, count = np.zeros(active.size), False, 0
         while count < least or not (repeated or count == most):
-            gradient, hessian = self.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+            gradient, hessian = self.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses, way)
             rows = np.flatnonzero(active)
             gaps = self.touching.gaps(x, rows)
             equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
             direction, found = equations.solve()
-            x, share, _, stresses = self.moved(x, hessian, direction, equations.frames.rows)
+            if way is None:
+                x, share, _, stresses = self.moved(x, hessian, direction, equations.frames.rows)
+            else:
+                before, share = x, 1.0
+                x, stresses = lead(x, direction, way)
+                if self.touching.crossed(before, x):
+                    raise SolverError("the way of the constraints from this answer leads through a collider")
+                self.touching.put_on(x, equations.frames.rows, np.zeros(equations.frames.rows.size))
+                way = None
             count += 1
             if not np.isfinite(x).all():
                 raise SolverError("Newton steps from this answer leave the finite numbers")

@@ -19,6 +19,7 @@ from modalshell.shell import Shell
 from modalshell.statics.error_bar import Estimator
 from modalshell.statics.margin import Margin
 from modalshell.statics.potential import Potential
+from modalshell.supports.led import LedVertices
 
 _LEAST, _MOST = 2, 8
 """Newton steps of a bar: those without contacts, and at most, until the set of what touches repeats."""
@@ -38,6 +39,8 @@ class ContactEstimator(Estimator):
         A shell that its supports hold.
     contacts : sequence of Contact
         Colliders, as they are at time 0, without friction.
+    led : LedVertices, optional
+        Further vertices that constraints lead; contacts do not push on these.
     rubbed : bool
         Whether loads have the friction of contacts in them.
 
@@ -54,8 +57,10 @@ class ContactEstimator(Estimator):
         For contacts with friction, unless loads have it.
     """
 
-    def __init__(self, shell: Shell, contacts: Sequence[Contact], *, rubbed: bool = False) -> None:
-        super().__init__(shell)
+    def __init__(
+        self, shell: Shell, contacts: Sequence[Contact], led: LedVertices | None = None, *, rubbed: bool = False
+    ) -> None:
+        super().__init__(shell, led)
         if not rubbed:
             refuse_friction(contacts, "error bars")
         self.touching, self.unsettled = Touching(contacts, self.shell, self.origin), False
@@ -75,7 +80,8 @@ class ContactEstimator(Estimator):
         x = x.copy()
         touching.put_on(x, rows, np.zeros(rows.size))
         solver = ActiveSet(problem, touching, problem.measure(problem.push_at(x)))
-        self._rest, stresses = solver.correct(x, _LEAST, _MOST)
+        self._rest, stresses = solver.correct(x, _LEAST, _MOST, self._way, self._led_step)
+        self._way = None
         self.unsettled = not self._rest.converged
         if self.unsettled:
             told = f", from an answer {depth:.2g} m inside a collider" if depth > INSIDE * touching.size else ""

@@ -122,19 +122,8 @@ class Led:
 
     def _refuse_inside(self, start: Array) -> None:
         """Raise OptionError where a start (n, 3), or a patch's target, lies inside a collider."""
-        touching, vertices = self.touching, self._vertices
-        touching.refuse_inside(start)
-        target = self._target(start, 1.0) + self.origin
-        for index, contact in enumerate(touching.contacts):
-            gap = np.asarray(contact.distance(target, touching.time))
-            gap = np.where(contact.vertices(touching.shell.mesh)[vertices], gap, np.inf)
-            worst = int(np.argmin(gap))
-            if gap[worst] < -INSIDE * touching.size:
-                kind = type(contact.collider).__name__
-                raise OptionError(
-                    f"a constraint leads vertex {vertices[worst]} to {-gap[worst]:.3g} m inside contact {index} "
-                    f"({kind}): move its target or the collider, or leave the vertex out of the contact's sel"
-                )
+        self.touching.refuse_inside(start)
+        refuse_led_inside(self.touching, self._vertices, self._target(start, 1.0) + self.origin)
 
     @property
     def _vertices(self) -> Index:
@@ -198,3 +187,17 @@ class Led:
             tried += found.rest.iterations
             found = step.solve(reached, MOST, first=self._placed(reached.rest.point, target))
         return found._replace(rest=replace(found.rest, iterations=tried + found.rest.iterations))
+
+
+def refuse_led_inside(touching: Touching, vertices: Index, places: Array) -> None:
+    """Raise OptionError where constraints lead ``vertices`` (k,) to ``places`` (k, 3) [m] inside a collider."""
+    for index, contact in enumerate(touching.contacts):
+        gap = np.asarray(contact.distance(places, touching.time))
+        gap = np.where(contact.vertices(touching.shell.mesh)[vertices], gap, np.inf)
+        worst = int(np.argmin(gap))
+        if gap[worst] < -INSIDE * touching.size:
+            kind = type(contact.collider).__name__
+            raise OptionError(
+                f"a constraint leads vertex {vertices[worst]} to {-gap[worst]:.3g} m inside contact {index} ({kind}): "
+                "move its target or the collider, or leave the vertex out of the contact's sel"
+            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
@@ -20,6 +20,8 @@ fast. A shape is rounded by 3e-8 of itself, and so is what is taken of it anywhe
 """
 _TOGETHER = 8
 """Vertices whose shapes are solved for at once: their forces fill the registers of a solve."""
+_GIVES = 1e-9
+"""What a patch gives way, over what the one of them does that gives most, from which it is no rounding."""
 _MOST = 512
 """Shapes that are kept at most: their blocks grow with the square."""
 
@@ -36,6 +38,8 @@ class LocalShapes:
         The modes.
     least : int
         Vertices that there is room for at least.
+    patches : sequence of ndarray
+        Vertices of patches that are led: shapes leave the mean of each where it is.
 
     Attributes
     ----------
@@ -51,8 +55,10 @@ class LocalShapes:
         How often all were dropped.
     """
 
-    def __init__(self, basis: Basis, least: int) -> None:
+    def __init__(self, basis: Basis, least: int, patches: Sequence[Index] = ()) -> None:
         self._basis, count = basis, len(basis.shell.rest_positions)
+        self._patches = patches
+        self._means: tuple[Array, Array] | None = None
         self.places, self._vertices = np.full(count, -1, np.int64), np.empty(0, np.int64)
         self.most = max(least, min(_MOST, int(_KEPT / (36.0 * count))))
         self.store, self.blocks = np.empty((0, 3, 3 * count), _KIND), np.empty((0, 0, 3, 3))
@@ -90,6 +96,7 @@ class LocalShapes:
             self.store, self.blocks = store, blocks
         if self._solve is None:
             self._solve, self._together = _static_solver(self._basis)
+            self._means = self._held(self._solve) if self._patches else None
         for first in range(used, vertices.size, self._together):
             last = min(first + self._together, vertices.size)
             self.store[first:last] = self._shapes(self._solve, vertices[first:last])
@@ -100,16 +107,32 @@ class LocalShapes:
 
     def _shapes(self, solve: Callable[[Array], Array], vertices: Index) -> Array:
         """Displacements (k, 3, 3n) [m] of the shell at rest beyond its modes, under unit forces on each vertex."""
-        basis, shell = self._basis, self._basis.shell
         coordinates = (3 * vertices[:, None] + np.arange(3)).ravel()
-        loads = np.zeros((shell.rest_positions.size, coordinates.size))
+        loads = np.zeros((self._basis.shell.rest_positions.size, coordinates.size))
         loads[coordinates, np.arange(coordinates.size)] = 1.0
+        return np.asarray(self._beyond(solve, loads).T).reshape(vertices.size, 3, -1)
+
+    def _beyond(self, solve: Callable[[Array], Array], loads: Array) -> Array:
+        """Displacements (3n, 3k) [m] of the shell at rest beyond its modes, under loads (3n, 3k) [N]."""
+        basis, shell = self._basis, self._basis.shell
         whole = np.asarray(shell.unknowns.prolong(solve(np.asarray(shell.unknowns.restrict(loads)))))
         modes, eigenvalues = basis.modes[:, basis.rigid_modes :], basis.eigenvalues[basis.rigid_modes :]
         # Of one vertex at a time: sums of a product depend on its width, and the vertices on when a run was resumed.
-        for three in np.split(np.arange(coordinates.size), vertices.size):
+        for three in np.split(np.arange(loads.shape[1]), loads.shape[1] // 3):
             whole[:, three] -= modes @ ((modes.T @ loads[:, three]) / eigenvalues[:, None])
-        return np.asarray(whole.T).reshape(vertices.size, 3, -1)
+            if self._means is not None:
+                means, back = self._means
+                whole[:, three] -= back @ (means.T @ whole[:, three])
+        return whole
+
+    def _held(self, solve: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Means (3n, 3p) of the patches, and displacements (3n, 3p) [m] beyond the modes that move each by a unit."""
+        means = np.zeros((len(self.places), 3, len(self._patches), 3))
+        for index, vertices in enumerate(self._patches):
+            means[vertices, :, index] = np.eye(3) / vertices.size
+        rows = means.reshape(-1, 3 * len(self._patches))
+        given = self._beyond(solve, rows)
+        return rows, given @ np.linalg.pinv(rows.T @ given, rcond=_GIVES, hermitian=True)
 
 
 def _static_solver(basis: Basis) -> tuple[Callable[[Array], Array], int]:

@@ -107,6 +107,10 @@ class ModalContacts:
         self._kept: Any = None
         self.by_rows = RowFrames(self, near)
 
+    def hold(self, patches: Sequence[Index]) -> None:
+        """Leave the means of led patches where they are in what the shell gives way beyond its modes."""
+        self.shapes = LocalShapes(self._basis, CANDIDATES, patches)
+
     @property
     def asks(self) -> bool:
         """Whether frames ask for derivatives, so that these may be kept."""
@@ -214,7 +218,7 @@ class ModalContacts:
         """The coordinates nearest to ``free`` (m,), in the norm of the stiffness, that leave every vertex outside.
 
         ``q = free + G J^T f`` with ``0 <= f _|_ gap(x(q) + local shapes of f) >= 0``, linearised about a guess (m,)
-        and again where that leads. ``compliance`` is G, (m,).
+        and again where that leads. ``compliance`` is G, (m,), or (m, m) of motions that constraints leave.
 
         Parameters
         ----------
@@ -230,7 +234,7 @@ class ModalContacts:
         """
         (local, pushes, at), start = before, begin[0]
         reach = self.moved(begin[1], start)
-        if self.asks:
+        if self.asks or compliance.ndim == 2:
             return self.by_rows.press(free, compliance, begin, gaps, (local, pushes, reach, at))
         size, most = self.touching.size, self.shapes.most
         limits = min(reach, _NEAR * size), CANDIDATES, most, SETTLED * size, FAR * size, SMALL * size

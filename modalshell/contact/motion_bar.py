@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
+from modalshell.supports.led import LedVertices
 
 _STRIKE = 0.01
 """Force of a strike, over that in balance, from which a frame is not judged."""
@@ -37,6 +38,8 @@ class TouchingFrames:
         How its supports move: positions are seen from there.
     part : float, optional
         Time [s] of the parts of steps in which friction acts; None without friction.
+    led : LedVertices, optional
+        Vertices that constraints lead, in the frame of the supports.
 
     Raises
     ------
@@ -50,9 +53,10 @@ class TouchingFrames:
         contacts: Sequence[Contact],
         supports: SupportPath | None = None,
         part: float | None = None,
+        led: LedVertices | None = None,
     ) -> None:
         given = checked_contacts(contacts, supports)
-        self._estimator = ContactEstimator(shell, given, rubbed=True)
+        self._estimator = ContactEstimator(shell, given, led, rubbed=True)
         self._touching, self._origin, self._mass = self._estimator.touching, self._estimator.origin, shell.mass
         self._yields = np.array([contact.push_out > 0.0 for contact in given])
         self._part = part
@@ -99,7 +103,7 @@ class TouchingFrames:
         if reason:
             return ErrorBar(np.inf, -np.inf, 0.0, False, frames[1].copy(), 0.0, reason), reason
         self._estimator.look(float(times[1]))
-        bar = self._estimator.bar(frames[1], load)
+        bar = self._estimator.bar(frames[1], load, time=float(times[1]))
         if not self._estimator.unsettled:
             return bar, ""
         return bar, STRUCK if self._strike(times, frames) > 0.0 else UNSETTLED

@@ -76,7 +76,7 @@ def error_bar(
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold, contacts with friction, contacts and constraints together, loads,
+        For a shell that its supports do not hold, contacts with friction, constraints that lead into a collider, loads,
         contacts or constraints given twice, or either of the latter with a bar on a coarse shell or with ``walk``.
     LoadError
         For positions or loads of the wrong shape or not finite.

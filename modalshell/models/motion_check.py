@@ -20,6 +20,7 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
+from modalshell.supports.led import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
@@ -84,11 +85,12 @@ def touching_frames(
     dt: float,
     supports: SupportPath | None = None,
     shell: Shell | None = None,
+    led: LedVertices | None = None,
 ) -> TouchingFrames | None:
     """What finds bars with the contacts of a motion in steps of ``dt`` [s]; None without any.
 
-    ``shell`` takes the place of the model's own true one. OptionError for self-contact, and for friction of rules whose
-    steps do not smooth it.
+    ``shell`` takes the place of the model's own true one; constraints lead further vertices. OptionError for
+    self-contact, and for friction of rules whose steps do not smooth it.
     """
     if not contacts:
         return None
@@ -97,11 +99,11 @@ def touching_frames(
     shell = model.true_shell if shell is None else shell
     check_bar(shell, contacts=contacts)
     if not any(contact.friction for contact in contacts):
-        return TouchingFrames(shell, contacts, supports)
+        return TouchingFrames(shell, contacts, supports, led=led)
     rule = getattr(getattr(model, "full", model), "integrator", None)
     if not isinstance(rule, ImplicitRule):
         raise OptionError("bars of motions with friction take implicit steps: take 'composite', or set friction to 0")
-    return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins)
+    return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins, led)
 
 
 @final

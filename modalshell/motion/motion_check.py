@@ -42,6 +42,7 @@ class WantedBars(TypedDict):
     coarse: CoarseDiscreteShell | None
     touching: TouchingFrames | None
     led: LedVertices | None
+    """What constraints lead, where nothing touches."""
 
 
 def wanted_bars(
@@ -59,7 +60,8 @@ def wanted_bars(
     check_bar(shell, constraints=constraints, contacts=contacts)
     if isinstance(on, str) and on == "shell":
         led = led_vertices(shell, constraints, supports)
-        return {"every": every, "coarse": None, "touching": touching_frames(model, contacts, dt, supports), "led": led}
+        touching = touching_frames(model, contacts, dt, supports, led=led)
+        return {"every": every, "coarse": None, "touching": touching, "led": led if touching is None else None}
     refuse_on_coarse(contacts, constraints)
     return {"every": every, "coarse": coarse_of(model, shell, on), "touching": None, "led": None}
 

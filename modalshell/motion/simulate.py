@@ -116,9 +116,8 @@ def simulate(
     ------
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
-        bars under self-contact or contacts and constraints together, on a coarse shell with either, or of a shell that
-        its supports do not hold, or contacts of a model that takes none, that begin inside the shell, or move too fast
-        for the step.
+        bars under self-contact, on a coarse shell with contacts or constraints, or of a shell that its supports do not
+        hold, or contacts of a model that takes none, that begin inside the shell, or move too fast for the step.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError

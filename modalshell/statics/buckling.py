@@ -295,15 +295,15 @@ class BucklingCheck:
 
     def buckles(self, load: Array, held: Shell | None = None) -> bool:
         """Whether a ``load`` (n, 3) [N] does; of the same shell ``held`` by further supports, if it is given."""
-        shell = self._shell
+        shell, left = self._shell, held or self._shell  # a patch that is held may clamp: its slopes have entries
         if not (load.any() and shell.unknowns.supported.any()):
             return False
         factor = self._at_rest
         if factor is None:
             return False
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads are beyond it
-            loaded = _loaded(shell, _linear_answer(shell, factor, load))
-        return not np.isfinite(loaded).all() or _definite_factor(held or shell, loaded) is None
+            loaded = _loaded(left, _linear_answer(shell, factor, load))
+        return not np.isfinite(loaded).all() or _definite_factor(left, loaded) is None
 
 
 def _unloaded(shell: Shell) -> Array:

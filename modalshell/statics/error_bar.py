@@ -213,6 +213,12 @@ class Estimator(ABC):
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
         """Positions (n, 3) [m] and predicted stresses after Newton's steps; SolverError where they lead nowhere."""
 
+    def _led_step(self, x: Array, direction: Array, way: Array) -> tuple[Array, list[Array]]:
+        """Positions and stresses after a step along a direction (N,) and a way (n, 3) [m] of what is led."""
+        assert self._led is not None
+        vertices, step = self._led.vertices, way + self.shell.unknowns.prolong(direction).reshape(-1, 3)
+        return led_step(self._free, self.shell, x, step, (vertices, (x + way)[vertices]), np.inf)[:2]
+
     def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses."""
         shell = self.shell
@@ -356,12 +362,6 @@ class ErrorEstimator(Estimator):
         assert begun is not None
         self._taken = x, stresses, begun
         return self._taken
-
-    def _led_step(self, x: Array, direction: Array, way: Array) -> tuple[Array, list[Array]]:
-        """Positions and stresses after a step along a direction (N,) and a way (n, 3) [m] of what is led."""
-        assert self._led is not None
-        vertices, step = self._led.vertices, way + self.shell.unknowns.prolong(direction).reshape(-1, 3)
-        return led_step(self._free, self.shell, x, step, (vertices, (x + way)[vertices]), np.inf)[:2]
 
     def _astray(self, x: Array, load: Array, live: LiveLoads | None) -> float:
         """By the second step and, where that is as long as both, a third one, which must find about the same error."""

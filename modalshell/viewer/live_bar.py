@@ -36,9 +36,9 @@ class LiveBar:
         shell, origin = model.true_shell, motion.stepper.origin
         if origin.any():  # the model is one about the origin, its frames are in the world
             shell = shell.shifted(-origin)
-        touching = touching_frames(model, setup.contacts, setup.dt, supports, shell)
         led = led_vertices(shell, setup.constraints, supports)
-        estimator = None if led is None else quick_estimator(shell, led)
+        touching = touching_frames(model, setup.contacts, setup.dt, supports, shell, led)
+        estimator = None if led is None or touching is not None else quick_estimator(shell, led)
         self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching, estimator=estimator)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []

@@ -27,11 +27,13 @@ def lifted(strip, path=None, height=0.03):
     return [ms.PositionConstraint(tip, target)]
 
 
-@pytest.mark.parametrize("kind", ["resting", "moving", "contact"])
+@pytest.mark.parametrize("kind", ["resting", "moving", "contact", "free"])
 def test_it_moves_as_ds_does_and_resumes_to_the_same_bits(strip, kind):
+    """Of a free sheet with contacts these were refused."""
+    strip = ms.Shell(strip.mesh, SHEET) if kind == "free" else strip
     places = [(0, 0, 0), (0.02, 0.01, 0.03), (0, 0, 0)]
     path = ms.SupportPath([0.0, 0.5, 1.0], places) if kind == "moving" else None
-    floor = [ms.Contact(ms.Plane((0, 0, 1), -0.02), friction=0.2)] if kind == "contact" else []
+    floor = [ms.Contact(ms.Plane((0, 0, 1), -0.02), friction=0.2)] if kind in ("contact", "free") else []
     setting = {"dt": DT, "damping": ms.Damping(2.0, 0.0), "supports": path, "constraints": lifted(strip, path)}
     load = strip.loading((0, 0, -5.0), None, None)
     motions = [Motion(model(strip), load, contacts=floor, **setting) for model in (ms.Auto, ms.DiscreteShell, ms.Auto)]
@@ -58,6 +60,12 @@ def test_it_rests_as_ds_does(strip, touches):
     answer, exact = (kind(strip).equilibrium(**given, contacts=contacts) for kind in (ms.Auto, ms.DiscreteShell))
     assert np.array_equal(answer.positions, exact.positions)
     assert np.array_equal(answer.constraint_reactions, exact.constraint_reactions)
+
+
+def test_it_refuses_self_contact_in_its_own_words(strip):
+    """They were those of error bars."""
+    with pytest.raises(ms.OptionError, match="self-contact is for DS with implicit steps alone"):
+        ms.simulate(ms.Auto(strip), duration=0.1, contacts=[ms.SelfContact(gap=0.01)], constraints=lifted(strip))
 
 
 @pytest.mark.parametrize("who", ["constraints", "supports"])

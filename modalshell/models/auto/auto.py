@@ -220,7 +220,8 @@ class Auto(Model):
 
     def check(self, setup: MotionSetup) -> Check:
         """What sees a motion: of free parts their shapes alone."""
-        touching, supports = touching_frames(self, setup.contacts, setup.dt, setup.supports), setup.supports
+        judged = () if setup.constraints else setup.contacts  # under constraints DS takes all steps
+        touching, supports = touching_frames(self, judged, setup.dt, setup.supports), setup.supports
         if touching is not None:
             return HeldCheck(self.shell, setup.loading, setup.damping, None, touching=touching, supports=supports)
         if self._free is None:

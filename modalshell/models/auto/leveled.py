@@ -51,15 +51,19 @@ class LeveledStepper(Stepper):
     Raises
     ------
     OptionError
-        For contacts of free parts.
+        For contacts of free parts without constraints, and for self-contact.
     """
 
     takes_contacts = True
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
-        if setup.contacts and any(level.still is not level.model for level in levels):
+        if setup.contacts and not setup.constraints and any(level.still is not level.model for level in levels):
             raise model.no_contacts()
+        if setup.contacts:
+            from modalshell.contact.touching import checked_contacts  # not without contacts
+
+            checked_contacts(setup.contacts)  # levels of modes refuse self-contact, and under constraints none is made
         self._levels, self._mass = levels, model.shell.mass[:, None]
         self._smooth = _smoothed(setup)
         self._made = {} if setup.constraints else {0: levels[0].stepper(self._smooth)}  # DS takes constraints

@@ -27,8 +27,6 @@ def check_bar(
 ) -> None:
     """OptionError where answers on a shell have no error bar."""
     shell.refuse_creases("an error bar")
-    if constraints and contacts:
-        raise OptionError("an error bar under contacts and constraints together is not known: drop one of them")
     led_vertices(shell, constraints)
     if any(not getattr(contact, "has_surface", True) for contact in contacts or ()):
         raise OptionError("an error bar under self-contact is not known: leave out the bar, or the self-contact")
@@ -82,9 +80,14 @@ def estimator_of(
     shell: Shell, contacts: Sequence[Contact] | None, constraints: Sequence[Constraint] = ()
 ) -> ErrorEstimator | ContactEstimator:
     """What finds the bars of answers on a shell, under contacts or constraints if there are any."""
+    led = led_vertices(shell, constraints)
     if not contacts:
-        return ErrorEstimator(shell, led=led_vertices(shell, constraints))
+        return ErrorEstimator(shell, led=led)
     from modalshell.contact.error_bar import ContactEstimator  # not without contacts
+    from modalshell.contact.led import refuse_led_inside
     from modalshell.contact.touching import checked_contacts
 
-    return ContactEstimator(shell, checked_contacts(contacts))
+    estimator = ContactEstimator(shell, checked_contacts(contacts), led)
+    if led is not None:
+        refuse_led_inside(estimator.touching, led.vertices, led.at(0.0))
+    return estimator

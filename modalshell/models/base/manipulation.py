@@ -15,7 +15,7 @@ from modalshell.supports.constraints import Constraint, nearest_branch
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Residual (k,), target less value, and Jacobian (k, m) of the constrained values at q."""
 
-_MET = 1e-8
+MET = 1e-8
 """Residual, lengths as shares of the shell's size and angles in radians, at which constraints count as met."""
 _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 """First softness eps of the constraints, the factor from one to the next, and the last."""
@@ -30,7 +30,7 @@ _CONTRACTION = 0.5
 _HARDLY_REACHED = 1e-8
 """Response of a combination of constraints, as a share of the largest one, below which modes hardly reach its target:
 it is met from soft to hard, or if below the last softness not at all."""
-_STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
+STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 """Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
 """Enough for 30 times the shell's size; modes do not reach farther targets."""
@@ -61,7 +61,7 @@ class PatchTargets:
         size: float,
         present: Array,
     ) -> None:
-        self._parts = []
+        self._parts, self._constraints = [], constraints
         for constraint in constraints:
             goal, value = constraint.at(time), values[constraint.kind]
             if constraint.kind == "position":
@@ -81,6 +81,25 @@ class PatchTargets:
             residuals.append((goal - mean) / unit)
             jacobians.append(jacobian / unit)
         return np.concatenate(residuals), np.vstack(jacobians)
+
+    def beyond(self, local: Array) -> Array:
+        """Parts (3 k,), in their units, of the values that displacements (n, 3) [m] beyond the modes have."""
+        positions = [constraint.kind == "position" for constraint in self._constraints]
+        means = [local[c.vertices].mean(axis=0) * own for c, own in zip(self._constraints, positions, strict=True)]
+        return (np.array(means) / self.units[:, None]).ravel()
+
+    def reactions(self, jacobian: Array, unbalanced: Array) -> Array:
+        """Forces [N] and moments [N m] (k, 3) of the constraints that bear an ``unbalanced`` modal force (m,)."""
+        multipliers = np.linalg.lstsq(jacobian.T, unbalanced, rcond=REACHED)[0].reshape(-1, 3)
+        return np.asarray(multipliers / self.units[:, None])
+
+    def spread(self, reactions: Array, count: int) -> Array:
+        """Forces (n, 3) [N] of reactions (k, 3) on the ``count`` vertices of a shell; moments have none."""
+        forces = np.zeros((count, 3))
+        for constraint, reaction in zip(self._constraints, reactions, strict=True):
+            if constraint.kind == "position":
+                forces[constraint.vertices] += reaction / constraint.vertices.size
+        return forces
 
     def lengths(self, residuals: Array) -> Array:
         """Length of each constraint's residual (k,): [m] for positions, [rad] for orientations."""
@@ -120,7 +139,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     residual, jacobian = evaluate(start)
     unit = float(np.sum((jacobian * root) ** 2)) / len(residual) or 1.0
     # Far targets are led there in stages: a single leap would land on another branch.
-    first, stages = residual, int(min(np.ceil(np.abs(residual).max() / _STAGE), _MOST_STAGES))
+    first, stages = residual, int(min(np.ceil(np.abs(residual).max() / STAGE), _MOST_STAGES))
     for stage in range(1, stages):
 
         def on_the_way(q: Array, offset: Array = first * (1.0 - stage / stages)) -> tuple[Array, Array]:
@@ -145,7 +164,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
             best, stalls = (z, residual, jacobian), 0
         else:
             stalls += 1
-        if size <= _MET or stalls == 2:
+        if size <= MET or stalls == 2:
             break
         softness *= _HARDER
     return free + root * best[0], *best[1:]
@@ -171,7 +190,7 @@ def _reached(
         before = length
         residual, jacobian = evaluate(free + root * z)
         if length <= _SETTLED * float(np.linalg.norm(z)):
-            return (z, residual, jacobian) if np.abs(residual).max() <= _MET else None
+            return (z, residual, jacobian) if np.abs(residual).max() <= MET else None
     return None
 
 
@@ -205,6 +224,6 @@ def _minimise(
             break
         gain, value = value - lower, lower
         z, residual, jacobian = trial, found, slope
-        if gain <= _LEAST_GAIN * value or np.abs(residual).max() <= 0.1 * _MET:
+        if gain <= _LEAST_GAIN * value or np.abs(residual).max() <= 0.1 * MET:
             break
     return z, residual, jacobian

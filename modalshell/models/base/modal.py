@@ -19,7 +19,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.manipulation import REACHED, PatchTargets, meet, out_of_reach
+from modalshell.models.base.manipulation import PatchTargets, meet, out_of_reach
 from modalshell.models.base.modal_motion import CONSTRAINT_MET, EULER, ModalMotion
 from modalshell.models.base.model import Model
 from modalshell.models.base.reduced_sensitivity import ModalTangent
@@ -104,11 +104,7 @@ class ModalModel(ModalMotion):
         return judged(answer, loading, self.tangent_eigenvalue) if asked else answer
 
     def _solve_touching(
-        self,
-        loading: Loading,
-        start: Array | None,
-        contacts: Sequence[Any],
-        constraints: Sequence[Constraint],
+        self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
         from modalshell.models.base.modal_contact import equilibrium_on_modal_contacts  # not without contacts
 
@@ -201,9 +197,8 @@ class ModalModel(ModalMotion):
             outcome, message = Outcome.OUT_OF_REACH, out_of_reach(float(missed.max()))
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        multipliers = np.linalg.lstsq(jacobian.T, out_of_balance, rcond=REACHED)[0].reshape(-1, 3)
-        answer = self._answer(Statics(q, change, iterations, outcome, message))
-        return replace(answer, constraint_residuals=missed, constraint_reactions=multipliers / targets.units[:, None])
+        answer, reactions = self._answer(Statics(q, change, iterations, outcome, message)), targets.reactions
+        return replace(answer, constraint_residuals=missed, constraint_reactions=reactions(jacobian, out_of_balance))
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
@@ -260,6 +255,8 @@ class ModalStepper(ContactStepper):
 
             motion = ModalContactMotion if model.frames is None else FreeContactMotion
             self._contacts, self._presses = motion(model, setup), True
+            if setup.constraints:
+                self._contacts.lead(self._targets)
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
@@ -360,6 +357,7 @@ class ModalStepper(ContactStepper):
         foreseen = own is not None  # to third order in the step: the force was asked for at such an end
         if after is None:
             after, solved, own = self._contacts.follow(state, pushed(), (sum(when), when[1]), gaps, base)
+            self.residuals = self._contacts.missed
         self._known = self._known if own is None else [*self._known[-1:], (after, own)]
         self._steady = None
         if "force" in after.memory and not foreseen:
@@ -384,15 +382,14 @@ class ModalStepper(ContactStepper):
 
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
-        setup = self.setup
-
-        def targets_at(share: float) -> PatchTargets:
-            time = begin + share * dt
-            pose = None if self._frame is None else self._frame.at(time)
-            return self.model._targets(setup.constraints, state.coordinates, time, pose)
-
-        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
+        damping, targets = self.setup.damping, lambda share: self._targets(begin + share * dt, state.coordinates)
+        after, self.residuals = self.model.meet_constraints(state, free, dt, damping, targets)
         return after
+
+    def _targets(self, time: float, q: Array) -> PatchTargets:
+        """Targets of the constraints at ``time`` [s], near q (m,)."""
+        pose = None if self._frame is None else self._frame.at(time)
+        return self.model._targets(self.setup.constraints, q, time, pose)
 
 
 def as_modal(model: Model) -> ModalModel | None:

@@ -25,6 +25,8 @@ from modalshell.integrators.modal.base import DeadForce
 from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.led_contact import LedTargets, hold_patches, led_from, press_led
+from modalshell.models.base.manipulation import MET, PatchTargets
 from modalshell.models.base.modal_motion import EULER, ModalMotion
 from modalshell.models.base.pressed_motion import BEYOND, LOCAL, TAKEN, PressedMotion
 from modalshell.models.base.setup import MotionSetup
@@ -32,8 +34,8 @@ from modalshell.models.base.staying import staying
 from modalshell.statics.continuation import Steps
 from modalshell.supports.constraints import Constraint
 
-_PROBLEMS = 40
-"""Quadratic problems in a row at most."""
+_PROBLEMS, _LED = 40, 200
+"""Quadratic problems in a row at most, and with constraints, whose patches may buckle a shell."""
 _SETTLED = 1e-8
 """Change of the coordinates, in the norm of their energy, over their size, at which statics has settled."""
 _FAINT = 1e-6
@@ -61,10 +63,6 @@ def modal_contacts(model: ModalMotion, contacts: Sequence[Contact]) -> ModalCont
     return ModalContacts(given, model.basis, *hooks, near=model.contact_frame, turns=turns, shape=shape, tiles=tiles)
 
 
-def _not_together(model: ModalMotion) -> OptionError:
-    return OptionError(f"{model.name} takes contacts or constraints, not both: take DS, or move the supports instead")
-
-
 def equilibrium_on_modal_contacts(
     model: ModalMotion,
     loading: Loading,
@@ -77,8 +75,6 @@ def equilibrium_on_modal_contacts(
     At q each takes the energy's exact slope and curvature, contact forces as loads with them, and the gaps to first
     order. Where they do not settle, or lead through a collider, the load comes in steps.
     """
-    if constraints:
-        raise _not_together(model)
     if model.frames is not None:
         raise OptionError(
             f"statics of {model.name} take contacts of shells that supports hold: hold some vertices, take DS or "
@@ -89,11 +85,13 @@ def equilibrium_on_modal_contacts(
     rest = model.shell.rest_positions
     pressing.touching.refuse_inside(rest if start is None else start)
     q = np.zeros(model.basis.count) if start is None else model.coordinates_of(start)
-    pushes, steps, iterations = np.zeros(pressing.touching.vertices.size), Steps(), 0
-    x, change = rest + model.raw_displacement(q), np.inf
+    led = led_from(model, pressing, q, constraints) if constraints else None
+    steps = Steps(1.0 if led is None else led.first)
+    pushes, iterations = np.zeros(pressing.touching.vertices.size), 0
+    x, local, change = rest + model.raw_displacement(q), np.zeros_like(rest), np.inf
     while steps.fraction < 1.0:
         with np.errstate(over="ignore", invalid="ignore"):  # of problems that run away, and are refused
-            pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes))
+            pressed, change, taken = _settle(model, pressing, loading, steps.target, (q, pushes, local), led)
         iterations += taken
         if pressed is None or pressing.touching.crossed(
             x, reached := rest + model.raw_displacement(pressed.q) + pressed.local
@@ -101,7 +99,7 @@ def equilibrium_on_modal_contacts(
             if steps.refuse():
                 continue
             break
-        q, pushes, x = pressed.q, pressed.pushes, reached
+        q, pushes, local, x = pressed.q, pressed.pushes, pressed.local, reached
         steps.accept()
     converged = steps.fraction >= 1.0
     forces, touches, deepest, _ = touched_frame(pressing.touching, x, pushes)
@@ -117,26 +115,49 @@ def equilibrium_on_modal_contacts(
         in_contact=touches,
         deepest=deepest,
     )
+    if led is not None:
+        unbalanced = model.basis.eigenvalues * q - model.modal_force(q, loading.force(x)) - pressing.pull(q, forces)
+        answer = led.answered(answer, local, unbalanced)
     return answer, q
 
 
 def _settle(
-    model: ModalMotion, pressing: ModalContacts, loading: Loading, share: float, begin: tuple[Array, Array]
+    model: ModalMotion,
+    pressing: ModalContacts,
+    loading: Loading,
+    share: float,
+    begin: tuple[Array, Array, Array],
+    led: LedTargets | None,
 ) -> tuple[Pressed | None, float, int]:
-    """Quadratic problems under a share of the load; None where they do not settle, the last change, their number."""
+    """Quadratic problems under a share of the load; None where they do not settle, the last change, their number.
+
+    Constraints are led that share of their way under the whole load, from where they are met without contacts. The
+    beginning are coordinates (m,), forces (r,) [N], and displacements (n, 3) [m] beyond the modes.
+    """
     eigenvalues, rest = model.basis.eigenvalues, model.shell.rest_positions
-    (q, pushes), change, turns = begin, np.inf, np.abs(model.basis.rotations).max(axis=0)
-    for count in range(1, _PROBLEMS + 1):
+    (q, pushes, local), change, turns = begin, np.inf, np.abs(model.basis.rotations).max(axis=0)
+    if led is not None:
+        x = rest + model.raw_displacement(q)
+        pushed = model.modal_force(q, loading.force(x)) + pressing.pull(q, pressing.touching.forces(x, pushes))
+        q, share = led.near(pushed / eigenvalues, 1.0 / eigenvalues, q, local, share), 1.0
+    for count in range(1, (_PROBLEMS if led is None else _LED) + 1):
         x = rest + model.raw_displacement(q)
         load = share * loading.force(x)
         # Contact forces act by their work, whatever the model's rule for loads.
-        bent = model.work_curvature(q, pressing.touching.forces(x, pushes))
+        forces, unbalanced = pressing.touching.forces(x, pushes), eigenvalues * q - model.modal_force(q, load)
+        if led is not None:
+            forces = forces + led.forces(q, unbalanced - pressing.pull(q, forces), len(x))
+        bent = model.work_curvature(q, forces)
         hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
+        if led is not None:
+            hessian = led.stiffened(q, hessian, eigenvalues)
         try:
             compliance = np.asarray(np.linalg.inv(hessian), np.float64)
         except np.linalg.LinAlgError:
             return None, change, count
-        free = q + compliance @ (model.modal_force(q, load) - eigenvalues * q)
+        free = q - compliance @ unbalanced
+        if led is not None:
+            free, compliance = led.along(q, free, compliance)
         pressed = pressing.press_once(free, compliance, q, pushes)
         move = pressed.q - q
         turn = float(np.abs(move) @ turns)
@@ -146,7 +167,8 @@ def _settle(
         if not np.isfinite(change):
             return None, change, count
         q, pushes = q + part * move, pressed.pushes
-        if change <= _SETTLED and pressed.solved:
+        met = led is None or led.off(pressed) <= MET
+        if change <= _SETTLED and pressed.solved and met:
             return pressed, change, count
     return None, change, count
 
@@ -162,9 +184,10 @@ class ModalPressedMotion(PressedMotion):
     Where a vertex touches, or would, a step of implicit Euler is taken in the step's place.
     """
 
+    missed = np.zeros(0)
+    """What the last step has left to targets of constraints (k,), [m] or [rad]."""
+
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
-        if setup.constraints:
-            raise _not_together(model)
         super().__init__(model, setup)
         self._damp = setup.damping.of_modes(model.basis.eigenvalues)
         self._impulses = dict[float, Array]()
@@ -196,6 +219,12 @@ class ModalPressedMotion(PressedMotion):
         self._pressing.at(time)
         gaps = self._pressing.gaps(x)
         return gaps if self._pressing.touched(gaps) else None
+
+    def lead(self, targets: Callable[[float, Array], PatchTargets]) -> None:
+        """Meet ``targets`` of constraints, at a time [s] and near coordinates (m,); OptionError of free parts."""
+        raise OptionError(
+            f"{self._model.name} takes contacts or constraints of free parts, not both: hold some vertices, or take DS"
+        )
 
     def rest(self, before: MotionState, felt: Callable[[], Array], dt: float) -> MotionState | None:
         """The end of a step of ``dt`` [s] of a shell at rest; None of one that is not. Its modal force is (m,)."""
@@ -256,10 +285,18 @@ class ModalContactMotion(ModalPressedMotion):
         self._staying = staying(self._pressing, model.basis.eigenvalues, conservative=model.conservative)
         self._still = np.zeros(model.basis.count)
         self._slowest = float(np.sqrt(model.basis.eigenvalues.min()))
+        self._targets: Callable[[float, Array], PatchTargets] | None = None
+
+    def lead(self, targets: Callable[[float, Array], PatchTargets]) -> None:
+        """See :meth:`ModalPressedMotion.lead`."""
+        self._targets, self._none[TAKEN] = targets, np.full(self._model.basis.count, np.inf)
+        hold_patches(self._pressing, self._setup.constraints)
 
     def rest(self, before: MotionState, felt: Callable[[], Array], dt: float) -> MotionState | None:
         """The end of a step at rest; see :meth:`ModalPressedMotion.rest`."""
         memory, model = before.memory, self._model
+        if self._targets is not None:
+            return None
         at, compliance, resting = memory[REST], self._compliance(dt), self._resting
         if resting is None or resting.about[0] is not at or resting.compliance is not compliance:
             if not math.isfinite(at[0]):
@@ -285,7 +322,7 @@ class ModalContactMotion(ModalPressedMotion):
         """
         model, pressing, memory, dt = self._model, self._pressing, before.memory, when[1]
         q, v = before.coordinates, before.rates
-        if COST not in memory:
+        if COST not in memory or self._targets is not None:
             return None, None
         if pressing.moved(self._still, v) <= _FAINT * pressing.touching.size * self._slowest:
             return None, None  # it is to come to rest
@@ -329,7 +366,12 @@ class ModalContactMotion(ModalPressedMotion):
         implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, ends)
         free, _, ahead = ends
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
-        pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
+        if self._targets is None:
+            pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)
+        else:
+            led = LedTargets(self._targets(time, q))
+            pressed = press_led(model, pressing, led, (free, compliance), (q, base), gaps, kept)
+            self.missed = led.missed(pressed.q, pressed.local)
         memory = self._kept(before, pressed)
         if pressed.gaps is not None and not pressing.moving:
             self._ended = pressed.q, pressed.gaps
