@@ -64,7 +64,7 @@ def attempts(surface, count, folder, seed=None):
     assert counts["refused"] >= 0.1 * count
 
 
-@pytest.mark.by_default("arrays", "scenes", "outputs", "properties")
+@pytest.mark.by_default("scenes")
 @pytest.mark.parametrize("surface", SURFACES)
 def test_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

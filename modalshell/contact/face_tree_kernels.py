@@ -42,7 +42,9 @@ def refit(order, begin, end, around, boxes):  # type: ignore[no-untyped-def]
     for node in range(begin.size - 1, -1, -1):
         count = end[node] - begin[node]
         if count == 1:
-            boxes[node] = around[order[begin[node]]]
+            # By numbers: to write a row at once takes numba seconds to compile, for the message alone.
+            for axis in range(6):
+                boxes[node, axis] = around[order[begin[node]], axis]
         elif count > 1:
             for axis in range(3):
                 boxes[node, axis] = min(boxes[2 * node + 1, axis], boxes[2 * node + 2, axis])
@@ -76,7 +78,8 @@ def _pair_vertices(f, g, faces, owner, boxes, ways, room, found, count):  # type
         pair[0], pair[1], pair[2], pair[3] = v, faces[g, 0], faces[g, 1], faces[g, 2]
         if _near(x, moved, gap, pair, _FACED, room[:4]):
             if count < len(found):
-                found[count] = pair
+                for k in range(4):
+                    found[count, k] = pair[k]
             count += 1
     return count
 
@@ -119,14 +122,14 @@ def search(  # type: ignore[no-untyped-def]
     order, begin, end, boxes = tree
     vertex_face, edge_face = owners
     stack = np.empty((4 * begin.size + 64, 2), np.int64)
-    stack[0] = 0
+    stack[0, 0] = stack[0, 1] = 0
     # Typed counts: what takes them is compiled for plain numbers alone, and not for the first zeros too.
     depth, faced, crossed = 1, np.int64(0), np.int64(0)
     closest = np.empty(4), np.empty((2, 4)), np.empty(3), np.empty((4, 3))
     room, ways = (*closest, np.empty(4, np.int64)), (x, moved, gap)
     while depth > 0:
         depth -= 1
-        a, b = stack[depth]
+        a, b = stack[depth, 0], stack[depth, 1]
         alone, beside = end[a] - begin[a], end[b] - begin[b]
         if a == b:
             if alone > 1:

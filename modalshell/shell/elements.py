@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalshell.core.cost import count_elements
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.registry import Registry
-from modalshell.core.thread_safety import read_only_view
+from modalshell.core.thread_safety import read_only, read_only_view
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
@@ -69,7 +69,7 @@ class ElementSet:
     def __setstate__(self, state: dict[str, Any]) -> None:
         kernel = state["kernel"]
         self.__dict__.update(state, kernel=import_module(kernel) if isinstance(kernel, str) else kernel)
-        self.__post_init__()
+        read_only(self.stencils)  # and no view of them, for compiled steps of this shell have the same array
 
     def resistance(self, factor: float) -> Array:
         """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""

@@ -36,6 +36,7 @@ def test_the_snap_of_a_panel_pushed_through_is_located(pushed):
     assert f"The shell snaps at {path.snap.low:.4g} of the load" in pushed.table()
 
 
+@pytest.mark.slow
 def test_rungs_are_compared_just_below_and_just_above_a_snap(pushed):
     path, shell = pushed.path, pushed.case.shell
     snap = path.snap.low

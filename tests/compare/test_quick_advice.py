@@ -56,6 +56,7 @@ def test_before_a_snap_it_names_ds(shell):
     assert len(advice.rows) == 2  # the first rung, and the most exact one
 
 
+@pytest.mark.by_default("45.0")
 @pytest.mark.parametrize("angle", [45.0, 90.0])
 def test_a_snap_far_below_the_load_is_named_where_the_path_finds_it(angle):
     """The first bar stands at a quarter of the load, past the end of the branch, and foretells it up to 9 times off."""

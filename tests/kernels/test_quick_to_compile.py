@@ -15,6 +15,7 @@ PLAIN = {"empty", "zeros", "full", "sqrt", "arctan2", "copysign", "isfinite", "r
 REDUCTIONS = {"all", "any", "argmax", "argmin", "argsort", "dot", "max", "mean", "min", "sort", "sum"}
 LISTED = {
     "models/hybrid/assumed_stress_step.py: np.linalg.eigh",  # the way off a saddle: an own solver takes as long
+    "statics/mixed_newton.py: out[k] = values[k]",  # of one axis
 }
 
 
@@ -53,8 +54,24 @@ def is_slow(node):
     return False
 
 
+def rows_of(kernel):
+    """What writes a row at once, of an array that the kernel indexes by more numbers elsewhere."""
+    axes = {}
+    for part in ast.walk(kernel):
+        if isinstance(part, ast.Subscript):
+            name, count = ast.unparse(part.value), len(getattr(part.slice, "elts", [part.slice]))
+            axes[name] = max(count, axes.get(name, 0))
+    for line in ast.walk(kernel):
+        match line:
+            case ast.Assign(targets=[ast.Subscript(value=array, slice=slot)], value=ast.Name() | ast.Subscript()):
+                if len(getattr(slot, "elts", [slot])) < axes[ast.unparse(array)]:
+                    yield line
+
+
 def slow_parts(source):
-    found = [node for kernel in kernels_of(ast.parse(source)) for node in ast.walk(kernel) if is_slow(node)]
+    found = []
+    for kernel in kernels_of(ast.parse(source)):
+        found += [*filter(is_slow, ast.walk(kernel)), *rows_of(kernel)]
     return [ast.unparse(node.func if isinstance(node, ast.Call) else node) for node in found]
 
 
@@ -69,6 +86,7 @@ def slow_parts(source):
         ("a[:], b[2:] = x, y", True),
         ("a[:] = 0.0", False),
         ("a[i] = b[i]", False),
+        ("a[0, 0] = 0.0; a[i] = b", True),
         ("y = np.zeros(3)", False),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
     assert worst(strip, run, exact) < 0.05
 
 
-@pytest.mark.by_default("cells0-5-True")
+@pytest.mark.slow
 @pytest.mark.parametrize(("cells", "check_every", "taken"), [((10, 2), 5, True), ((14, 2), 25, False)])
 def test_a_coarse_shell_makes_a_level_between_that_is_left_before_it_snaps(beam, snapping, cells, check_every, taken):
     """It snaps under another load: through the snap the second one takes positions 14 % of the displacement off."""

@@ -37,6 +37,7 @@ def worst(shell, path, run, exact):
     return off.max() / moved.max()
 
 
+@pytest.mark.by_default("moved")
 @pytest.mark.parametrize("turned", [None, TURNED], ids=["moved", "turned"])
 def test_it_follows_ds_wherever_the_scene_stands(strip, turned):
     setting = {"duration": 1.2, "dt": DT, "gravity": (0.0, 0.0, -3.0), "damping": (1.0, 0.001)}

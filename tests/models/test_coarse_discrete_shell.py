@@ -339,10 +339,12 @@ def test_threads_and_pickles_answer_alike():
     coarse = CoarseDiscreteShell(fine, fine)
     run = {"duration": 0.5, "dt": 0.05, "gravity": (0.0, 0.0, -5.0)}
     alone = ms.simulate(coarse, **run).positions
+    compiled = implicit_step.signatures
     with ThreadPoolExecutor(4) as pool:
         together = [job.result().positions for job in [pool.submit(ms.simulate, coarse, **run) for _ in range(4)]]
     assert all(np.array_equal(alone, positions) for positions in together)
     assert np.array_equal(ms.simulate(pickle.loads(pickle.dumps(coarse)), **run).positions, alone)
+    assert implicit_step.signatures == compiled  # nor is the step compiled again, for arrays that can be written to
 
 
 @pytest.mark.slow

@@ -248,6 +248,7 @@ def test_a_crease_yields_on_fewer_triangles():
     np.testing.assert_allclose(again.creases.angles, free.creases.angles, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_crease_yields_in_motion():
     shell = creased()
     model = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, ms.flat_beam(length=0.4, width=0.1, cells=(12, 4))))
