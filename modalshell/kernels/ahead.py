@@ -10,6 +10,7 @@ imported.
 from __future__ import annotations
 
 import atexit
+import gc
 import importlib
 import os
 import subprocess
@@ -149,7 +150,7 @@ compile_from_end({str(lock)!r})"""
 
 def _packages() -> dict[str, Path]:
     """Packages that the modules of the list are in, and their folders."""
-    top, found = Path(__file__).parents[1], {}
+    top, found = Path(__file__).parents[1], dict[str, Path]()
     for name in {_PACKAGE, *(f"{_PACKAGE}.{name}" for name, _ in entries())}:
         parts = name.split(".")
         found |= {".".join(parts[:k]): top.joinpath(*parts[1:k]) for k in range(1, max(2, len(parts) - 1))}
@@ -178,6 +179,7 @@ def compile_from_end(lock: str) -> None:
     """Compile the list from its end, then remove the ``lock``; leave at once when the process that began it ends."""
     global _begun
     _begun = True
+    gc.disable()  # to look for cycles is a twentieth of its time, and it ends soon
     threading.Thread(target=_leave_with_parent, args=(Path(lock),), daemon=True).start()
     try:
         for name, arguments in reversed(entries()):
