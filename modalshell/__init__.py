@@ -3,6 +3,9 @@
 from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 
 # isort: split
+from modalshell.kernels import compiler as _compiler  # noqa: F401 (next, for a command may compile while they do)
+
+# isort: split
 import importlib
 from typing import TYPE_CHECKING, Any
 

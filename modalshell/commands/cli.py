@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
-from rich.markdown import Markdown
 from rich.markup import escape
 from rich.table import Table
 
@@ -19,7 +18,7 @@ from modalshell.commands.doctor import examine
 from modalshell.commands.licences import show_licences
 from modalshell.commands.listings import cards, keys
 from modalshell.commands.pages import write_pages
-from modalshell.commands.terminal import CONSOLE, converted, progress, say
+from modalshell.commands.terminal import CONSOLE, converted, progress, say, show_markdown
 from modalshell.compare import MODES
 from modalshell.core.checks import printable, shortened
 from modalshell.core.errors import ModalShellError
@@ -139,7 +138,7 @@ def advise(
     if quick:
         with progress(f"{scene.stem} rungs") as on_step:
             found = ms.quick_advice(scene, error=error, modes=modes, on_step=on_step)
-        CONSOLE.print(Markdown(found.explanation))
+        show_markdown(found.explanation)
         if write is not None:
             say(found.write_scene(scene, write))
         return
@@ -147,7 +146,7 @@ def advise(
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         advice = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
-    CONSOLE.print(Markdown(advice.explanation))
+    show_markdown(advice.explanation)
     say(*advice.save(out), sep="\n")
     if write is not None:
         say(advice.write_scene(scene, write))
@@ -166,7 +165,7 @@ def bench(
     """
     with progress("benchmarks") as on_step:
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
-    CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
+    show_markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8"))
     say(*written, sep="\n")
 
 

@@ -44,6 +44,13 @@ def say(*lines: object, sep: str = " ") -> None:
     print(*(printable(str(line)) for line in lines), sep=sep)
 
 
+def show_markdown(text: str) -> None:
+    """Print a text in Markdown as terminals show it."""
+    from rich.markdown import Markdown  # few commands need it, and its import takes long
+
+    CONSOLE.print(Markdown(text))
+
+
 _INPUTS = (None, "--scene", "--data")
 """Keywords of files that are read; what has none is, too."""
 

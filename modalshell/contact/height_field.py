@@ -6,7 +6,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
 
 from modalshell.contact.base import Collider, Gap, point
 from modalshell.contact.surfaces import Surface, grid_triangles
@@ -49,6 +48,8 @@ class HeightField(Collider, key="height-field"):
         self.origin = point("origin", origin)
         self._ends = self.spacing * (np.array(self.z.shape) - 1.0)
         first, second = (self.spacing * np.arange(count) for count in self.z.shape)
+        from scipy.interpolate import RectBivariateSpline  # not before there is one: its import takes long
+
         self._spline = RectBivariateSpline(first, second, self.z, kx=_ORDER, ky=_ORDER)
 
     def gap(self, x: Array, t: float = 0.0) -> Gap:  # noqa: ARG002 (it rests)

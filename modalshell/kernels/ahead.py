@@ -2,12 +2,15 @@
 
 Numba compiles on one thread of a process. Where the first kernel of a common scene is not in the cache yet, a second
 process takes those of the list below from its end, while the first one meets them from its beginning: what is compiled
-by either is loaded by the other. It ends with the list, or with the process that began it.
+by either is loaded by the other. It ends with the list, or with the process that began it. It imports the modules of
+these kernels alone, and under a command that needs them, on an empty cache, it starts before the other ones are
+imported.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
 import importlib
 import os
 import subprocess
@@ -21,6 +24,7 @@ from typing import Any
 from numba.core import types
 
 from modalshell.core.cores import usable_cores
+from modalshell.core.interruption import is_command
 
 _LETTERS = {
     types.float64: "d",
@@ -75,6 +79,8 @@ Those of the film stand first, as not every scene is drawn.
 """
 
 _PACKAGE = __name__.partition(".")[0]
+_COMMAND = "simulate"
+"""The command that needs all kernels of the list."""
 _LOCK = "ahead.lock"
 _STALE = 60.0
 """Age [s] from which a lock is that of a process that was killed."""
@@ -95,25 +101,43 @@ def entries() -> list[tuple[str, tuple[Any, ...]]]:
     return found
 
 
-def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> None:
-    """Start a second process if a kernel of the list is about to be compiled into the cache ``folder``.
+def begin_with_command(folder: Path | None) -> None:
+    """Start a second process under the command that needs all kernels, where none is in the cache ``folder`` yet."""
+    if folder is not None and _COMMAND in sys.orig_argv and is_command(sys.orig_argv) and not any(folder.iterdir()):
+        _start(folder)
 
-    Once a process, and not where it may use one core only, has no cache, or no interpreter to start; nor while another
-    process fills the same folder.
-    """
-    global _begun
-    if _begun or folder is None or not sys.executable or usable_cores() < 2:
+
+def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> None:
+    """Start a second process if a kernel of the list is about to be compiled into the cache ``folder``."""
+    if _begun or folder is None:
         return
     function = dispatcher.py_func
     name = f"{function.__module__}.{function.__name__}".removeprefix(f"{_PACKAGE}.")
-    if (name, tuple(arguments)) not in entries():
+    if (name, tuple(arguments)) in entries():
+        _start(folder)
+
+
+def _start(folder: Path) -> None:
+    """Start it, once a process, and not where this one may use one core only or has no interpreter to start.
+
+    Nor while another process fills the same folder.
+    """
+    global _begun
+    if not sys.executable or usable_cores() < 2:
         return
     _begun = True
     lock = folder / _LOCK
     if not _locked(lock):
         return
-    # It looks for modules where this process does.
-    program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_from_end as f; f({str(lock)!r})"
+    # It looks for modules where this process does, and runs no package's __init__, which would import all of them.
+    empty = {name: [str(path)] for name, path in _packages().items()}
+    program = f"""import sys, types
+sys.path[:] = {sys.path!r}
+for name, place in {empty!r}.items():
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__path__ = place
+from {__name__} import compile_from_end
+compile_from_end({str(lock)!r})"""
     command, flags = [sys.executable, "-c", program], getattr(subprocess, "CREATE_NO_WINDOW", 0)
     silent = subprocess.DEVNULL
     try:
@@ -122,6 +146,15 @@ def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> N
         lock.unlink(missing_ok=True)
     else:
         atexit.register(_end, process)
+
+
+def _packages() -> dict[str, Path]:
+    """Packages that the modules of the list are in, and their folders."""
+    top, found = Path(__file__).parents[1], dict[str, Path]()
+    for name in {_PACKAGE, *(f"{_PACKAGE}.{name}" for name, _ in entries())}:
+        parts = name.split(".")
+        found |= {".".join(parts[:k]): top.joinpath(*parts[1:k]) for k in range(1, max(2, len(parts) - 1))}
+    return found
 
 
 def _locked(lock: Path) -> bool:
@@ -146,6 +179,7 @@ def compile_from_end(lock: str) -> None:
     """Compile the list from its end, then remove the ``lock``; leave at once when the process that began it ends."""
     global _begun
     _begun = True
+    gc.disable()  # to look for cycles is a twentieth of its time, and it ends soon
     threading.Thread(target=_leave_with_parent, args=(Path(lock),), daemon=True).start()
     try:
         for name, arguments in reversed(entries()):

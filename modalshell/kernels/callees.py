@@ -49,11 +49,12 @@ def _source(module: str) -> str:
 
 @functools.cache
 def _imports(module: str) -> tuple[str, ...]:
-    """Modules that a module imports, themselves by name or something of them."""
+    """Modules that a module imports, themselves by name or something of them; of a package what is named alone."""
     found: list[str] = []
     for origin, names in _IMPORT.findall(_source(module)):
-        words = re.findall(r"[\w.]+", names)
-        found += [origin, *(f"{origin}.{word}" for word in words)] if origin else words
+        words = re.findall(r"[\w.]+", re.sub(r"\bas \w+", "", names))
+        parts = [f"{origin}.{word}" if origin else word for word in words]
+        found += parts if all(part in sys.modules for part in parts) else [origin, *parts]
     return tuple(name for name in found if name in sys.modules)
 
 

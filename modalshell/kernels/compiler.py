@@ -215,3 +215,6 @@ def _known_index(cache: Any, stamp: Any, module: str, folder: Path | None) -> di
         return cast("dict[Any, Any]", type(kept)._load_index(kept))
     except (AttributeError, ImportError):
         return {}
+
+
+ahead.begin_with_command(cache_folder())

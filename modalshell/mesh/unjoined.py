@@ -47,12 +47,20 @@ def unjoined(mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
     vertex, face, corners = vertex[apart], face[apart], corners[apart]
     if not len(vertex):
         return vertex, face
-    from trimesh.triangles import closest_point  # not before a mesh needs it: its import takes long
-
-    nearest = closest_point(corners, points[vertex])  # type: ignore[no-untyped-call]
-    on = np.linalg.norm(nearest - points[vertex], axis=1) <= near
+    on = _distances(corners, points[vertex]) <= near
     kept, first = np.unique(vertex[on], return_index=True)
     return kept, face[on][first]
+
+
+def _distances(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Distance (k,) of each of some points (k, 3) from its triangle (k, 3, 3)."""
+    sides, arms = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
+    shares = (np.sum(arms * sides, axis=2) / np.sum(sides**2, axis=2)).clip(0.0, 1.0)
+    from_sides = np.linalg.norm(arms - shares[:, :, None] * sides, axis=2).min(axis=1)
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    above = (np.cross(sides, arms) @ normals[:, :, None] >= 0.0).all(axis=(1, 2))
+    heights = np.abs(np.sum(arms[:, 0] * normals, axis=1)) / np.linalg.norm(normals, axis=1)
+    return np.where(above, np.minimum(heights, from_sides), from_sides)
 
 
 def _candidates(points: FloatArray, elements: FloatArray, near: float) -> tuple[IntArray, IntArray]:

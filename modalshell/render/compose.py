@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,13 +37,7 @@ class Page:
 
     def __post_init__(self) -> None:
         """Measure the text and lay out the page."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         width, height = self.size
-        # 72 dots per inch make one point one pixel.
-        self._figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72, facecolor="white")
-        self._canvas: Any = FigureCanvasAgg(self._figure)
         rows = -(-len(self.captions) // self.columns)
         self.font = float(np.clip(min(height / 40.0, width / 60.0, 2.0 * height / (20.0 * rows)), 9.0, 40.0))
         line = 1.35 * self.font
@@ -72,8 +67,26 @@ class Page:
             shift = (inner - in_row * self._cell_width) // 2
             self.corners.append((shift + column * self._cell_width, self._top + row * row_height + caption))
 
+    @cached_property
+    def _figure(self) -> Any:
+        from matplotlib.figure import Figure  # not before there is text: its import takes long
+
+        # 72 dots per inch make one point one pixel.
+        return Figure(figsize=(self.size[0] / 72.0, self.size[1] / 72.0), dpi=72, facecolor="white")
+
     def paint(self, images: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """Return the page (height, width, 3) with the images of the cells in place."""
+        if self._page_title or self._head or self._sub or self.legend or self.bar:
+            page = self._paint_text()
+        else:
+            page = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
+        for corner, image in zip(self.corners, images, strict=True):
+            paste(page, corner, image)
+        return page
+
+    def _paint_text(self) -> NDArray[np.uint8]:
+        """The page without images."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.patches import Rectangle
 
         height, figure, line = self.size[1], self._figure, 1.35 * self.font
@@ -96,11 +109,9 @@ class Page:
                 at += width
         if self.bar:
             self._paint_bar(self.bar)
-        self._canvas.draw()
-        page = np.array(np.asarray(self._canvas.buffer_rgba())[:, :, :3])
-        for corner, image in zip(self.corners, images, strict=True):
-            paste(page, corner, image)
-        return page
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.draw()
+        return np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
 
     def _paint_bar(self, bar: ScalarColors) -> None:
         from matplotlib.cm import ScalarMappable

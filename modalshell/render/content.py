@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from modalshell.files.atomic_io import make_folder
 
 Style = Literal["surface", "outline"]
 Color = str | tuple[float, float, float]
+_HEXADECIMAL = re.compile("#[0-9a-fA-F]{6}")
 
 # From target to camera: a three-quarter view with the x axis across the picture and z up.
 DEFAULT_CAMERA = (0.6, -1.0, 0.9)
@@ -173,7 +175,9 @@ def checked_path(path: str | Path, suffix: str) -> Path:
 
 def rgb(color: Color) -> NDArray[np.float64]:
     """Turn a matplotlib colour into three numbers in [0, 1]."""
-    from matplotlib.colors import to_rgb
+    if isinstance(color, str) and _HEXADECIMAL.fullmatch(color):
+        return np.array([int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+    from matplotlib.colors import to_rgb  # not before there is a name: its import takes long
 
     try:
         return np.array(to_rgb(color), dtype=np.float64)

@@ -226,9 +226,11 @@ def _encode(
     import imageio_ffmpeg
 
     with replacing(target) as temporary:
+        # This preset takes half the time of x264's own choice, for films of the same size.
+        options = ["-preset", "veryfast", "-crf", str(rate_factor), "-movflags", "+faststart"]
         writer = imageio_ffmpeg.write_frames(
             str(temporary), size, fps=fps, codec="libx264", pix_fmt_in="rgb24", pix_fmt_out="yuv420p", quality=None,
-            macro_block_size=2, output_params=["-crf", str(rate_factor), "-movflags", "+faststart"],
+            macro_block_size=2, output_params=options,
         )  # fmt: skip
         with closing(writer):
             writer.send(None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,10 +111,15 @@ def _upright(down: tuple[float, float, float]) -> Array | None:
 @lru_cache(maxsize=8)
 def _font(size: int) -> FreeTypeFont:
     """The font of matplotlib's texts, in pixels."""
-    from matplotlib.font_manager import FontProperties, findfont
     from PIL import ImageFont
 
-    return ImageFont.truetype(findfont(FontProperties(family="DejaVu Sans")), size)
+    found = find_spec("matplotlib")
+    file = Path(found.origin if found and found.origin else "").parent / "mpl-data/fonts/ttf/DejaVuSans.ttf"
+    if not file.is_file():  # as in packages of some systems
+        from matplotlib.font_manager import FontProperties, findfont  # not at once: it lists all fonts of the system
+
+        file = Path(findfont(FontProperties(family="DejaVu Sans")))
+    return ImageFont.truetype(str(file), size)
 
 
 def with_texts(

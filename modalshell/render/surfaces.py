@@ -40,11 +40,13 @@ def scalar_colors(
     surfaces: Sequence[ShadedSurface], colormap: str = "viridis", limits: tuple[float, float] | None = None
 ) -> ScalarColors | None:
     """Return the colours common to all scalars of some surfaces; None without scalars."""
-    import matplotlib
+    valued = [surface for surface in surfaces if surface.scalars is not None]
+    if not valued and colormap == "viridis":
+        return None
+    import matplotlib  # not before there are scalars: its import takes long
 
     if colormap not in matplotlib.colormaps:
         raise OptionError(f"colormap must be the name of a matplotlib colour map (got {shown(colormap)})")
-    valued = [surface for surface in surfaces if surface.scalars is not None]
     if not valued:
         return None
     values = np.concatenate([np.asarray(surface.scalars) for surface in valued])

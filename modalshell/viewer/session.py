@@ -7,7 +7,6 @@ import math
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from modalshell.core.checks import checked_count, checked_number, checked_vectors
 from modalshell.core.errors import LoadError, ModalShellError, OptionError
@@ -359,6 +358,8 @@ def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
 
     The projection of a large bend on the modes alone, when warped, is another bend.
     """
+    from scipy.optimize import least_squares  # not before a model changes: its import takes long
+
     weight = np.sqrt(np.repeat(model.shell.mass, 3))
     wanted = positions - model.shell.rest_positions
 

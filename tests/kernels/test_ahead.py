@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.kernels import ahead
+from modalshell.kernels import ahead, callees, compiler
 from modalshell.kernels.rotations import largest_angle
 from modalshell.render.camera import look_at
 from modalshell.render.content import ShadedSurface
@@ -66,6 +66,20 @@ def test_it_begins_once_with_a_kernel_of_the_list(started, tmp_path):
     assert str(tmp_path) in started[0].command[-1]
 
 
+def test_a_command_begins_it_before_a_kernel_is_asked_for_on_an_empty_cache(started, tmp_path, monkeypatch):
+    for given in (["python", "-m", "modalshell", "keys"], ["python", "x.py", "simulate"]):
+        monkeypatch.setattr(sys, "orig_argv", given)
+        ahead.begin_with_command(tmp_path)
+    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "modalshell", "simulate", "leaf.obj"])
+    (tmp_path / "kernels").mkdir()
+    ahead.begin_with_command(tmp_path)
+    ahead.begin_with_command(None)
+    assert started == []
+    (tmp_path / "kernels").rmdir()
+    ahead.begin_with_command(tmp_path)
+    assert len(started) == 1
+
+
 def test_it_does_not_begin_where_it_cannot_help(started, tmp_path, monkeypatch):
     other = SimpleNamespace(py_func=SimpleNamespace(__module__="modalshell.x", __name__="y"))
     ahead.begin(other, LISTED, tmp_path)
@@ -89,6 +103,20 @@ def test_one_process_fills_a_folder_and_the_lock_of_a_dead_one_is_taken_over(sta
     os.utime(lock, (0, 0))
     ahead.begin(largest_angle, LISTED, tmp_path)
     assert len(started) == 1
+
+
+@pytest.mark.slow
+def test_the_process_imports_few_modules_and_takes_the_kernels_for_the_same(started, tmp_path, monkeypatch):
+    ahead.begin(largest_angle, LISTED, tmp_path)
+    monkeypatch.undo()
+    modules = sorted({f"modalshell.{name.rpartition('.')[0]}" for name, _ in ahead.entries()})
+    ask = "from modalshell.kernels.callees import source_digest as digest; last = 'modalshell.kernels.compiler'; "
+    ask += f"names = {modules}; import importlib; [importlib.import_module(name) for name in names]; "
+    ask += "print(*(digest(name, last) for name in names)); import sys; print('modalshell.models.auto' in sys.modules)"
+    preamble = started[0].command[-1].rpartition("\nfrom modalshell.kernels.ahead")[0]
+    *digests, whole = subprocess.check_output([sys.executable, "-c", f"{preamble}\n{ask}"], text=True).split()
+    assert digests == [callees.source_digest(name, compiler.__name__) for name in modules]
+    assert whole == "False"
 
 
 def second_process(tmp_path, names):

@@ -8,7 +8,7 @@ import pytest
 from modalshell.core.errors import ModalShellWarning
 from modalshell.mesh import TriangleMesh, load_mesh, repair, save_mesh
 from modalshell.mesh.shapes import sheet
-from modalshell.mesh.unjoined import unjoined
+from modalshell.mesh.unjoined import _distances, unjoined
 
 
 def ribbed(cells, rib_cells, shift=0.0):
@@ -37,6 +37,20 @@ def test_a_rib_whose_vertices_are_not_the_plates_is_found(cells, rib_cells):
     # Where neither is a multiple of the other both rows of vertices lie on the other sheet, but for the shared ends.
     assert len(vertices) == {13: (13 - 1) + (10 - 1), 5: 5, 20: 10}[rib_cells]
     assert not (mesh.faces[faces] == vertices[:, None]).any()
+
+
+def test_distances_from_triangles_are_those_of_their_sides_and_of_their_planes():
+    rng = np.random.default_rng(1)
+    corners = rng.normal(size=(200, 3, 3))
+    corners[::2, 2] = corners[::2, :2].mean(axis=1) + 1e-6 * rng.normal(size=(100, 3))  # thin ones
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inside = np.einsum("kc,kcx->kx", rng.dirichlet(np.ones(3), 200), corners)
+    middles, beyond = corners[:, :2].mean(axis=1), 2.0 * corners[:, 0] - inside
+    np.testing.assert_allclose(_distances(corners, inside), 0.0, atol=1e-8)
+    np.testing.assert_allclose(_distances(corners, inside + 0.3 * normals), 0.3, rtol=1e-8)
+    np.testing.assert_allclose(_distances(corners, middles + 0.3 * normals), 0.3, rtol=1e-8)
+    assert (_distances(corners, beyond) <= np.linalg.norm(beyond - corners[:, 0], axis=1) * (1.0 + 1e-12)).all()
 
 
 def test_joined_parts_and_parts_apart_are_left_alone():

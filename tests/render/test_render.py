@@ -12,7 +12,7 @@ import pytest
 from counting import lines_run
 
 from modalshell.core.errors import ModalShellWarning, OptionError
-from modalshell.render import ShadedSurface, View, backend, choose_backend, draw_views, look_at, write_film
+from modalshell.render import ShadedSurface, View, backend, choose_backend, draw_views, look_at, stage, write_film
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint, open_painter
 from modalshell.render.camera import frame_points
 
@@ -295,6 +295,18 @@ def test_frames_that_come_one_by_one_make_the_same_film(detected, monkeypatch, t
     whole = write_film(tmp_path / "whole.mp4", [surface], [frames], **options)
     streamed = write_film(tmp_path / "streamed.mp4", [surface], [(shape for shape in frames)], total=3, **options)
     assert streamed.read_bytes() == whole.read_bytes()
+
+
+def test_films_without_titles_and_scalars_need_no_matplotlib(detected, monkeypatch, tmp_path):
+    use("built-in", detected, monkeypatch)
+    for name in ("colors", "figure", "font_manager", "backends.backend_agg"):
+        monkeypatch.setitem(sys.modules, f"matplotlib.{name}", None)
+    stage._font.cache_clear()
+    vertices, faces = grid(bend=0.5)
+    film = write_film(
+        tmp_path / "plain.mp4", [ShadedSurface(vertices, faces)], [[vertices] * 2], size=(96, 64), texts=["0 s", "1 s"]
+    )
+    assert film.stat().st_size > 0
 
 
 def test_threads_make_the_same_film(detected, monkeypatch, tmp_path):
