@@ -67,7 +67,7 @@ def export(
         elif to == "gltf":
             say(save_modes_gltf(basis, target))
         else:
-            raise ms.OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
+            raise ms.OptionError(f"{result} is a basis, which is written as gltf, page or body (got {to})") from None
         return
     if to == "page":
         say(_played(run, result).save(target))

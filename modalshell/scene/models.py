@@ -66,7 +66,7 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
 
 def _in_toml(hint: Any) -> Any:
     """The part of a type that TOML can express; None if there is none."""
-    if hint in (bool, int, float, str, NoneType):
+    if hint in (Any, bool, int, float, str, NoneType):
         return hint
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):

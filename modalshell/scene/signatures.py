@@ -19,6 +19,9 @@ from modalshell.scene.tables import Table
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS
 
+_GATHERED = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+"""Parameters that gather others, which have no names here."""
+
 
 class Built(Table, frozen=True):
     """A table whose keys are the parameters of the object it builds."""
@@ -29,14 +32,14 @@ class Built(Table, frozen=True):
 
 
 def parameters_of(function: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
-    """Type and default of each parameter, by name; of a class those of its ``__init__``.
+    """Type, anything where none is stated, and default of each named parameter; of a class those of its ``__init__``.
 
     Some Pythons (3.11.2) take the signature of a class from a ``__new__`` that it inherits before its ``__init__``.
     """
     called = function.__init__ if inspect.isclass(function) else function
     hints, parameters = get_type_hints(called, include_extras=True), inspect.signature(called).parameters
-    found = {name: (hints.get(name), parameter.default) for name, parameter in parameters.items()}
-    return dict(list(found.items())[1:]) if called is not function else found
+    named = list(parameters.values())[called is not function :]
+    return {one.name: (hints.get(one.name, Any), one.default) for one in named if one.kind not in _GATHERED}
 
 
 def signature_table(

@@ -180,8 +180,18 @@ def test_saved_and_pickled_it_answers_alike(shell, hybrid, tmp_path):
     for other in (read, pickle.loads(pickle.dumps(hybrid))):
         assert np.array_equal(ms.simulate(other, **run).positions, exact)
     assert read.held_out_error == hybrid.held_out_error
-    with pytest.raises(ms.FileFormatError, match="another coarse shell"):
-        ms.HybridStress.load(tmp_path / "trained.npz", stiff_beam((8, 2)))
+    again = ms.Shell(
+        ms.TriangleMesh(shell.mesh.vertices, shell.mesh.faces[::-1]), shell.material, clamped=shell.clamped
+    )
+    constants = {name: getattr(shell.material, name) for name in ("stretch", "shear", "flexure", "density")}
+    others = [
+        shell.with_material(ms.Material(**constants | {name: 1.1 * constants[name]})) for name in ("flexure", "density")
+    ]
+    held = shell.mesh.vertices[:, 0] < shell.mesh.vertices[shell.clamped, 0].max() + 0.1
+    others += [again, ms.Shell(shell.mesh, shell.material, clamped=held), stiff_beam((8, 2))]
+    for other in others:
+        with pytest.raises(ms.FileFormatError, match="another coarse shell"):
+            ms.HybridStress.load(tmp_path / "trained.npz", other)
     (tmp_path / "trained.npz").write_bytes(b"nothing")
     with pytest.raises(ms.FileFormatError):
         ms.HybridStress.load(tmp_path / "trained.npz", shell)

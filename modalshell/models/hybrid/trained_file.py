@@ -8,6 +8,7 @@ import numpy as np
 
 from modalshell.core.checks import LARGEST, checked_kind
 from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.typing import Array
 from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
 from modalshell.models.hybrid.assumed_stress import measures_of
@@ -29,10 +30,17 @@ _HYBRID = Archive(
         "coarse_errors": Field("f", ("c", 2), ""),
         "turned": Field("iu", ("t",)),
         "rest": Field("f", ("n", 3), "m"),
+        "faces": Field("iu", ("T", 3)),
+        "held": Field("b", ("n",)),
+        "quotients": Field("f", (2, "m")),
     },
     most=LARGEST,
-    version=3,
+    version=4,
 )
+_OF_SHELL = "rest", "faces", "held", "quotients"
+"""What tells the coarse shell."""
+_SAME = 1e-4
+"""Relative difference up to which quotients are equal: those of thin sheets keep no more digits."""
 
 
 def trainable(coarse: Shell) -> Shell:
@@ -60,14 +68,16 @@ def trainable(coarse: Shell) -> Shell:
 
 def write_trained(path: str | os.PathLike[str], trained: Trained, coarse: Shell) -> None:
     """Write what was trained on a coarse shell to an ``.npz`` file (no pickle)."""
-    values = {name: getattr(trained, name) for name in _HYBRID.fields if name != "rest"}
-    write_npz(path, **_HYBRID.arrays(values | {"rest": coarse.rest_positions}))
+    values = {name: getattr(trained, name) for name in _HYBRID.fields if name not in _OF_SHELL}
+    still = {"rest": coarse.rest_positions, "faces": coarse.mesh.faces, "held": coarse.clamped}
+    write_npz(path, **_HYBRID.arrays(values | still | {"quotients": _quotients(coarse, trained.basis)}))
 
 
 def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
     """What :func:`write_trained` wrote for the same shell; FileFormatError if it is damaged or of another."""
     with _HYBRID.read(path) as data:
-        if not np.array_equal(data["rest"], coarse.rest_positions):
+        same = np.array_equal(data["rest"], coarse.rest_positions) and np.array_equal(data["faces"], coarse.mesh.faces)
+        if not same or not np.array_equal(data["held"], coarse.clamped):
             raise ValueError("it was trained on another coarse shell")
         turned = data["turned"]
         if turned.min(initial=0) < 0:
@@ -75,6 +85,18 @@ def read_trained(path: str | os.PathLike[str], coarse: Shell) -> Trained:
         size = measures_of(coarse, turned).state_size  # an IndexError where there are fewer folds
         if len(data["basis"]) != coarse.rest_positions.size or len(data["stresses"]) != size:
             raise ValueError(f"its stresses are of {len(data['stresses'])} numbers, those of this shell of {size}")
+        if not np.allclose(_quotients(coarse, data["basis"]), data["quotients"], rtol=_SAME, atol=0.0):
+            raise ValueError(
+                "it was trained on another coarse shell, of this mesh but of another material or other supports: train "
+                "one on this shell (HybridStress.trained)"
+            )
         arrays = data["basis"], data["stresses"]
         numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
         return Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"], turned)
+
+
+def _quotients(coarse: Shell, basis: Array) -> Array:
+    """Stiffness at rest and mass of each vector of the basis (2, m): they tell the material and the supports."""
+    vectors = basis.reshape(coarse.rest_positions.size, -1)
+    stiffness = coarse.stiffness(coarse.rest_positions) @ vectors
+    return np.array([(vectors * stiffness).sum(axis=0), np.repeat(coarse.mass, 3) @ vectors**2])
