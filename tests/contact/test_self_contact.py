@@ -125,6 +125,17 @@ def test_a_closing_fold_neither_crosses_nor_gains_energy(integrator):
 
 
 @pytest.mark.slow
+def test_a_free_sheet_rests_on_a_floor_along_which_it_drifts():
+    mesh = ms.sheet(length=0.6, width=0.6, cells=(4, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 1.4e-3, 500.0))
+    start = mesh.vertices + 1e-6 * np.random.default_rng(0).standard_normal(mesh.vertices.shape) * [1.0, 1.0, 0.0]
+    contacts = [ms.SelfContact(), ms.Contact(ms.Plane((0, 0, 1), 0.0))]
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -3.0), contacts=contacts, start=start)
+    assert answer.converged
+    assert answer.stable
+    np.testing.assert_allclose(answer.contact_forces.sum(axis=0), [0, 0, 3.0 * shell.mass.sum()], atol=1e-9)
+
+
 def test_friction_holds_a_sheet_on_a_slope():
     shell = two_sheets(5e-3, shift=0.013)
     slope = 0.2

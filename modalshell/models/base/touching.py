@@ -113,6 +113,20 @@ def _smooth(
     return _Found(drifted[0], failure=drifted[1] or _UNSETTLED)
 
 
+def _on_layers(problem: Potential, touching: Touching, origin: Array, first: Array, layers: Layers) -> _Found:
+    """Where a shell with ``layers`` comes to from ``first`` (n, 3), those at rest on planes held along them."""
+
+    def solve(own: Potential, contacts: Touching) -> Rest:
+        nonlocal layers
+        rest, layers = rest_on_layers(own, contacts, layers, first)
+        return rest
+
+    touching.refuse_inside(first)
+    drifted = rest_on_planes(problem, touching, origin, first, solve)
+    rest, failure = (solve(problem, touching), "") if drifted is None else drifted
+    return _Found(rest, -layers.gradient(rest.point), failure or _UNSETTLED, layers.least(rest.point))
+
+
 def _shape_notes(touching: Touching, first: Array, rest: Rest) -> list[str]:
     """What is said of a start at ``first`` (n, 3) deep in a collider, and of edges that dip in at the end."""
     notes = [side] if (side := sides_told(touching, first)) else []
@@ -167,8 +181,7 @@ def equilibrium_on_contacts(
 
     with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
         if own is not None:
-            rest, layers = rest_on_layers(problem, touching, Layers(own, shell), first)
-            found = _Found(rest, -layers.gradient(rest.point), closest=layers.least(rest.point))
+            found = _on_layers(problem, touching, origin, first, Layers(own, shell))
         elif patches:
             led = Led(problem, shell, touching, patches, origin)
             found = _led_turning_nowhere(led, first) or _led(led, first, steps)
