@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -42,12 +43,12 @@ def path_by_bars(
             with counted() as work:
                 answer = _corrected(model, estimator, factor * load)
         except ModalShellError as error:
-            return _followed(shell, load, factors, on_load, f"at {factor:g} of the load: {error}")
+            return _followed(shell, load, factors, len(answers), on_load, f"at {factor:g} of the load: {error}")
         cost += work.cost
         bar = answer.bar
         assert bar is not None
         if not bar.valid or bar.displacement > LARGEST_BAR:
-            return _followed(shell, load, factors, on_load, f"at {factor:g} of the load: {bar}")
+            return _followed(shell, load, factors, len(answers), on_load, f"at {factor:g} of the load: {bar}")
         answers.append(answer)
         if on_load is not None:
             on_load()
@@ -83,9 +84,16 @@ def _residual(shell: Shell, positions: Array, force: Array) -> float:
 
 
 def _followed(
-    shell: Shell, load: Array, factors: Sequence[float], on_load: Callable[[], None] | None, why: str
+    shell: Shell, load: Array, factors: Sequence[float], known: int, on_load: Callable[[], None] | None, why: str
 ) -> tuple[LoadPath, str]:
-    return follow_loads(shell, load, factors, on_load), f"DS was solved, as no error bar serves {why}."
+    """The path of DS; its first loads, ``known`` of them, have been counted."""
+    seen = itertools.count()
+
+    def once() -> None:
+        if on_load is not None and next(seen) >= known:
+            on_load()
+
+    return follow_loads(shell, load, factors, once), f"DS was solved, as no error bar serves {why}."
 
 
 def _note(answers: Sequence[Equilibrium]) -> str:

@@ -8,18 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
+from modalshell.core.single_precision import lost_in_single_precision, reach_and_size
 from modalshell.core.typing import Array
 from modalshell.motion import Trajectory
 
 _FAR = 100.0
 """Distance from the origin over the shell's size beyond which files keep a centre apart from the shape."""
-_LOST = 1e-4
-"""Rounding error of a coordinate over the shell's size beyond which the shape is lost."""
 
 
 def centre_of(rest: Array) -> Array:
     """The middle (3,) of a shell far from the origin, a number of single precision; zeros near it."""
-    reach, size = _reach(rest)
+    reach, size = reach_and_size(rest)
     if reach <= _FAR * size:
         return np.zeros(3)
     return (0.5 * (rest.min(axis=0) + rest.max(axis=0))).astype(np.float32).astype(np.float64)
@@ -40,17 +39,8 @@ def centred(run: Trajectory) -> tuple[Trajectory, Array]:
 
 def demand_near_origin(rest: NDArray[np.floating], unit: str, kind: str) -> None:
     """OptionError where single precision loses the shape of a shell; ``kind`` names what is to be stored so."""
-    reach, size = _reach(rest)
-    error = reach * 2.0**-24
-    if error > _LOST * size > 0.0:
+    held = lost_in_single_precision(rest, unit)
+    if held:
         raise OptionError(
-            f"{kind} hold coordinates of {reach:.3g} {unit} to {error:.1g} {unit}, of a shell of {size:.3g} {unit}: "
-            "move the mesh near the origin, or write npz (float64), vtkhdf, pvd, usd or gltf"
+            f"{kind} hold {held}: move the mesh near the origin, or write npz (float64), vtkhdf, pvd, usd or gltf"
         )
-
-
-def _reach(rest: NDArray[np.floating]) -> tuple[float, float]:
-    """Largest coordinate, and size, of the rest shape."""
-    if not len(rest):
-        return 0.0, 0.0
-    return float(np.abs(rest).max()), float(np.linalg.norm(np.ptp(rest, axis=0)))

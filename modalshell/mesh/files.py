@@ -16,6 +16,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice, checked_folder, checked_kind, shown
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
+from modalshell.core.single_precision import lost_in_single_precision
 from modalshell.core.units import LENGTHS
 from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
@@ -225,11 +226,14 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     MeshError
-        For another suffix, or if the file cannot be written.
+        For another suffix, if the file cannot be written, or where float32 loses the shape far from the origin.
     """
     checked_kind("mesh", mesh, TriangleMesh)
     file = Path(path)
     suffix = _check_suffix(file, WRITABLE, "write")
+    held = lost_in_single_precision(mesh.vertices) if suffix in (".stl", ".glb") else ""
+    if held:
+        raise MeshError(f"{file}: {suffix[1:].upper()} files hold {held}: move the mesh near the origin, or write PLY")
     if suffix in (".obj", ".off"):
         data = _text(mesh, suffix).encode()
     elif suffix == ".ply":

@@ -363,7 +363,7 @@ class Shell(EnergyAccess):
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
         gravity, force, loads : optional
-            The load, as in :meth:`Model.equilibrium`.
+            The load, as in :meth:`Model.equilibrium`; in contact ``force`` has the answer's ``contact_forces`` too.
 
         Raises
         ------

@@ -9,6 +9,7 @@ from scenes import stiff_beam_text
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.compare.advise import choose
+from modalshell.compare.bar_reference import path_by_bars
 from modalshell.compare.candidates import Candidate
 from modalshell.models.registry import models
 
@@ -122,6 +123,9 @@ def test_a_quick_comparison_solves_ds_where_a_bar_is_void(shell):
     assert quick.path.snap is not None
     exact = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 13.0, -48.5))
     assert ms.measure.displacement_error(quick.path.answers[-1].positions, exact.positions, shell) < 0.01
+    counts, load = [], shell.mass[:, None] * (0.0, 13.0, -48.5)
+    path_by_bars(ms.RotationStrain(ms.solve_modes(shell, 4)), load, (0.5, 1.0), lambda: counts.append(1))
+    assert len(counts) == 2  # 0.5 was counted twice
 
 
 def test_engines_are_not_asked_quickly(shell):

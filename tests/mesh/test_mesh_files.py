@@ -270,6 +270,9 @@ def test_missing_file_folder_and_unwritable(tmp_path):
         save_mesh(mesh, tmp_path / "no" / "a.obj")
     with pytest.raises(MeshError, match=r"cannot write files with suffix '\.vtk'"):
         save_mesh(mesh, tmp_path / "a.vtk")
+    far = TriangleMesh(mesh.vertices + 1e5, mesh.faces)  # it was written, and its shape lost
+    with pytest.raises(MeshError, match=r"GLB files hold coordinates of 1e\+05 to 0\.006, of a shell of .* write PLY"):
+        save_mesh(far, tmp_path / "far.glb")
 
 
 def test_repository_meshes_load():
