@@ -175,30 +175,33 @@ class ModalModel(ModalMotion):
                 "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
                 "bring a free shell to rest with damping"
             )
-        compliance = 1.0 / self.basis.eigenvalues
+        compliance, change, iterations, nearest = 1.0 / self.basis.eigenvalues, np.inf, 0, np.inf
         q = np.zeros(self.basis.count) if start is None else start
-        targets = self._targets(constraints, q)
-        change, iterations, nearest = np.inf, 0, np.inf
+        targets, push = self._targets(constraints, q), self.modal_force(q, load)
         while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
             if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
                 break
-            before = q
-            iterations += 1
-            q, residual, jacobian = meet(targets, compliance * self.modal_force(q, load), compliance, q)
+            before, pushed, iterations = q, push, iterations + 1
+            q, residual, jacobian = meet(targets, compliance * push, compliance, q)
+            push = self.modal_force(q, load)
+            if not np.isfinite([*q, *push, *jacobian.ravel()]).all():
+                q, push, change, (residual, jacobian) = before, pushed, np.inf, targets(before)
+                break
             nearest = min(nearest, float(np.abs(residual).max()))
             work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
             change = change if load.any() else 0.0  # no modal force that could still turn
-        missed = targets.lengths(residual)
-        outcome, message = Outcome.CONVERGED, ""
-        if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
+        missed, outcome, message = targets.lengths(residual), Outcome.CONVERGED, ""
+        if not np.isfinite(change):
+            outcome, message = Outcome.DIVERGED, "loads or targets are beyond what numbers hold"
+        elif change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
             outcome, message = Outcome.OUT_OF_REACH, out_of_reach(float(missed.max()))
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
-        out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        answer, reactions = self._answer(Statics(q, change, iterations, outcome, message)), targets.reactions
-        return replace(answer, constraint_residuals=missed, constraint_reactions=reactions(jacobian, out_of_balance))
+        reactions = targets.reactions(jacobian, self.basis.eigenvalues * q - push)
+        answer = self._answer(Statics(q, change, iterations, outcome, message))
+        return replace(answer, constraint_residuals=missed, constraint_reactions=reactions)
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
