@@ -106,6 +106,7 @@ class PatchTargets:
         return np.asarray(np.linalg.norm(residuals.reshape(-1, 3), axis=1) * self.units)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # absurd loads are beyond it
 def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array, Array]:
     """Least ``(q - q_free)^T G^-1 (q - q_free) / 2`` among the q that meet the constraints.
 
