@@ -154,8 +154,8 @@ def press_led(
     """As :meth:`ModalContacts.press`, of what also meets targets.
 
     ``step`` are the coordinates without contacts and constraints and the compliance (m,), ``begin`` coordinates and
-    positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets, the
-    best one is returned, or what contacts alone do, as not solved.
+    positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets, what
+    is nearest to them is returned, of these and of what contacts alone do, as not solved.
     """
     (free, compliance), (last, base), (local, pushes, _) = step, begin, before
     kept = before
@@ -164,12 +164,16 @@ def press_led(
     for _ in range(_PASSES):
         x, unbalanced = pressing.positions(q) + local, stiffness * (q - free)
         forces = pressing.touching.forces(x, pushes)
-        forces += targets.forces(q, unbalanced - pressing.pull(q, forces), len(x))
-        hessian = np.diag(stiffness) - model.work_curvature(q, forces)
-        if not np.isfinite(hessian).all():
+        borne = unbalanced - pressing.pull(q, forces)
+        if not np.isfinite(borne).all():
             break
-        soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness)), np.float64)
-        pressed = pressing.press(*targets.along(q, q - soft @ unbalanced, soft), (q, last, base), known, kept)
+        hessian = np.diag(stiffness) - model.work_curvature(q, forces + targets.forces(q, borne, len(x)))
+        try:
+            soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness)), np.float64)
+            aims = targets.along(q, q - soft @ unbalanced, soft)
+        except np.linalg.LinAlgError:  # of passes that run away
+            break
+        pressed = pressing.press(*aims, (q, last, base), known, kept)
         off = targets.off(pressed)
         if pressed.solved and off <= MET:
             return pressed
@@ -181,6 +185,7 @@ def press_led(
         base, known = pressed.positions, np.minimum(gaps, pressed.gaps)
         local, pushes = pressed.local, pressed.pushes
         kept = local, pushes, pressed.at
-    if best is None:  # contacts alone
-        best = pressing.press(free, compliance, (free, *begin), gaps, before)
+    alone = pressing.press(free, compliance, (free, *begin), gaps, before)
+    if best is None or targets.off(alone) < least:
+        best = alone
     return best._replace(solved=False)

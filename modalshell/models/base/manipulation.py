@@ -177,7 +177,10 @@ def _reached(
     before = np.inf
     for _ in range(_PASSES):
         scaled = jacobian * root
-        values, ways = np.linalg.eigh(scaled @ scaled.T)
+        try:
+            values, ways = np.linalg.eigh(scaled @ scaled.T)
+        except np.linalg.LinAlgError:  # of steps that run away
+            return None
         kept = values > _HARDEST * values[-1]
         values, ways = values[kept], ways[:, kept]
         if not kept.any() or values[0] <= _HARDLY_REACHED * values[-1]:
