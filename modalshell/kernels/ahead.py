@@ -122,7 +122,7 @@ def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> N
 def _start(folder: Path) -> None:
     """Start it, once a process, and not where this one may use one core only or has no interpreter to start.
 
-    Nor where numba is told to compile nothing, nor while another process fills the same folder.
+    Nor where numba is to compile nothing, nor while another process fills the same folder.
     """
     global _begun
     if not sys.executable or config.DISABLE_JIT or usable_cores() < 2:  # type: ignore[attr-defined]
