@@ -84,8 +84,8 @@ class ContactEstimator(Estimator):
         self._way = None
         self.unsettled = not self._rest.converged
         if self.unsettled:
-            told = f", from an answer {depth:.2g} m inside a collider" if depth > INSIDE * touching.size else ""
-            raise SolverError(f"what touches has not settled in {_MOST} Newton steps{told}")
+            where = f", from an answer {depth:.2g} m inside a collider" if depth > INSIDE * touching.size else ""
+            raise SolverError(f"what touches has not settled in {_MOST} Newton steps{where}")
         return self._rest.point, stresses
 
     def refined(self) -> tuple[Array, list[Array]]:

@@ -110,9 +110,9 @@ class LocalShapes:
         coordinates = (3 * vertices[:, None] + np.arange(3)).ravel()
         loads = np.zeros((self._basis.shell.rest_positions.size, coordinates.size))
         loads[coordinates, np.arange(coordinates.size)] = 1.0
-        return np.asarray(self._beyond(solve, loads).T).reshape(vertices.size, 3, -1)
+        return np.asarray(self._residual_flexibility(solve, loads).T).reshape(vertices.size, 3, -1)
 
-    def _beyond(self, solve: Callable[[Array], Array], loads: Array) -> Array:
+    def _residual_flexibility(self, solve: Callable[[Array], Array], loads: Array) -> Array:
         """Displacements (3n, 3k) [m] of the shell at rest beyond its modes, under loads (3n, 3k) [N]."""
         basis, shell = self._basis, self._basis.shell
         whole = np.asarray(shell.unknowns.prolong(solve(np.asarray(shell.unknowns.restrict(loads)))))
@@ -131,7 +131,7 @@ class LocalShapes:
         for index, vertices in enumerate(self._patches):
             means[vertices, :, index] = np.eye(3) / vertices.size
         rows = means.reshape(-1, 3 * len(self._patches))
-        given = self._beyond(solve, rows)
+        given = self._residual_flexibility(solve, rows)
         return rows, given @ np.linalg.pinv(rows.T @ given, rcond=_GIVES, hermitian=True)
 
 

@@ -125,7 +125,8 @@ class Archive:
         """The units of the arrays; ValueError for another version or kind, and as by :func:`check_arrays`."""
         self.check_mark(data)
         if (version := int(data[self.mark])) != self.version:
-            raise ValueError(f"format {version} (this version reads {self.version})")
+            remedy = "make it again with this version" if version < self.version else "read it with a newer version"
+            raise ValueError(f"format {version} (this version reads {self.version}): {remedy}")
         fields = {**self.fields, **(further or {})}
         check_arrays(fields, data, self.most, **sizes)
         units = UnitSystem.from_array(data[UNITS[1]])

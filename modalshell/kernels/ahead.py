@@ -21,7 +21,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from numba.core import types
+from numba.core import config, types
 
 from modalshell.core.cores import usable_cores
 from modalshell.core.interruption import is_command
@@ -103,7 +103,9 @@ def entries() -> list[tuple[str, tuple[Any, ...]]]:
 
 def begin_with_command(folder: Path | None) -> None:
     """Start a second process under the command that needs all kernels, where none is in the cache ``folder`` yet."""
-    if folder is not None and _COMMAND in sys.orig_argv and is_command(sys.orig_argv) and not any(folder.iterdir()):
+    given = sys.orig_argv
+    needed = is_command(given) and _COMMAND in given and not {"--help", "-h"}.intersection(given)
+    if needed and folder is not None and not any(folder.iterdir()):
         _start(folder)
 
 
@@ -120,10 +122,10 @@ def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> N
 def _start(folder: Path) -> None:
     """Start it, once a process, and not where this one may use one core only or has no interpreter to start.
 
-    Nor while another process fills the same folder.
+    Nor where numba is to compile nothing, nor while another process fills the same folder.
     """
     global _begun
-    if not sys.executable or usable_cores() < 2:
+    if not sys.executable or config.DISABLE_JIT or usable_cores() < 2:  # type: ignore[attr-defined]
         return
     _begun = True
     lock = folder / _LOCK

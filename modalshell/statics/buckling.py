@@ -295,15 +295,16 @@ class BucklingCheck:
 
     def buckles(self, load: Array, held: Shell | None = None) -> bool:
         """Whether a ``load`` (n, 3) [N] does; of the same shell ``held`` by further supports, if it is given."""
-        shell, left = self._shell, held or self._shell  # a patch that is held may clamp: its slopes have entries
+        shell = self._shell
+        held = held or shell  # its supports may clamp patches, whose slopes have entries then
         if not (load.any() and shell.unknowns.supported.any()):
             return False
         factor = self._at_rest
         if factor is None:
             return False
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads are beyond it
-            loaded = _loaded(left, _linear_answer(shell, factor, load))
-        return not np.isfinite(loaded).all() or _definite_factor(left, loaded) is None
+            loaded = _loaded(held, _linear_answer(shell, factor, load))
+        return not np.isfinite(loaded).all() or _definite_factor(held, loaded) is None
 
 
 def _unloaded(shell: Shell) -> Array:

@@ -106,3 +106,17 @@ def test_a_vertex_that_is_led_into_a_collider_is_refused(shell, rung):
     for refused in (lambda: rung.equilibrium(**given), lambda: ms.error_bar(shell, shell.rest_positions, **given)):
         with pytest.raises(ms.OptionError, match=r"leads vertex 20 to 0\.09 m inside contact 0 \(Plane\)"):
             refused()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "move", "duration"), [(ms.ModalWarping, (-0.006, 0.0, 0.06), 0.1), (ms.RotationStrain, (0, 0, -0.1), 0.24)]
+)
+def test_steps_that_do_not_meet_both_keep_the_shell_above_the_floor(shell, kind, move, duration):
+    """Passes ran away: numpy met a singular matrix, and a vertex was thrown 2e6 m away."""
+    given = {"damping": (4.0, 0.001), "contacts": [FLOOR], "constraints": led(shell, move, whole=0.0)}
+    run = ms.simulate(kind(ms.solve_modes(shell, 8)), duration=duration, dt=0.02, gravity=GRAVITY, **given)
+    assert run.outcome is ms.Outcome.CONSTRAINTS_MISSED
+    assert "did not converge" in run.message
+    assert run.positions[:, :, 2].min() > -0.0101
+    assert np.abs(run.positions).max() < 1.1

@@ -67,10 +67,11 @@ def test_it_begins_once_with_a_kernel_of_the_list(started, tmp_path):
 
 
 def test_a_command_begins_it_before_a_kernel_is_asked_for_on_an_empty_cache(started, tmp_path, monkeypatch):
-    for given in (["python", "-m", "modalshell", "keys"], ["python", "x.py", "simulate"]):
+    command = ["python", "-m", "modalshell"]
+    for given in ([*command, "keys"], ["python", "x.py", "simulate"], [*command, "simulate", "--help"]):
         monkeypatch.setattr(sys, "orig_argv", given)
         ahead.begin_with_command(tmp_path)
-    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "modalshell", "simulate", "leaf.obj"])
+    monkeypatch.setattr(sys, "orig_argv", [*command, "simulate", "leaf.obj"])
     (tmp_path / "kernels").mkdir()
     ahead.begin_with_command(tmp_path)
     ahead.begin_with_command(None)
@@ -91,6 +92,10 @@ def test_it_does_not_begin_where_it_cannot_help(started, tmp_path, monkeypatch):
     with monkeypatch.context() as inner:
         inner.setattr(sys, "executable", "")
         ahead.begin(largest_angle, LISTED, tmp_path)
+    with monkeypatch.context() as inner:
+        inner.setattr(ahead.config, "DISABLE_JIT", 1)
+        inner.setattr(sys, "orig_argv", ["python", "-m", "modalshell", "simulate", "leaf.obj"])
+        ahead.begin_with_command(tmp_path)
     assert started == []
 
 

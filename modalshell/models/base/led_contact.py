@@ -51,23 +51,23 @@ class LedTargets:
 
     def __init__(self, targets: PatchTargets, start: Array | None = None) -> None:
         self._targets, self._way = targets, np.zeros(1) if start is None else targets(start)[0]
-        self._beyond = self._ahead = self._left = np.zeros(1)
+        self._local = self._later = self._unreached = np.zeros(1)
         self._seen: list[tuple[Array, Array]] = []
         self.first = min(1.0, STAGE / max(float(np.abs(self._way).max()), 1e-300))
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Residuals (3k,) and Jacobian (3k, m) at q (m,); what modes do not reach of a target is none."""
         residuals, jacobian = self._targets(q)
-        return residuals - self._beyond - self._ahead - self._left, jacobian
+        return residuals - self._local - self._later - self._unreached, jacobian
 
     def near(self, free: Array, compliance: Array, start: Array, local: Array, share: float = 1.0) -> Array:
         """Coordinates (m,) that meet the targets without contacts, as near as modes do, from ``start`` (m,).
 
         What is ``local`` (n, 3) [m], beyond the modes, stays; a ``share`` of the way is enough.
         """
-        self._beyond, self._seen = self._targets.beyond(local), []
-        self._left, self._ahead = np.zeros(1), (1.0 - share) * self._way
-        q, self._left, _ = meet(self, free, compliance, start)
+        self._local, self._seen = self._targets.local_means(local), []
+        self._unreached, self._later = np.zeros(1), (1.0 - share) * self._way
+        q, self._unreached, _ = meet(self, free, compliance, start)
         return q
 
     def along(self, q: Array, free: Array, compliance: Array) -> tuple[Array, Array]:
@@ -86,9 +86,9 @@ class LedTargets:
         """A Hessian (m, m), stiffer where it is hardly so on motions that keep to the constraints at q (m,)."""
         root = np.sqrt(eigenvalues)
         _, sizes, axes = np.linalg.svd(self(q)[1] / root)
-        left = axes[int((sizes > REACHED * sizes[:1]).sum()) :] / root
-        along = left @ (hessian + hessian.T) @ left.T
-        least = 0.5 * float(np.linalg.eigvalsh(along)[0]) if len(left) else 1.0
+        free = axes[int((sizes > REACHED * sizes[:1]).sum()) :] / root
+        along = free @ (hessian + hessian.T) @ free.T
+        least = 0.5 * float(np.linalg.eigvalsh(along)[0]) if len(free) else 1.0
         return hessian + max(0.0, _LEAST - least) * np.diag(eigenvalues)
 
     def off(self, pressed: Pressed) -> float:
@@ -96,17 +96,17 @@ class LedTargets:
 
         What they will have pressed in next is foreseen, by Anderson's extrapolation.
         """
-        found = self._targets.beyond(pressed.local)
-        off = self(pressed.q)[0] + self._beyond - found
+        found = self._targets.local_means(pressed.local)
+        off = self(pressed.q)[0] + self._local - found
         if not np.isfinite(off).all():
             return np.inf
-        self._seen = [*self._seen[1 - _MEMORY :], (self._beyond, found - self._beyond)]
-        self._beyond = extrapolated(*map(list, zip(*self._seen, strict=True)))
+        self._seen = [*self._seen[1 - _MEMORY :], (self._local, found - self._local)]
+        self._local = extrapolated(*map(list, zip(*self._seen, strict=True)))
         return float(np.abs(off).max())
 
     def missed(self, q: Array, local: Array) -> Array:
         """Lengths (k,), [m] or [rad], of what is left to the targets at q (m,) and ``local`` (n, 3) [m] beyond it."""
-        return self._targets.lengths(self._targets(q)[0] - self._targets.beyond(local))
+        return self._targets.lengths(self._targets(q)[0] - self._targets.local_means(local))
 
     def forces(self, q: Array, unbalanced: Array, count: int) -> Array:
         """Forces (n, 3) [N] on ``count`` vertices of constraints that bear an ``unbalanced`` modal force (m,) at q."""
@@ -154,8 +154,8 @@ def press_led(
     """As :meth:`ModalContacts.press`, of what also meets targets.
 
     ``step`` are the coordinates without contacts and constraints and the compliance (m,), ``begin`` coordinates and
-    positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets, the
-    best one is returned, or what contacts alone do, as not solved.
+    positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets, what
+    is nearest to them is returned, of these and of what contacts alone do, as not solved.
     """
     (free, compliance), (last, base), (local, pushes, _) = step, begin, before
     kept = before
@@ -164,12 +164,16 @@ def press_led(
     for _ in range(_PASSES):
         x, unbalanced = pressing.positions(q) + local, stiffness * (q - free)
         forces = pressing.touching.forces(x, pushes)
-        forces += targets.forces(q, unbalanced - pressing.pull(q, forces), len(x))
-        hessian = np.diag(stiffness) - model.work_curvature(q, forces)
-        if not np.isfinite(hessian).all():
+        borne = unbalanced - pressing.pull(q, forces)
+        if not np.isfinite(borne).all():
             break
-        soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness)), np.float64)
-        pressed = pressing.press(*targets.along(q, q - soft @ unbalanced, soft), (q, last, base), known, kept)
+        hessian = np.diag(stiffness) - model.work_curvature(q, forces + targets.forces(q, borne, len(x)))
+        try:
+            soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness)), np.float64)
+            aims = targets.along(q, q - soft @ unbalanced, soft)
+        except np.linalg.LinAlgError:  # of passes that run away
+            break
+        pressed = pressing.press(*aims, (q, last, base), known, kept)
         off = targets.off(pressed)
         if pressed.solved and off <= MET:
             return pressed
@@ -181,6 +185,7 @@ def press_led(
         base, known = pressed.positions, np.minimum(gaps, pressed.gaps)
         local, pushes = pressed.local, pressed.pushes
         kept = local, pushes, pressed.at
-    if best is None:  # contacts alone
-        best = pressing.press(free, compliance, (free, *begin), gaps, before)
+    alone = pressing.press(free, compliance, (free, *begin), gaps, before)
+    if best is None or targets.off(alone) < least:
+        best = alone
     return best._replace(solved=False)

@@ -82,7 +82,7 @@ class PatchTargets:
             jacobians.append(jacobian / unit)
         return np.concatenate(residuals), np.vstack(jacobians)
 
-    def beyond(self, local: Array) -> Array:
+    def local_means(self, local: Array) -> Array:
         """Parts (3 k,), in their units, of the values that displacements (n, 3) [m] beyond the modes have."""
         positions = [constraint.kind == "position" for constraint in self._constraints]
         means = [local[c.vertices].mean(axis=0) * own for c, own in zip(self._constraints, positions, strict=True)]

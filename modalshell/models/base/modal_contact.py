@@ -145,19 +145,19 @@ def _settle(
         load = share * loading.force(x)
         # Contact forces act by their work, whatever the model's rule for loads.
         forces, unbalanced = pressing.touching.forces(x, pushes), eigenvalues * q - model.modal_force(q, load)
-        if led is not None:
-            forces = forces + led.forces(q, unbalanced - pressing.pull(q, forces), len(x))
-        bent = model.work_curvature(q, forces)
-        hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
-        if led is not None:
-            hessian = led.stiffened(q, hessian, eigenvalues)
         try:
+            if led is not None:
+                forces = forces + led.forces(q, unbalanced - pressing.pull(q, forces), len(x))
+            bent = model.work_curvature(q, forces)
+            hessian = np.diag(eigenvalues) - model.modal_force_jacobian(q, load) - bent
+            if led is not None:
+                hessian = led.stiffened(q, hessian, eigenvalues)
             compliance = np.asarray(np.linalg.inv(hessian), np.float64)
+            free = q - compliance @ unbalanced
+            if led is not None:
+                free, compliance = led.along(q, free, compliance)
         except np.linalg.LinAlgError:
             return None, change, count
-        free = q - compliance @ unbalanced
-        if led is not None:
-            free, compliance = led.along(q, free, compliance)
         pressed = pressing.press_once(free, compliance, q, pushes)
         move = pressed.q - q
         turn = float(np.abs(move) @ turns)
