@@ -105,8 +105,11 @@ def begin_with_command(folder: Path | None) -> None:
     """Start a second process under the command that needs all kernels, where none is in the cache ``folder`` yet."""
     given = sys.orig_argv
     needed = is_command(given) and _COMMAND in given and not {"--help", "-h"}.intersection(given)
-    if needed and folder is not None and not any(folder.iterdir()):
-        _start(folder)
+    if not needed or folder is None:
+        return
+    with suppress(OSError):  # a folder that is not to be listed
+        if not any(folder.iterdir()):
+            _start(folder)
 
 
 def begin(dispatcher: Any, arguments: tuple[Any, ...], folder: Path | None) -> None:
