@@ -53,12 +53,19 @@ class LedTargets:
         self._targets, self._way = targets, np.zeros(1) if start is None else targets(start)[0]
         self._local = self._later = self._unreached = np.zeros(1)
         self._seen: list[tuple[Array, Array]] = []
+        self._known: tuple[Array, tuple[Array, Array]] | None = None
         self.first = min(1.0, STAGE / max(float(np.abs(self._way).max()), 1e-300))
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Residuals (3k,) and Jacobian (3k, m) at q (m,); what modes do not reach of a target is none."""
-        residuals, jacobian = self._targets(q)
+        residuals, jacobian = self._at(q)
         return residuals - self._local - self._later - self._unreached, jacobian
+
+    def _at(self, q: Array) -> tuple[Array, Array]:
+        """The targets alone at q (m,): each pass asks several times where it is."""
+        if self._known is None or not np.array_equal(self._known[0], q):
+            self._known = q.copy(), self._targets(q)
+        return self._known[1]
 
     def near(self, free: Array, compliance: Array, start: Array, local: Array, share: float = 1.0) -> Array:
         """Coordinates (m,) that meet the targets without contacts, as near as modes do, from ``start`` (m,).
@@ -106,11 +113,11 @@ class LedTargets:
 
     def missed(self, q: Array, local: Array) -> Array:
         """Lengths (k,), [m] or [rad], of what is left to the targets at q (m,) and ``local`` (n, 3) [m] beyond it."""
-        return self._targets.lengths(self._targets(q)[0] - self._targets.local_means(local))
+        return self._targets.lengths(self._at(q)[0] - self._targets.local_means(local))
 
     def forces(self, q: Array, unbalanced: Array, count: int) -> Array:
         """Forces (n, 3) [N] on ``count`` vertices of constraints that bear an ``unbalanced`` modal force (m,) at q."""
-        return self._targets.spread(self._targets.reactions(self._targets(q)[1], unbalanced), count)
+        return self._targets.spread(self._targets.reactions(self._at(q)[1], unbalanced), count)
 
     def answered(self, answer: Equilibrium, local: Array, unbalanced: Array) -> Equilibrium:
         """An answer with what it has left to the targets, and the reactions to an ``unbalanced`` modal force (m,).
@@ -119,7 +126,7 @@ class LedTargets:
         """
         assert answer.coordinates is not None
         q = answer.coordinates
-        missed, reactions = self.missed(q, local), self._targets.reactions(self._targets(q)[1], unbalanced)
+        missed, reactions = self.missed(q, local), self._targets.reactions(self._at(q)[1], unbalanced)
         answer = replace(answer, constraint_residuals=missed, constraint_reactions=reactions)
         if not answer.converged or (missed <= CONSTRAINT_MET * self._targets.units).all():
             return answer

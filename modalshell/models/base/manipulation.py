@@ -61,7 +61,7 @@ class PatchTargets:
         size: float,
         present: Array,
     ) -> None:
-        self._parts, self._constraints = [], constraints
+        self._parts = []
         for constraint in constraints:
             goal, value = constraint.at(time), values[constraint.kind]
             if constraint.kind == "position":
@@ -70,22 +70,21 @@ class PatchTargets:
                 if pose is not None:
                     goal = (Rotation.from_matrix(pose.rotation).inv() * Rotation.from_rotvec(goal)).as_rotvec()
                 goal = nearest_branch(goal, value(present, constraint.vertices)[0])
-            self._parts.append((goal, value, constraint.vertices))
+            self._parts.append((constraint, goal, value))
         self.units = np.array([size if constraint.kind == "position" else 1.0 for constraint in constraints])
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Residuals (3 k,) in their units, and Jacobian (3 k, m)."""
         residuals, jacobians = [], []
-        for (goal, value, vertices), unit in zip(self._parts, self.units, strict=True):
-            mean, jacobian = value(q, vertices)
+        for (constraint, goal, value), unit in zip(self._parts, self.units, strict=True):
+            mean, jacobian = value(q, constraint.vertices)
             residuals.append((goal - mean) / unit)
             jacobians.append(jacobian / unit)
         return np.concatenate(residuals), np.vstack(jacobians)
 
     def local_means(self, local: Array) -> Array:
         """Parts (3 k,), in their units, of the values that displacements (n, 3) [m] beyond the modes have."""
-        positions = [constraint.kind == "position" for constraint in self._constraints]
-        means = [local[c.vertices].mean(axis=0) * own for c, own in zip(self._constraints, positions, strict=True)]
+        means = [local[one.vertices].mean(axis=0) * (one.kind == "position") for one, _, _ in self._parts]
         return (np.array(means) / self.units[:, None]).ravel()
 
     def reactions(self, jacobian: Array, unbalanced: Array) -> Array:
@@ -96,7 +95,7 @@ class PatchTargets:
     def spread(self, reactions: Array, count: int) -> Array:
         """Forces (n, 3) [N] of reactions (k, 3) on the ``count`` vertices of a shell; moments have none."""
         forces = np.zeros((count, 3))
-        for constraint, reaction in zip(self._constraints, reactions, strict=True):
+        for (constraint, _, _), reaction in zip(self._parts, reactions, strict=True):
             if constraint.kind == "position":
                 forces[constraint.vertices] += reaction / constraint.vertices.size
         return forces
@@ -142,15 +141,16 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     # Far targets are led there in stages: a single leap would land on another branch.
     first, stages = residual, int(min(np.ceil(np.abs(residual).max() / STAGE), _MOST_STAGES))
     for stage in range(1, stages):
+        left = first * (1.0 - stage / stages)
 
-        def on_the_way(q: Array, offset: Array = first * (1.0 - stage / stages)) -> tuple[Array, Array]:
+        def on_the_way(q: Array, left: Array = left) -> tuple[Array, Array]:
             residual, jacobian = evaluate(q)
-            return residual - offset, jacobian
+            return residual - left, jacobian
 
-        led = residual - first * (1.0 - stage / stages), jacobian
-        done = _reached(on_the_way, free, root, z, *led)
-        z, residual, jacobian = done or _minimise(on_the_way, free, root, z, *led, _STAGE_SOFTNESS * unit)
-        residual = residual + first * (1.0 - stage / stages)
+        begin = z, residual - left, jacobian
+        done = _reached(on_the_way, free, root, *begin)
+        z, residual, jacobian = done or _minimise(on_the_way, free, root, *begin, _STAGE_SOFTNESS * unit)
+        residual = residual + left
     best = _reached(evaluate, free, root, z, residual, jacobian)
     if best is not None:
         return free + root * best[0], *best[1:]
