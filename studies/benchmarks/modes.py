@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import json
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 import modalshell as ms
+from modalshell.core.typing import Array
 from modalshell.files.provenance import repository_file
 from modalshell.linalg.known_analyses import forget_analyses
 from modalshell.modes import BACKENDS
@@ -65,56 +67,98 @@ def solvers(shell: ms.Shell, count: int) -> dict[str, Any]:
     return ways
 
 
-def benchmark(sizes: tuple[int, ...] = (13000,), count: int = 4, repeats: int = 3) -> list[dict[str, Any]]:
-    """Rows of seconds, ratio to plain eigsh, peak memory and its share, for each size and way."""
+def benchmark(
+    sizes: tuple[int, ...] = (13000,), count: int = 4, repeats: int = 3, most_seconds: float = 600.0
+) -> list[dict[str, Any]]:
+    """Rows of seconds, ratio to plain eigsh, peak memory and its share, for each size and way.
+
+    From 50,000 vertices on each way is solved once, and stopped after ``most_seconds``: its seconds and its memory are
+    then lower bounds, and where it is the plain way so are the ratios to it.
+    """
     rows = []
     for n, energy in itertools.product(sizes, ENERGIES):
         shell = large_shell(n, energy)
         ways = solvers(shell, count)
-        values: dict[str, Any] = {}
         samples: dict[str, list[float]] = {name: [] for name in ways}
-        for _ in range(repeats if n < 50000 else 1):  # in turn, so that all see the same weather
+        for _ in range(repeats if n < 50000 else 0):  # in turn, so that all see the same weather
             for name, solve in ways.items():
                 forget_analyses()
                 start = time.perf_counter()
-                values[name] = solve()
+                solve()
                 samples[name].append(time.perf_counter() - start)
-        seconds = {name: float(np.median(times)) for name, times in samples.items()}
-        memory = {name: peak_memory((n, energy), count, name) for name in ways}
-        for name in ways:
+        alone = {name: solved_alone((n, energy), count, name, most_seconds) for name in ways}
+        seconds = {name: float(np.median(samples[name] or [alone[name].seconds])) for name in ways}
+        found = [one.values for one in alone.values() if one.values is not None]
+        for name, one in alone.items():
             rows.append(
                 {
                     "n": len(shell.rest_positions),
                     "energy": energy,
                     "modes": count,
                     "way": name,
+                    "ended": one.values is not None,
                     "seconds": seconds[name],
                     "times_faster": seconds[PLAIN] / seconds[name],
-                    "megabytes": memory[name],
-                    "memory_share": memory[name] / memory[PLAIN],
-                    "difference": float(np.abs(values[name] / values[PLAIN] - 1.0).max()),
+                    "megabytes": one.megabytes,
+                    "memory_share": one.megabytes / alone[PLAIN].megabytes,
+                    "difference": _difference(one.values, found[0]) if found else None,
                 }
             )
     return rows
 
 
-def peak_memory(shell: tuple[int, str], count: int, way: str) -> float:
-    """Megabytes by which one solve raises the resident memory of a process of its own at its peak (Linux)."""
+def _difference(values: Array | None, reference: Array) -> float | None:
+    return None if values is None else float(np.abs(values / reference - 1.0).max())
+
+
+class Solved(NamedTuple):
+    """A solve in a process of its own.
+
+    Attributes
+    ----------
+    seconds
+        Time that it took, or after which it was stopped or failed.
+    megabytes
+        By which it raised the resident memory at its peak (Linux); not a number where it failed.
+    values
+        The eigenvalues; None of a solve that did not end.
+    """
+
+    seconds: float
+    megabytes: float
+    values: Array | None
+
+
+def solved_alone(shell: tuple[int, str], count: int, way: str, most_seconds: float) -> Solved:
+    """Solve once in a process of its own, which is stopped after ``most_seconds``."""
     program = (
+        "import json, time\n"
         "from studies.benchmarks import modes as bench\n"
         f"bench.solvers(bench.large_shell(400, {shell[1]!r}), {count})[{way!r}]()\n"
         f"solve = bench.solvers(bench.large_shell(*{shell}), {count})[{way!r}]\n"
         "open('/proc/self/clear_refs', 'w').write('5')\n"
-        "before = bench.resident('VmRSS')\n"
-        "solve()\n"
-        "print(bench.resident('VmHWM') - before)\n"
+        "before, start = bench.resident('VmRSS'), time.perf_counter()\n"
+        "print(before, flush=True)\n"
+        "values = solve()\n"
+        "print(json.dumps([time.perf_counter() - start, bench.resident('VmHWM'), list(values)]))\n"
     )
-    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    return float(answer.stdout.split()[-1])
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        before, start = float(process.stdout.readline()), time.perf_counter()
+        try:
+            answer, _ = process.communicate(timeout=most_seconds)
+        except subprocess.TimeoutExpired:
+            peak = resident("VmHWM", process.pid)
+            process.kill()
+            return Solved(most_seconds, peak - before, None)
+    if process.returncode:  # out of memory
+        return Solved(time.perf_counter() - start, np.nan, None)
+    seconds, peak, values = json.loads(answer)
+    return Solved(seconds, peak - before, np.array(values))
 
 
-def resident(field: str) -> float:
-    """A field of this process's memory status [megabytes]."""
-    with open("/proc/self/status", encoding="ascii") as file:
+def resident(field: str, process: int | str = "self") -> float:
+    """A field of the memory status of this process, or of one by its number [megabytes]."""
+    with open(f"/proc/{process}/status", encoding="ascii") as file:
         line = next(line for line in file if line.startswith(field))
     return int(line.split()[1]) / 1024.0

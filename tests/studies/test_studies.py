@@ -10,7 +10,7 @@ from modalshell.files.atomic_io import write_atomically
 from modalshell.files.provenance import repository_module, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import contact, hybrid, run
+from studies.benchmarks import contact, hybrid, modes, run
 from studies.reproduce import chosen_studies, studies
 
 
@@ -198,3 +198,16 @@ def test_frames_of_the_hybrid_are_timed_beside_those_of_its_coarse_shell():
         times = [row[kind] for kind in ("without [ms]", "with [ms]", "coarse [ms]", "training [s]") if kind in row]
         assert len(times) >= 3
         assert min(times) > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is read from Linux")
+def test_modes_that_take_too_long_are_stopped_and_count_as_lower_bounds(monkeypatch):
+    monkeypatch.setattr(modes, "ENERGIES", ("hinges",))
+    rows = modes.benchmark((400,), repeats=1)
+    assert all(row["ended"] for row in rows)
+    assert max(row["difference"] for row in rows) < 1e-8
+    stopped = modes.solved_alone((400, "hinges"), 4, modes.PLAIN, most_seconds=0.0)
+    assert np.isfinite(stopped.megabytes)
+    monkeypatch.setattr(modes, "solved_alone", lambda *_: stopped._replace(megabytes=1.0))
+    assert not any(row["ended"] or row["difference"] is not None for row in modes.benchmark((400,), repeats=1))
