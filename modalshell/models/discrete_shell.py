@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import ModalShellError
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
+from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full import FullModel
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.modes import lowest_modes
 from modalshell.modes.rigid import left_free
+from modalshell.shell.strain_range import strained_beyond
+from modalshell.supports.constraints import Constraint
 
 _MODES = 8
 """Modes of the model whose answer begins statics with contacts."""
@@ -32,7 +36,7 @@ class DiscreteShell(FullModel):
     few modes with contacts at some vertices spread over the shell; and where this fails too, or would raise the
     potential or pass a collider, the shell goes downhill from rest: in a thick fluid, and where that fails by steps
     that lower the potential. ``iterations`` are Newton's of DS: from RSW's answer on where the minimum is found from
-    it, else all.
+    it, else all. ``message`` says where strains are beyond those that a material's law is meant for.
 
     Parameters
     ----------
@@ -69,6 +73,15 @@ class DiscreteShell(FullModel):
             step_tolerance=self.step_tolerance,
             backend=self.factoriser.backend,
         )
+
+    def beyond_range(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
+        """What is said of an answer with large membrane strains."""
+        return strained_beyond(self.shell, answer.positions)
+
+    def account(self, state: MotionState) -> str:
+        """What is said of a motion that ends with large membrane strains."""
+        said = strained_beyond(self.shell, self.positions(state))
+        return f"at its end {said}" if said else ""
 
     def _near_contacts(self, loading: Loading, contacts: Sequence[Any]) -> Array | None:
         """Positions (n, 3) [m] of RSW with contacts at some vertices; None where RSW has no answer."""
