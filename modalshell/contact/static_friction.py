@@ -41,6 +41,8 @@ _HELD = 3e-7
 """Share of Coulomb's limit by which a vertex that sticks may exceed it: the accuracy of the forces."""
 _FAR = 1e3
 """Move, as a share of the shell's size, that only a shell makes which nothing holds."""
+_FALLS, _TOUCH = 200, 0.1 * EXACT_GAP
+"""Steps of a fall at most, each as long as the least gap, and the gap, as a share of the shell's size, that ends it."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations, loose = begun(touching, start), 0, bool(left_free(problem.shell))
+    reached, iterations, loose = begun(touching, _fallen(problem, touching, start)), 0, bool(left_free(problem.shell))
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
         step = FrictionStep(loaded, touching, reached.rest.point)
@@ -114,6 +116,23 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
             return reached._replace(rest=rest, message=message)
         reached = found
     return reached._replace(rest=replace(reached.rest, iterations=iterations))
+
+
+def _fallen(problem: Potential, touching: Touching, start: Array) -> Array:
+    """Where a free shell at ``start`` (n, 3) [m] comes to touch as it moves along its load; else the start."""
+    load, shell = problem.force(start).sum(axis=0), problem.shell
+    strength, fall = float(np.linalg.norm(load)), 0.0
+    if shell.unknowns.count < start.size or shell.mesh.components.any() or strength == 0.0:
+        return start
+    for _ in range(_FALLS):
+        x = start + (fall / strength) * load
+        gap = float(touching.distances(x).min(initial=np.inf))
+        if gap <= _TOUCH * touching.size:
+            return x
+        fall += gap  # no surface is nearer
+        if fall > _FAR * touching.size:
+            break
+    return start
 
 
 def arrived(touching: Touching, before: Rubbed, found: Rubbed) -> bool:

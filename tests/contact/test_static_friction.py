@@ -52,6 +52,23 @@ def test_a_block_sticks_up_to_coulombs_angle_and_slides_beyond_it(loose, coeffic
             assert "it slides" in state.message
 
 
+@pytest.mark.parametrize("beyond", [-0.1, 0.1])
+@pytest.mark.parametrize("gap", [2e-6, 0.05])
+def test_a_free_sheet_above_a_slope_comes_down_on_it_before_it_is_held_or_slides(loose, beyond, gap):
+    """Nothing bears it without friction: it took a thousand iterations, and what slides was "not found"."""
+    angle = np.arctan(MU) + beyond
+    gravity = WEIGHT * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    table = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -gap), friction=MU)]
+    state = ms.DiscreteShell(loose).equilibrium(gravity=gravity, contacts=table)
+    assert state.iterations < 50
+    if beyond < 0.0:
+        assert state.converged
+        np.testing.assert_allclose(state.positions, loose.mesh.vertices + gap / gravity[2] * -gravity, atol=1e-9)
+    else:
+        assert state.outcome is Outcome.NO_EQUILIBRIUM
+        assert "it slides" in state.message
+
+
 def test_the_end_of_a_pulled_strip_moves_as_in_closed_form_and_half_of_it_stays(loose, pulled):
     table, force, state, ends = pulled
     weight = WEIGHT * loose.mass.sum() / LENGTH
