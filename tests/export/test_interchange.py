@@ -141,10 +141,11 @@ def test_usd_with_y_up_is_read_back_as_it_was(run, tmp_path, capsys):
 
     ms.save_trajectory(run, tmp_path / "run.npz")
     with pytest.raises(SystemExit) as ended:
-        main(["export", str(tmp_path / "run.npz"), "--to", "usd", "--up", "y"])
+        main(["export", str(tmp_path / "run.npz"), "--to", "usd", "--up", "y", "--out", str(tmp_path / "run.usda")])
     assert ended.value.code == 0, capsys.readouterr().err
-    assert UsdGeom.GetStageUpAxis(usd.Stage.Open(str(tmp_path / "run.usdc"))) == "Y"
-    mesh = ms.load_mesh(tmp_path / "run.usdc")
+    assert (tmp_path / "run.usda").read_text().startswith("#usda 1.0")
+    assert UsdGeom.GetStageUpAxis(usd.Stage.Open(str(tmp_path / "run.usda"))) == "Y"
+    mesh = ms.load_mesh(tmp_path / "run.usda")
     np.testing.assert_allclose(mesh.vertices, run.positions[0], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, run.faces)
     with pytest.raises(SystemExit) as ended:
@@ -230,6 +231,7 @@ def test_export_writes_what_is_asked(run, tmp_path, capsys):
         (["run.clip", "--to", "alembic"], "alembic"),
         (["basis.npz", "--to", "clip"], "is a basis"),
         (["text.npz", "--to", "clip"], "cannot read a saved trajectory"),
+        (["a.toml", "--to", "clip"], "run it with 'modalshell run' first"),
     ],
 )
 def test_export_refuses_in_one_line(run, tmp_path, monkeypatch, capsys, arguments, message):
