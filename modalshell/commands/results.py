@@ -37,7 +37,7 @@ def export(
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "csv", "body"],
         Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
-    out: Annotated[Path | None, Parameter(help="File to write (.usda is USD as text); by default next to RESULT.")] = None,
+    out: Annotated[Path | None, Parameter(help="File to write; if omitted, next to RESULT. A .usda is text.")] = None,
     up: Annotated[Literal["y", "z"], Parameter(help="Axis that points up in a USD file.")] = "z",
 ) -> None:
     """Convert a saved motion or basis to a format of other programs.
