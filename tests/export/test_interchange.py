@@ -73,10 +73,20 @@ def test_a_clip_is_a_trajectory_again(run, size, tmp_path):
     assert loaded.outcome.succeeded
 
 
-def test_a_clip_of_no_motion_has_no_shapes(run, tmp_path):
+@pytest.mark.parametrize("share", [1e-3, 1e-4])
+def test_a_small_motion_is_kept_to_a_twentieth(run, share):
+    """Those smaller than the tolerance stood still."""
+    rest = run.rest_positions
+    small = replace(run, positions=rest + share * (run.positions - rest))
+    assert farthest(compress(small).positions(), small.positions) < 0.05 * farthest(small.positions, rest)
+
+
+def test_a_clip_and_a_page_of_no_motion(run, tmp_path):
     still = replace(run, positions=np.repeat(run.rest_positions[None], len(run.times), axis=0))
     loaded = ms.load_clip(ms.save_trajectory(still, tmp_path / "run.clip"))
     assert farthest(loaded.positions, still.positions) < 1e-7
+    call("export", tmp_path / "run.clip", "--to", "page")
+    assert "Recorded motion" in (tmp_path / "run.html").read_text()
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-7, np.nan, 1.0])
