@@ -292,6 +292,27 @@ def test_a_killed_export_leaves_the_file_as_it_was(run, tmp_path, suffix):
     assert [path for path in tmp_path.iterdir() if not path.name.startswith(".")] == [target]
 
 
+@pytest.mark.parametrize("suffix", [".usdc", ".usda", ".vtkhdf"])
+def test_an_export_without_room_says_so_and_leaves_no_file(run, tmp_path, suffix):
+    """USD's own error left it, and HDF5 said nothing of a file without its frames."""
+    needed = {".vtkhdf": "vtkmodules"}.get(suffix, "pxr")
+    pytest.importorskip(needed, reason=f"{needed} is not installed (pip install 'modalshell[interchange,vtk]')")
+    resource = pytest.importorskip("resource", reason="this system has no limits of files")
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            os.close(2)  # HDF5 prints pages
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+            ms.save_trajectory(run, tmp_path / f"run{suffix}")
+        except ms.FileFormatError:
+            status = 0
+        finally:
+            os._exit(status)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert list(tmp_path.iterdir()) == []
+
+
 BLENDER = """
 import importlib.util, os, sys
 import bpy
