@@ -25,8 +25,8 @@ from modalshell.page.shell_page import about
 from modalshell.render.bodies import seen_contacts
 from modalshell.run.report_numbers import checked_run
 
-_SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
-_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "csv": ".csv", "body": ".npz"}
+_SUFFIXES = {"usd": (".usdc", ".usda"), "gltf": (".glb",), "page": (".html", ".htm"), "body": (".npz",)}
+"""Of formats whose files do not end in their names; the first one if none is asked for."""
 _SHOWN = (".html", ".htm", ".png", ".mp4", ".md", ".csv", ".json")
 
 
@@ -37,7 +37,7 @@ def export(
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "csv", "body"],
         Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
-    out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
+    out: Annotated[Path | None, Parameter(help="File to write; if omitted, next to RESULT. A .usda is text.")] = None,
     up: Annotated[Literal["y", "z"], Parameter(help="Axis that points up in a USD file.")] = "z",
 ) -> None:
     """Convert a saved motion or basis to a format of other programs.
@@ -47,8 +47,11 @@ def export(
     if up != "z" and to != "usd":
         raise ms.OptionError(f"--up goes with --to usd; {to} files have their own axis")
     result = result_of(result)
-    target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
-    checked_target("--out", target, (_SUFFIXES[to],), result)
+    if result.suffix == ".toml":
+        raise ms.OptionError(f"{result} is a scene, whose results are exported: run it with 'modalshell run' first")
+    suffixes = _SUFFIXES.get(to, (f".{to}",))
+    target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(suffixes[0]))
+    checked_target("--out", target, suffixes, result)
     rest = target.with_name(f"{target.stem}_rest.obj")
     if to in ("pc2", "mdd"):
         refuse_foreign(rest)

@@ -149,8 +149,9 @@ def _measured_text(measured: Tradeoff) -> list[str]:
     shares = ", ".join(f"{path.factors[k]:g}" for k in path.known)
     text = [
         f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
-        f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
-        "counted work, the same on every machine, ranks the rungs; their median time is compared with the frame rate."
+        f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.units.seconds * case.dt:.3g} ms in "
+        "motion: their counted work, the same on every machine, ranks the rungs; their median time is compared with "
+        "the frame rate."
     ]
     text += [case.notes] if case.notes else []
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:

@@ -13,6 +13,7 @@ from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
@@ -54,6 +55,8 @@ class Case:
     live : sequence of Load
         Those loads of ``load``, which holds them as they are at rest, that follow the shell, without their change in
         time.
+    units : UnitSystem
+        Of its numbers, which texts name.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Case:
     note: str = ""
     integrator: str | None = None
     live: Sequence[Load] = ()
+    units: UnitSystem = SI
 
     def __post_init__(self) -> None:
         if loose := rigid_motions(self.shell).shape[1]:
@@ -130,12 +134,13 @@ def scene_case(scene: ShellScene) -> Case:
         scene.name,
         shell,
         load,
-        motion.dt if motion else _FRAME,
+        motion.dt if motion else _FRAME / scene.unit_system.seconds,
         build_damping(motion) if motion else Damping(),
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
         rule,
         _live_loads(scene, shell),
+        scene.unit_system,
     )
 
 

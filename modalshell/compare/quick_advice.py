@@ -163,7 +163,8 @@ def _bars(candidate: Candidate, case: Case, factory: Any, factors: Sequence[floa
             if not bar.valid:
                 break
     except ModalShellError as fault:
-        bars.append(ErrorBar(np.inf, -np.inf, 0.0, False, case.shell.rest_positions, watch(), str(fault)))
+        why = case.units.restated(str(fault))
+        bars.append(ErrorBar(np.inf, -np.inf, 0.0, False, case.shell.rest_positions, watch(), why))
     return BarRow(candidate, bars, watch())
 
 

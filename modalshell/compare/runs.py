@@ -198,7 +198,7 @@ def measure_row(
         turns,
         [answer.status for answer in answers],
         frequency,
-        motion.with_message(message),
+        motion.with_message(case.units.restated(message)),
         missed,
         answers[-1].positions,
         None if outside is None else measure.displacement_error(answers[-1].positions, outside, shell),

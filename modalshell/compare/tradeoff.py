@@ -222,7 +222,8 @@ def tradeoff(
     if (by_bars := checked_kind("quick", quick, bool)) and asked:
         raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
     warm_up(by_bars)
-    measured = _measured(case, modes, factors, outside, on_step, by_bars)
+    with case.units.said():
+        measured = _measured(case, modes, factors, outside, on_step, by_bars)
     if not asked:
         return measured
     path = measured.path
@@ -253,7 +254,7 @@ def _measured(
     if quick:
         exact = [one for one in chosen if one.spec.on_modes][-1]  # the last on modes, the dearest and most exact
         path, note = path_by_bars(exact.build(factory)[0], case.load, factors, advance)
-        case = replace(case, note=" ".join(filter(None, (note, case.note))))
+        case = replace(case, note=" ".join(filter(None, (case.units.restated(note), case.note))))
     else:
         path = follow_loads(case.shell, case.load, factors, advance)
     if not path.known:
@@ -270,7 +271,7 @@ def _measured(
         try:
             rows.append(measure_row(candidate, case, factory, path, tip, outside))
         except ModalShellError as error:
-            left_out[candidate.label] = str(error)
+            left_out[candidate.label] = case.units.restated(str(error))
         advance()
     rows.sort(key=lambda row: row.cost)  # stable: of equals the simpler one, first on the ladder
     # Where every bar holds no branch ends, and none crosses: the margin is that of the stiffness.

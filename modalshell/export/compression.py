@@ -18,6 +18,10 @@ from modalshell.motion import Trajectory
 
 TOLERANCE = 2e-4
 """Largest error of a vertex in a frame, as a share of the shell's size, unless another is asked for."""
+_OF_SMALL = 0.05
+"""Largest error as a share of how far a vertex moves, of motions for which that is less than the tolerance."""
+_FLOOR = 1e-7
+"""Share of the shell's size that single precision keeps of positions."""
 _LEVELS = 32767
 """Largest of the 16-bit whole numbers that the shapes are rounded to."""
 
@@ -60,6 +64,8 @@ class CompressedMotion(ReadOnlyArrays):
 def compress(run: Trajectory, tolerance: float = TOLERANCE) -> CompressedMotion:
     """The fewest shapes that keep every vertex of every frame within ``tolerance`` times the shell's size.
 
+    Of small motions they keep a vertex within a twentieth of the largest displacement.
+
     The shapes are the leading left singular vectors of the displacements [sirovich1987, method of snapshots], rounded
     to 16 bits. OptionError if the trajectory has no faces, or the tolerance is below what 16 bits keep.
     """
@@ -69,14 +75,18 @@ def compress(run: Trajectory, tolerance: float = TOLERANCE) -> CompressedMotion:
     rest = run.rest_positions.astype(np.float32)
     frames = (run.positions - rest.astype(float)).reshape(len(run.times), -1)
     size = float(np.linalg.norm(np.ptp(run.rest_positions, axis=0)))
+    moved = max(float(np.linalg.norm(frame - run.rest_positions, axis=1).max()) for frame in run.positions)
+    allowed = max(min(tolerance * size, _OF_SMALL * moved), _FLOOR * size)
     values, vectors = scipy.linalg.eigh(frames @ frames.T)
     order = np.argsort(values)[::-1]
     order = order[values[order] > 1e-14 * max(values.max(), 1e-300)]
     count, shapes, scales, amplitudes = 0, *_rounded(frames, vectors[:, order[:0]])
     error = _error(frames, shapes, scales, amplitudes)
-    while error > tolerance * size:
+    while error > allowed:
         if count >= len(order):
-            raise OptionError(f"16 bits keep {error / size:.1e} of the size (tolerance {tolerance:.1e}): allow more")
+            raise OptionError(
+                f"16 bits keep {error / size:.1e} of the size (tolerance {allowed / size:.1e}): allow more"
+            )
         count = min(max(count + 1, count + count // 8), len(order))
         shapes, scales, amplitudes = _rounded(frames, vectors[:, order[:count]])
         error = _error(frames, shapes, scales, amplitudes)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Array, Progress
 from modalshell.export.near_origin import centred
 from modalshell.files.atomic_io import replacing
 from modalshell.motion import Trajectory
@@ -33,36 +33,44 @@ def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: 
     up : {"y", "z"}
         Axis of the file that points up; positions of the run, whose z is up, are turned to it.
     """
+    from pxr import Tf
+
+    with replacing(path) as temporary:
+        try:
+            _write_stage(*centred(run), temporary, on_frame, up)
+        except Tf.ErrorException as error:
+            raise OSError("USD could not write it: is there room in its folder?") from error
+    return path
+
+
+def _write_stage(run: Trajectory, centre: Array, file: Path, on_frame: Progress | None, up: str) -> None:
+    """Write the stage of a run that lies about the origin, moved by ``centre`` (3,) [m]."""
     from pxr import Gf, Usd, UsdGeom, Vt
 
-    run, centre = centred(run)
     times = run.units.seconds * run.times
     order, signs = ([0, 2, 1], [1.0, 1.0, -1.0]) if up == "y" else ([0, 1, 2], [1.0, 1.0, 1.0])
-    with replacing(path) as temporary:
-        stage = Usd.Stage.CreateNew(str(temporary))
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y if up == "y" else UsdGeom.Tokens.z)
-        UsdGeom.SetStageMetersPerUnit(stage, run.units.metres)
-        stage.SetTimeCodesPerSecond(RATE)
-        stage.SetFramesPerSecond(RATE)
-        stage.SetStartTimeCode(float(times[0]) * RATE)
-        stage.SetEndTimeCode(float(times[-1]) * RATE)
-        shell = UsdGeom.Mesh.Define(stage, "/Shell")
-        stage.SetDefaultPrim(shell.GetPrim())
-        if centre.any():
-            shell.AddTranslateOp().Set(Gf.Vec3d(*map(float, centre[order] * signs)))
-        shell.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        shell.CreateDoubleSidedAttr(True)
-        shell.CreateFaceVertexCountsAttr(Vt.IntArray(len(run.faces), 3))
-        shell.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(run.faces.astype(np.int32).ravel()))
-        points, extent = shell.CreatePointsAttr(), shell.CreateExtentAttr()
-        for index, time in enumerate(times):
-            frame = np.ascontiguousarray(run.positions[index][:, order] * signs, dtype=np.float32)
-            code = float(time) * RATE
-            points.Set(Vt.Vec3fArray.FromNumpy(frame), code)
-            corners = [Gf.Vec3f(*map(float, corner)) for corner in (frame.min(axis=0), frame.max(axis=0))]
-            extent.Set(Vt.Vec3fArray(corners), code)
-            if on_frame is not None:
-                on_frame(index + 1, len(run.times))
-        stage.GetRootLayer().Save()
-        del stage
-    return path
+    stage = Usd.Stage.CreateNew(str(file))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y if up == "y" else UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, run.units.metres)
+    stage.SetTimeCodesPerSecond(RATE)
+    stage.SetFramesPerSecond(RATE)
+    stage.SetStartTimeCode(float(times[0]) * RATE)
+    stage.SetEndTimeCode(float(times[-1]) * RATE)
+    shell = UsdGeom.Mesh.Define(stage, "/Shell")
+    stage.SetDefaultPrim(shell.GetPrim())
+    if centre.any():
+        shell.AddTranslateOp().Set(Gf.Vec3d(*map(float, centre[order] * signs)))
+    shell.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    shell.CreateDoubleSidedAttr(True)
+    shell.CreateFaceVertexCountsAttr(Vt.IntArray(len(run.faces), 3))
+    shell.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(run.faces.astype(np.int32).ravel()))
+    points, extent = shell.CreatePointsAttr(), shell.CreateExtentAttr()
+    for index, time in enumerate(times):
+        frame = np.ascontiguousarray(run.positions[index][:, order] * signs, dtype=np.float32)
+        code = float(time) * RATE
+        points.Set(Vt.Vec3fArray.FromNumpy(frame), code)
+        corners = [Gf.Vec3f(*map(float, corner)) for corner in (frame.min(axis=0), frame.max(axis=0))]
+        extent.Set(Vt.Vec3fArray(corners), code)
+        if on_frame is not None:
+            on_frame(index + 1, len(run.times))
+    stage.GetRootLayer().Save()

@@ -19,6 +19,8 @@ from modalshell.motion import Trajectory
 
 _CHUNK = 25_000
 """Points or triangles of a chunk at most, as VTK has them."""
+_ROOM = 65536
+"""Bytes that must be free once a file is closed."""
 
 
 def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
@@ -69,6 +71,11 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
         if not writer.Write() or not temporary.exists():
             raise FileFormatError(f"VTK could not write {path}: is there room in its folder?")
         del writer  # closes the file
+        with open(temporary, "r+b") as file:  # HDF5 is silent where a disk is full at its close: nothing more fits then
+            size = file.seek(0, os.SEEK_END)
+            file.write(bytes(_ROOM))
+            os.fsync(file.fileno())
+            file.truncate(size)
         if stops:
             raise stops[0]
     return path

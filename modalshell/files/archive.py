@@ -44,7 +44,7 @@ def readable(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     except zipfile.BadZipFile as error:
-        what = "it is cut off, or no such file" if "not a zip" in str(error) else str(error)
+        what = f"it is cut off, or not {kind}" if "not a zip" in str(error) else str(error)
         raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {what}") from error
     except Exception as error:  # zip, zlib, OS, JSON, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {shortened(str(error))}") from error

@@ -102,12 +102,17 @@ def entries() -> list[tuple[str, tuple[Any, ...]]]:
 
 
 def begin_with_command(folder: Path | None) -> None:
-    """Start a second process under the command that needs all kernels, where none is in the cache ``folder`` yet."""
+    """Start a second process under the command that needs all kernels, where none is in the cache ``folder`` yet.
+
+    Not where no argument is a file: the command is about to refuse.
+    """
     given = sys.orig_argv
     needed = is_command(given) and _COMMAND in given and not {"--help", "-h"}.intersection(given)
     if not needed or folder is None:
         return
-    with suppress(OSError):  # a folder that is not to be listed
+    with suppress(OSError, ValueError):  # a folder that is not to be listed, an argument that is no path
+        if not any(map(os.path.isfile, given[given.index(_COMMAND) :])):
+            return
         if not any(folder.iterdir()):
             _start(folder)
 

@@ -67,6 +67,8 @@ def recorded(
     """
     if len(shapes) > MOST_SHAPES:
         raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {len(shapes)}): store fewer frames")
+    if len(shapes) == 0:  # nothing moves
+        shapes, amplitudes = np.zeros((1, *shapes.shape[1:])), np.zeros((len(times), 1))
     record: dict[str, Any] = {
         "times": np.asarray(times, dtype=float).tolist(),
         "label": label,

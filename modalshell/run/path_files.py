@@ -88,6 +88,7 @@ def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) ->
             built.model,
             gravity=built.gravity,
             force=built.force,
+            loads=built.loads,
             watch=watch,  # type: ignore[arg-type]
             contacts=built.contacts,
             on_step=on_step,

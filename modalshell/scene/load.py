@@ -64,6 +64,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     load_plugins()
     raw = with_index_files(file, raw)
     single = single_tables()
+    if "axes" in raw:
+        raise SceneError(f"{file}: axes: a sweep is not a scene: `modalshell sweep` and `report` take sweeps")
     refuse_unknown_keys(file, "", raw, ("name", "bar", *_REQUIRED, *_LISTS, *single))
     for name in _REQUIRED:
         if name not in raw:

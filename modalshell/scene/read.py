@@ -49,20 +49,25 @@ def read_toml(file: Path) -> dict[str, Any]:
     except OSError as error:
         raise SceneError(f"{file}: cannot be read ({error.strerror}); give a readable scene file") from error
     except UnicodeDecodeError as error:
-        raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start}){_of_a_mesh(file)}") from error
+        raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start}){_instead(file)}") from error
     except SceneError:
         raise
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise SceneError(f"{file}: not TOML: {error}{_of_a_mesh(file)}") from error
+        raise SceneError(f"{file}: not TOML: {error}{_instead(file)}") from error
     for path, value in _numbers(file, document):
         if not (isinstance(value, int) or math.isfinite(value)) or abs(value) > 1e300:
             raise SceneError(f"{file}: {path}: must be a finite number below 1e300 (got {value!r:.40})")
     return document
 
 
-def _of_a_mesh(file: Path) -> str:
-    """What to do with a mesh file that was given for a scene."""
-    return "; a mesh is not a scene: `modalshell simulate` takes meshes" if file.suffix.lower() in READABLE else ""
+def _instead(file: Path) -> str:
+    """What to do with a file of another kind that was given for a scene."""
+    suffix = file.suffix.lower()
+    if suffix in READABLE:
+        return "; a mesh is not a scene: `modalshell simulate` takes meshes"
+    if suffix in (".npz", ".clip"):
+        return "; a result is not a scene: `modalshell open`, `export` and `report` take results"
+    return "" if suffix == ".toml" else f"; scenes and sweeps are .toml files (got {file.name})"
 
 
 def _too_deep(file: Path, path: str) -> SceneError:

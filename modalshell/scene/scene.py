@@ -274,10 +274,11 @@ class ShellScene(Scene):
         if path is None:
             return load, note
         still = np.zeros_like(load)
-        times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
+        lasts, unit = path.times[-1] - path.times[0], self.unit_system
+        times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil(lasts * unit.seconds * 120.0)))
         effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
-        moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} s."
+        moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} {unit.time}."
         return effective[worst], " ".join(filter(None, (moved, note)))
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:

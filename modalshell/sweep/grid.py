@@ -158,6 +158,8 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     """
     file = Path(path)
     raw = read_toml(file)
+    if "mesh" in raw and "scene" not in raw:
+        raise SceneError(f"{file}: mesh: a scene is not a sweep: `modalshell run` takes scenes, and a sweep names one")
     refuse_unknown_keys(file, "", raw, _KEYS)
     for key in ("scene", "axes"):
         if key not in raw:

@@ -11,6 +11,7 @@ from modalshell.commands.cli import main
 from modalshell.compare.advise import choose
 from modalshell.compare.bar_reference import path_by_bars
 from modalshell.compare.candidates import Candidate
+from modalshell.compare.case import make_case
 from modalshell.models.registry import models
 
 SCENE = (
@@ -46,6 +47,66 @@ def test_the_rung_it_names_meets_the_error_and_those_before_it_do_not(shell, mon
     assert min(errors[:-1], default=1.0) > 0.01
     assert advice.explanation.startswith(f"Take {advice.chosen.label}: at rest it is within ")
     assert advice.snap is None or advice.snap > 1.5
+
+
+MOVED = """
+[mesh]
+shape = "sheet"
+length = {mm:g}
+width = {row:g}
+cells = [10, 2]
+[material]
+stretch = 1.0
+shear = 1.0
+flexure = 1.0
+density = 1.0
+[[supports]]
+kind = "clamp"
+sel = "x < {row:g}"
+[model]
+name = "lma"
+"""
+STIFFNESSES = "stretch = 1.0\nshear = 1.0\nflexure = 1.0\ndensity = 1.0\n"
+SHEET = "young = 1.0\npoisson = 0.3\nthickness = 1.0\ndensity = 1e-9\n"
+PATH = """[[supports]]
+kind = "path"
+times = [0.0, {a}, {b}]
+translations = [[0, 0, 0], [0, 0, {mm:g}], [0, 0, 0]]
+[loads]
+gravity = [0, 0, {g}]
+"""
+
+
+def test_cases_of_a_scene_in_other_units_are_the_same(tmp_path):
+    """Frames of a scene in minutes were 60 times as long, and a path of seconds was looked at at its ends alone."""
+    file, cases = tmp_path / "scene.toml", []
+    for length, time, metres, seconds in (("m", "s", 1.0, 1.0), ("mm", "min", 1e-3, 60.0)):
+        units = f'[units]\nlength = "{length}"\ntime = "{time}"\n'
+        numbers = {
+            "mm": 1.0 / metres,
+            "row": 0.2 / metres,
+            "a": 0.1 / seconds,
+            "b": 0.2 / seconds,
+            "g": seconds**2 / metres,
+        }
+        file.write_text(units + MOVED.format(**numbers) + "[loads]\ngravity = [0, 0, -1]\n")
+        assert make_case(file, None, None, ()).dt == pytest.approx(1 / 60 / seconds)
+        file.write_text(units + (MOVED + PATH).format(**numbers))
+        cases.append(make_case(file, None, None, ()))
+    si, other = cases
+    fastest, other_fastest = (case.load[:, 2] / case.shell.mass for case in cases)
+    np.testing.assert_allclose(fastest, fastest[0], rtol=1e-12)
+    np.testing.assert_allclose(other_fastest * 1e-3 / 60.0**2, fastest, rtol=1e-6)
+    assert fastest[0] == pytest.approx(600.0, rel=0.01)  # 6 d / T^2 half-way, where gravity adds to it
+    assert si.note.endswith("at 0.1 s.")
+    assert other.note.endswith("at 0.00167 min.")
+
+
+def test_what_it_says_of_refused_rungs_is_in_the_units_of_the_scene(tmp_path):
+    file = tmp_path / "scene.toml"
+    more = "[rest]\nrest_curvature = 0.001\n[loads]\ngravity = [0, 0, -1]\n"
+    file.write_text('[units]\nlength = "mm"\n' + MOVED.format(mm=1e3, row=200.0).replace(STIFFNESSES, SHEET) + more)
+    assert " mm): take DS or" in ms.quick_advice(file, modes=(2,)).explanation
 
 
 def test_before_a_snap_it_names_ds(shell):

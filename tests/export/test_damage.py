@@ -111,7 +111,7 @@ def test_a_clip_without_its_units_is_refused(run, tmp_path):
     [
         ("basis", "it is a basis that modalshell saved, not a saved trajectory"),
         ("birds", "it is not a saved trajectory but other arrays, for numpy.load to read: directions, levels$"),
-        ("cut", "it is cut off, or no such file"),
+        ("cut", "it is cut off, or not a saved trajectory"),
         ("turned", "times must increase"),
     ],
 )

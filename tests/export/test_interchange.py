@@ -73,10 +73,20 @@ def test_a_clip_is_a_trajectory_again(run, size, tmp_path):
     assert loaded.outcome.succeeded
 
 
-def test_a_clip_of_no_motion_has_no_shapes(run, tmp_path):
+@pytest.mark.parametrize("share", [1e-3, 1e-4])
+def test_a_small_motion_is_kept_to_a_twentieth(run, share):
+    """Those smaller than the tolerance stood still."""
+    rest = run.rest_positions
+    small = replace(run, positions=rest + share * (run.positions - rest))
+    assert farthest(compress(small).positions(), small.positions) < 0.05 * farthest(small.positions, rest)
+
+
+def test_a_clip_and_a_page_of_no_motion(run, tmp_path):
     still = replace(run, positions=np.repeat(run.rest_positions[None], len(run.times), axis=0))
     loaded = ms.load_clip(ms.save_trajectory(still, tmp_path / "run.clip"))
     assert farthest(loaded.positions, still.positions) < 1e-7
+    call("export", tmp_path / "run.clip", "--to", "page")
+    assert "Recorded motion" in (tmp_path / "run.html").read_text()
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-7, np.nan, 1.0])
@@ -141,10 +151,11 @@ def test_usd_with_y_up_is_read_back_as_it_was(run, tmp_path, capsys):
 
     ms.save_trajectory(run, tmp_path / "run.npz")
     with pytest.raises(SystemExit) as ended:
-        main(["export", str(tmp_path / "run.npz"), "--to", "usd", "--up", "y"])
+        main(["export", str(tmp_path / "run.npz"), "--to", "usd", "--up", "y", "--out", str(tmp_path / "run.usda")])
     assert ended.value.code == 0, capsys.readouterr().err
-    assert UsdGeom.GetStageUpAxis(usd.Stage.Open(str(tmp_path / "run.usdc"))) == "Y"
-    mesh = ms.load_mesh(tmp_path / "run.usdc")
+    assert (tmp_path / "run.usda").read_text().startswith("#usda 1.0")
+    assert UsdGeom.GetStageUpAxis(usd.Stage.Open(str(tmp_path / "run.usda"))) == "Y"
+    mesh = ms.load_mesh(tmp_path / "run.usda")
     np.testing.assert_allclose(mesh.vertices, run.positions[0], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, run.faces)
     with pytest.raises(SystemExit) as ended:
@@ -230,6 +241,7 @@ def test_export_writes_what_is_asked(run, tmp_path, capsys):
         (["run.clip", "--to", "alembic"], "alembic"),
         (["basis.npz", "--to", "clip"], "is a basis"),
         (["text.npz", "--to", "clip"], "cannot read a saved trajectory"),
+        (["a.toml", "--to", "clip"], "run it with 'modalshell run' first"),
     ],
 )
 def test_export_refuses_in_one_line(run, tmp_path, monkeypatch, capsys, arguments, message):
@@ -278,6 +290,27 @@ def test_a_killed_export_leaves_the_file_as_it_was(run, tmp_path, suffix):
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     assert target.read_text() == "of before"
     assert [path for path in tmp_path.iterdir() if not path.name.startswith(".")] == [target]
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".usda", ".vtkhdf"])
+def test_an_export_without_room_says_so_and_leaves_no_file(run, tmp_path, suffix):
+    """USD's own error left it, and HDF5 said nothing of a file without its frames."""
+    needed = {".vtkhdf": "vtkmodules"}.get(suffix, "pxr")
+    pytest.importorskip(needed, reason=f"{needed} is not installed (pip install 'modalshell[interchange,vtk]')")
+    resource = pytest.importorskip("resource", reason="this system has no limits of files")
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            os.close(2)  # HDF5 prints pages
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+            ms.save_trajectory(run, tmp_path / f"run{suffix}")
+        except ms.FileFormatError:
+            status = 0
+        finally:
+            os._exit(status)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert list(tmp_path.iterdir()) == []
 
 
 BLENDER = """

@@ -68,10 +68,14 @@ def test_it_begins_once_with_a_kernel_of_the_list(started, tmp_path):
 
 def test_a_command_begins_it_before_a_kernel_is_asked_for_on_an_empty_cache(started, tmp_path, monkeypatch):
     command = ["python", "-m", "modalshell"]
-    for given in ([*command, "keys"], ["python", "x.py", "simulate"], [*command, "simulate", "--help"]):
+    monkeypatch.chdir(tmp_path.parent)
+    mesh = tmp_path.with_name(f"{tmp_path.name}.obj")
+    mesh.touch()
+    refused = [[*command, "keys"], ["python", "x.py", "simulate", mesh.name], [*command, "simulate", mesh.name, "-h"]]
+    for given in (*refused, [*command, "simulate", "not_there.obj"]):
         monkeypatch.setattr(sys, "orig_argv", given)
         ahead.begin_with_command(tmp_path)
-    monkeypatch.setattr(sys, "orig_argv", [*command, "simulate", "leaf.obj"])
+    monkeypatch.setattr(sys, "orig_argv", [*command, "simulate", mesh.name, "--static"])
     (tmp_path / "kernels").mkdir()
     ahead.begin_with_command(tmp_path)
     ahead.begin_with_command(None)

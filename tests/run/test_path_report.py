@@ -89,6 +89,13 @@ def test_a_path_without_events_says_so_and_one_that_ends_early_why(reported):
     assert short["message"]
 
 
+def test_a_path_of_a_scene_refuses_loads_that_follow_the_shell(tmp_path):
+    """They were left out in silence beside others."""
+    (tmp_path / "a.toml").write_text(SNAPPING.replace("[model]", "[[loads.pressure]]\np = 1.0\n[model]"))
+    with pytest.raises(ms.SceneError, match="path: a path is followed under dead loads"):
+        scene_path(ms.load_scene(tmp_path / "a.toml"))
+
+
 def test_path_goes_with_scenes_alone(reported, monkeypatch, capsys):
     monkeypatch.chdir(reported)
     (reported / "sweep.toml").write_text('scene = "snap.toml"\n[axes]\n"mesh.fold" = [140.0]\n')

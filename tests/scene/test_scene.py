@@ -380,8 +380,17 @@ def test_deeply_nested_tables_are_refused(tmp_path, text):
         assert len(str(caught.value)) < 400
 
 
-@pytest.mark.parametrize(("name", "content"), [("a.obj", b"v 0 0 0\n"), ("a.stl", b"\xff\xfe\x00solid")])
-def test_a_mesh_in_place_of_a_scene_is_told_where_it_belongs(tmp_path, name, content):
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.obj", b"v 0 0 0\n", "not a scene: `modalshell simulate` takes meshes"),
+        ("a.stl", b"\xff\xfe\x00solid", "not a scene: `modalshell simulate` takes meshes"),
+        ("a.npz", b"PK\x03\x04\xff", "a result is not a scene: `modalshell open`"),
+        ("a.png", b"\x89PNG", r"scenes and sweeps are \.toml files \(got a\.png\)"),
+        ("a.toml", b"scene = 'b.toml'\naxes.bar = [true]", "a sweep is not a scene: `modalshell sweep`"),
+    ],
+)
+def test_another_file_in_place_of_a_scene_is_told_where_it_belongs(tmp_path, name, content, told):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(ms.SceneError, match="not a scene: `modalshell simulate` takes meshes"):
+    with pytest.raises(ms.SceneError, match=told):
         ms.load_scene(tmp_path / name)

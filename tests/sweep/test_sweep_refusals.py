@@ -14,7 +14,7 @@ import modalshell as ms
 from modalshell.sweep import load_sweep
 
 
-def test_absurd_numbers_are_refused(tmp_path):
+def test_absurd_numbers_and_scenes_are_refused(tmp_path):
     path = tmp_path / "sweep.toml"
     forces = '[[scene.loads.forces]]\nwhere = "x > 0.9"\ntotal = [0, 0, 1]\n'
     axes = "[axes]\n" + f'"loads.forces.{"1" * 5000}.total" = [[0, 0, 1], [0, 0, 2]]\n'
@@ -22,6 +22,9 @@ def test_absurd_numbers_are_refused(tmp_path):
     with pytest.raises(ms.SceneError, match="must name an entry of a list") as caught:
         ms.run_sweep(path)
     assert len(str(caught.value)) < 1000
+    scene = Path(__file__).parents[2] / "studies" / "scenes" / "v_beam.toml"
+    with pytest.raises(ms.SceneError, match="mesh: a scene is not a sweep: `modalshell run` takes scenes"):
+        ms.run_sweep(scene)
     with pytest.raises(ms.OptionError, match=r"time_limit must be a finite number .* at most 1e\+09"):
         ms.run_sweep(load_sweep(Path(__file__).parents[1] / "fuzzing" / "sweep.toml"), time_limit=1e40)
 
