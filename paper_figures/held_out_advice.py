@@ -20,7 +20,14 @@ def draw(results: Path, folder: Path) -> Path:
     labels = ("tolerance", "of the advised model, at measured loads", "at held-out loads")
     markers = {"error": "_"}
     curves = [
-        Curve(scenes, [max(100.0 * row[key], _LEAST) for row in advised], label, color, marker=markers.get(key, "o"), joined=False)
+        Curve(
+            scenes,
+            [max(100.0 * row[key], _LEAST) for row in advised],
+            label,
+            color,
+            marker=markers.get(key, "o"),
+            joined=False,
+        )
         for (key, color), label in zip(colors.items(), labels, strict=True)
     ]
     excluded = [(scene, row) for scene, row in zip(scenes, advised, strict=True) if row.get("missed_error") is not None]
@@ -29,5 +36,7 @@ def draw(results: Path, folder: Path) -> Path:
         label = "at held-out loads that the advice excludes"
         curves.append(Curve(places, errors, label, "#c8322b", joined=False))
     title = "Is the advice right?"
-    panel = Panel(curves, title, "random scenes, by tolerance", f"largest displacement error [%], {_LEAST:g} at least", log=True)
+    panel = Panel(
+        curves, title, "random scenes, by tolerance", f"largest displacement error [%], {_LEAST:g} at least", log=True
+    )
     return draw_curves([panel], folder / "held_out_advice.png")

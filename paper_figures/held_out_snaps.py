@@ -27,7 +27,8 @@ def draw(results: Path, folder: Path) -> list[Path]:
         Curve(np.sort(column), shares, label, color)
         for column, label, color in zip(errors.T, labels, colors, strict=True)
     ]
-    panel = Panel(curves, f"{len(errors)} motions, loads drawn by a seed", "error of the motion [%]", "motions with at most this error [%]")
+    shared = "motions with at most this error [%]"
+    panel = Panel(curves, f"{len(errors)} motions, loads drawn by a seed", "error of the motion [%]", shared)
     return [draw_curves([panel], folder / "held_out_snaps.png"), film(result, folder / "held_out_snaps.mp4")]
 
 

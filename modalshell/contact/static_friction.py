@@ -94,7 +94,7 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations, loose = begun(touching, start), 0, bool(left_free(problem.shell))
+    reached, iterations, loose = initial_friction(touching, start), 0, bool(left_free(problem.shell))
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
         step = FrictionStep(loaded, touching, reached.rest.point)
@@ -317,7 +317,7 @@ class FrictionStep:
         return Rubbed(rest, self._on_vertices(drag), message, sets)
 
 
-def begun(touching: Touching, start: Array) -> Rubbed:
+def initial_friction(touching: Touching, start: Array) -> Rubbed:
     """Where no step has been taken."""
     none = np.zeros(touching.vertices.size)
     rest = Rest(start, none > 0.0, none, np.inf, 0, False)

@@ -218,6 +218,6 @@ class RigidStepper(Stepper):
         """One step of the body."""
 
         def load_at(at: MotionState, share: float) -> tuple[Array, Drag | None]:
-            return self.felt(begin + share * dt, load, at)
+            return self.load_in_frame(begin + share * dt, load, at)
 
         return self.model.march(state, dt, load_at, self.setup.damping)

@@ -17,7 +17,7 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
-from modalshell.models.auto.account import told
+from modalshell.models.auto.account import level_note
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
@@ -176,9 +176,9 @@ class Auto(Model):
                 stable=True,
                 coordinates=None,
             )
-        return self._told(_static(full, loading, bar.corrected if bar.valid else start), bar)
+        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start), bar)
 
-    def _told(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
+    def _with_reason(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
         """The answer of DS, with why it is that."""
         modal, full = self.levels[0].model, self.levels[-1].model
         reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
@@ -204,7 +204,7 @@ class Auto(Model):
             return replace(
                 found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
             )
-        return self._told(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
 
     def rigid_load(self, load: Array) -> float:
         """That of DS: the share of a load (n, 3) along free translations; free turns can find a balance."""
@@ -378,7 +378,7 @@ class Auto(Model):
 
     def account(self, state: MotionState) -> str:
         """How many steps each level took, and why it was left."""
-        return told(state, self.level_names)
+        return level_note(state, self.level_names)
 
     def mean_growth(self, state: MotionState, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, the geometric mean of those of all levels so far."""

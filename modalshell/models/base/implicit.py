@@ -151,7 +151,7 @@ class ImplicitStepper(ContactStepper):
         """One step of the model's rule."""
 
         def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
-            return self.felt(begin + start.end * dt, load, start.guess, start.side)
+            return self.load_in_frame(begin + start.end * dt, load, start.guess, start.side)
 
         if self._contacts is not None:
             return self._contacts.advance(begin, dt, state, load_at)
