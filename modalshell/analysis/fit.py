@@ -57,8 +57,8 @@ class Fit:
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
-        Whether the least squares converged: not at the end of the range of Poisson's ratio or a coupling, nor where
-        they go down on but the shell has gone to another branch of equilibria.
+        Whether the least squares converged. False at the end of the range of Poisson's ratio or a coupling, and where
+        the residual still falls but the shell has left its branch of equilibria.
     residual : float
         Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int

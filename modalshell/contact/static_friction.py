@@ -318,7 +318,7 @@ class FrictionStep:
 
 
 def initial_friction(touching: Touching, start: Array) -> Rubbed:
-    """Where no step has been taken."""
+    """Friction before the first step: nothing touches or slips."""
     none = np.zeros(touching.vertices.size)
     rest = Rest(start, none > 0.0, none, np.inf, 0, False)
     return Rubbed(rest, np.zeros_like(start), "", _Sets(rest.active, rest.active, np.zeros((none.size, 3)), none))

@@ -107,7 +107,7 @@ class TouchingSteps:
 
     @property
     def friction_note(self) -> str:
-        """What is said of friction; "" without it."""
+        """The message about creep under friction; "" without it."""
         return creep_note(self.now.size, self.whole) if self._creeps else ""
 
     def touches(self, x: Array, time: float) -> bool:

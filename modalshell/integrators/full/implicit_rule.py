@@ -68,10 +68,10 @@ class EulerStart:
     def damping_measures(
         self, changes: Callable[[float, MotionState], list[Array]], periods: list[Array | float | None]
     ) -> list[Array]:
-        """Changes of measures from which damping counts: the weighted sum of those of the states it is made of.
+        """Changes of measures that damping is measured from: the weighted sum of those of the rule's states.
 
-        Measures that have ``periods`` are taken as near as may be to those of the latest state: a fold that has come
-        to half a turn jumps by a whole one, which is no change.
+        Measures with ``periods`` are shifted to those nearest to the latest state: the angle of a fold past half a turn
+        jumps by a whole one, which is no change.
         """
         found = [changes(when, state) for _, state, when in self.made_of]
         latest = max(range(len(found)), key=lambda place: self.made_of[place][2])

@@ -175,7 +175,7 @@ class FlownCheck:
         return self._load_in_frames(x, load)
 
     def _load_in_frames(self, x: Array, load: Array) -> Array:
-        """A load (n, 3) [N] at x (n, 3) [m] less what moves and turns parts, in the frames; zero where that is all."""
+        """A load (n, 3) [N] at x (n, 3) [m], balanced by the inertia of parts, in the frames; zero if only rounding."""
         felt = load.copy()
         for part in self._parts:
             given, arms = load[part.vertices], x[part.vertices] - part.mean(x[part.vertices])

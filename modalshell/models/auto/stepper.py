@@ -103,7 +103,7 @@ class AutoStepper(LeveledStepper):
         )
 
     def _initial_state(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
-        """The state of a start on a level, with what the first lacks of it, over what it may, a margin and a mark."""
+        """The state of a start on a level, with a note: error of the first level over the allowed one, margin, mark."""
         missed, margin, mark = lost
         state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).local_positions(inner)))
         if level > 0:
@@ -281,7 +281,7 @@ class AutoStepper(LeveledStepper):
     def _predicted_switch(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> Switch | None:
-        """As :meth:`_load_switch`, and where a strike on a collider is ahead: DS takes that."""
+        """The switch of :meth:`_load_switch`, or one to DS if an impact on a collider is predicted."""
         begin, time, _ = now
         if self._check.contacts:
             lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
@@ -292,7 +292,7 @@ class AutoStepper(LeveledStepper):
     def _load_switch(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> Switch | None:
-        """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
+        """The switch to make before a step of a modal rung, as :meth:`_note` takes it; None without one.
 
         It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
         displacement, that answer's too. And where the rung's own statics under the load, looked at once and again when

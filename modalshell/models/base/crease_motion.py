@@ -41,7 +41,7 @@ class CreaseMotion:
         return MotionState(state.coordinates, state.rates, memory)
 
     def _drive_and_residual(self, shell: Any, x: Array, angles: Array) -> tuple[Array, Array]:
-        """What yields at x (n, 3), and by how much it is beyond its limit."""
+        """Driving moments of the creases at x (n, 3), and residuals of their yield conditions."""
         drive = self._creases.drive(shell.elastic_energy.fold_couples(x, self._creases.hinges), angles)
         return drive, self._creases.yield_residual(drive, np.zeros_like(angles))
 

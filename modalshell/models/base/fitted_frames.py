@@ -36,7 +36,7 @@ class FittedFrames:
         return found
 
     def load_in_frames(self, x: Array, load: Array) -> Array:
-        """Load (k, 3) [N] in the world that turns with the frames at x (k, 3) [m], less what moves and turns these."""
+        """Load (k, 3) [N] in the world that turns with the frames at x (k, 3) [m], balanced by the parts' inertia."""
         found = load.copy()
         for part in self.parts:
             given, arms = load[part.vertices] @ self.turn(part, x).T, x[part.vertices]

@@ -77,7 +77,7 @@ class ImplicitModel(FrameModel):
         return self.integrator.growth(oscillation(stiffness, damp, dt))
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
-        """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
+        """Advance by ``dt`` [s]; the integrator evaluates the loads at its own times and states."""
         steps = steps_of(ModelSteps(self, load_at, damping), self.free_parts, damping)
         return self.integrator.march(steps, state, dt)
 

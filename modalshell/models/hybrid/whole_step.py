@@ -117,14 +117,14 @@ def _rates(origin, z, length, rates):  # type: ignore[no-untyped-def]
 
 @njit(**_exact)
 def _extrapolate(x, rates, length, first):  # type: ignore[no-untyped-def]
-    """Write where ``rates`` lead."""
+    """Write coordinates extrapolated by their rates."""
     for k in range(x.size):
         first[k] = x[k] + length * rates[k]
 
 
 @njit(**_options)
 def _damping_strains(taking, one, weight, other, rest):  # type: ignore[no-untyped-def]
-    """Strains (K,) from which damping counts: those of two states (m,), of a ``weight`` and of the ``rest`` of 1."""
+    """Strains (K,) that damping is measured from: of two states (m,), with a ``weight`` and the ``rest`` of 1."""
     begun = np.zeros(taking.reduced.membrane.modes)
     if taking.factors[1] > 0.0:
         add_strains(taking.reduced, one, weight, taking.kept, begun)
