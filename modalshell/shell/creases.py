@@ -218,7 +218,7 @@ class CreaseSet(ReadOnlyArrays):
         return 0.5 * float(np.sum(self.hardening * angles**2))
 
     def yield_residual(self, drive: Array, slipped: Array) -> Array:
-        """Residuals (C,) [N m] of the yield conditions, ``slipped`` (C,) [rad] being the step's plastic folds so far."""
+        """Residuals (C,) [N m] of the yield conditions; ``slipped`` (C,) [rad] are the step's plastic folds so far."""
         still = np.maximum(np.abs(drive) - self.limits, 0.0)
         return np.where(slipped == 0.0, still, np.abs(drive - np.sign(slipped) * self.limits))
 
