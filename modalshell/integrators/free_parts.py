@@ -93,7 +93,7 @@ class FreePart:
 
     def balanced(self, arms: Array, forces: Array) -> Array:
         """Forces (k, 3) [N] at arms (k, 3) [m] from the centre, less those that accelerate the part as a rigid body."""
-        turning = np.linalg.solve(inertia_of(self.moments(arms, arms)), axial(forces.T @ arms))
+        turning = np.asarray(np.linalg.solve(inertia_of(self.moments(arms, arms)), axial(forces.T @ arms)))
         return np.asarray(forces - self.mass[:, None] * (forces.sum(axis=0) / self.total + crossed(turning, arms)))
 
 

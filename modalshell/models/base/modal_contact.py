@@ -158,7 +158,7 @@ def _settle(
                 free, compliance = led.along(q, free, compliance)
         except np.linalg.LinAlgError:
             return None, change, count
-        pressed = pressing.press_once(free, compliance, q, pushes)
+        pressed = pressing.pressed_on(free, compliance, pressing.state(q, pushes, 0.0))
         move = pressed.q - q
         turn = float(np.abs(move) @ turns)
         part = min(1.0, _LONGEST / turn) if turn > 0.0 else 1.0
