@@ -9,8 +9,8 @@ from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 
 _LEAST, _MOST = 0.01, 300.0
-"""Ends of the axes [%]: what lies beyond is drawn there."""
-_TRUE = f"true error [%], from {_LEAST:g} to {_MOST:g}: beyond is drawn there"
+"""Ends of the axes [%]: values outside are drawn at the ends."""
+_TRUE = f"true error [%], values outside {_LEAST:g} to {_MOST:g} at the ends"
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -18,14 +18,14 @@ def draw(results: Path, folder: Path) -> Path:
     rows = StudyResult.load(results, "blind_bars").findings["rows"]
     valid, void = [row for row in rows if row["valid"]], [row for row in rows if not row["valid"]]
     exact = Curve([_LEAST, _MOST], [_LEAST, _MOST], "_exact", "0.5", dashed=True, points=False)
-    holding = _points(valid, "bars that hold", "#2b5fc8")
+    certain = _points(valid, "valid bars", "#2b5fc8")
     panels = [
-        Panel([exact, holding], "The bars that hold", _TRUE, "error bar [%]", log=True, log_x=True),
+        Panel([exact, certain], "Valid error bars", _TRUE, "error bar [%]", log=True, log_x=True),
         Panel(
-            [exact, holding, _points(void, "void: the margin says so", "#c8322b")],
-            "What two steps alone would have read",
+            [exact, certain, _points(void, "void: stability margin failed", "#c8322b")],
+            "Two Newton steps without the stability margin",
             _TRUE,
-            "two Newton steps [%]",
+            "estimate by two Newton steps [%]",
             log=True,
             log_x=True,
         ),

@@ -20,9 +20,9 @@ def draw(results: Path, folder: Path) -> Path:
         ratios = [row["seconds"]["Isotropic"] / row["seconds"]["hinges"] for row in own]
         curves.append(Curve(places, ratios, family, color, joined=False))
     aims = [next(row["aim"] for row in findings["ratios"] if row["work"] == name) for name in work]
-    curves.append(Curve(places, aims, "aim, at most", "black", marker="_", joined=False))
+    curves.append(Curve(places, aims, "upper limit aimed at", "black", marker="_", joined=False))
     ticks = {float(place): name for place, name in zip(places, work, strict=True)}
-    panels = [Panel(curves, "seconds, Isotropic over hinges", "", "ratio", x_ticks=ticks)]
+    panels = [Panel(curves, "time of Isotropic over time of hinges", "", "ratio", x_ticks=ticks)]
     curves = []
     for energy, colors in COLORS.items():
         for family, color in colors.items():
@@ -30,5 +30,5 @@ def draw(results: Path, folder: Path) -> Path:
             errors = [100.0 * row["error"] for row in own]
             curves.append(Curve([row["seconds"] for row in own], errors, f"{energy}, {family}", color))
     title = "supported plate under a uniform load"
-    panels.append(Panel(curves, title, "seconds of the answer", "error of the deflection [%]", log=True, log_x=True))
+    panels.append(Panel(curves, title, "time to the answer [s]", "error of the deflection [%]", log=True, log_x=True))
     return draw_curves(panels, folder / "energy_cost.png")

@@ -1,4 +1,4 @@
-"""Paper Fig. 7: a flat beam led by position, orientation and both (reads the study ``manipulation``)."""
+"""Paper Fig. 7: a flat beam whose tip has a target position, orientation or both (reads the study ``manipulation``)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def draw(results: Path, folder: Path) -> Path:
         views.append(View(surfaces, title=row["case"], subtitle=_caption(row), camera=CAMERA))
     modes = result.record["parameters"]["modes"]
     title = (
-        f"A flat beam led by its tip: MWTS, {modes} modes\nAxes: red x, green y, blue z; long and pale: as asked for"
+        f"A flat beam with targets at its tip: MWTS, {modes} modes\nAxes: red x, green y, blue z; long and pale: target"
     )
     return draw_views(views, folder / "figure_7.png", columns=3, size=(1800, 1150), title=title)
 

@@ -1,4 +1,4 @@
-"""A map led to its folds and let go, with creases and without (reads the study ``folded_map``)."""
+"""A map folded by prescribed positions and released, with creases and without (reads the study ``folded_map``)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def draw(results: Path, folder: Path) -> Path:
     views = []
     for row in (row for row in rows if row["cells"] == finest):
         words = "with creases" if row["creases"] else "without creases"
-        for shape, key, title in zip(row["shapes"], ("led", "kept"), ("led", "let go"), strict=True):
+        for shape, key, title in zip(row["shapes"], ("led", "kept"), ("folded", "released"), strict=True):
             angles = ", ".join(f"{angle:.0f}" for angle in row[key])
             surface = ShadedSurface(np.array(shape), np.array(row["faces"]), color=COLORS[row["creases"]])
             place = {"title": f"{words}, {title}", "subtitle": f"folds of {angles} degrees"}

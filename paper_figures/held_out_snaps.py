@@ -18,7 +18,8 @@ CAMERA = (0.9, -1.0, 0.45)
 def draw(results: Path, folder: Path) -> list[Path]:
     """Draw from the result in ``results`` into ``folder``; return the paths of the PNG and the MP4."""
     result = StudyResult.load(results, "held_out_snaps")
-    errors = 100.0 * result.arrays["errors"]
+    rows = [row for row in result.findings["rows"] if row["drawn"]]
+    errors = 100.0 * np.array([[row[key] for key in ("coarse", "fine", "coarse_to_fine")] for row in rows])
     shares = 100.0 * (np.arange(len(errors)) + 0.5) / len(errors)
     labels = ("hybrid against coarse DS, which trained it", "hybrid against DS", "coarse DS against DS")
     colors = ("#e7298a", "#7b2d8e", "#66c2a5")
@@ -26,7 +27,8 @@ def draw(results: Path, folder: Path) -> list[Path]:
         Curve(np.sort(column), shares, label, color)
         for column, label, color in zip(errors.T, labels, colors, strict=True)
     ]
-    panel = Panel(curves, f"{len(errors)} motions, loads drawn by a seed", "error of the motion [%]", "motions [%]")
+    shared = "motions with at most this error [%]"
+    panel = Panel(curves, f"{len(errors)} motions, loads drawn by a seed", "error of the motion [%]", shared)
     return [draw_curves([panel], folder / "held_out_snaps.png"), film(result, folder / "held_out_snaps.mp4")]
 
 

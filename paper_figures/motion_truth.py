@@ -1,4 +1,4 @@
-"""Errors over work by rule, and damping obtained over steps a period (reads the study ``motion_truth``)."""
+"""Errors over work by rule, and damping ratio over steps per period (reads the study ``motion_truth``)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw(results: Path, folder: Path) -> Path:
     findings = StudyResult.load(results, "motion_truth").findings
     panels = []
     for rows, title in (
-        (findings["cost"], "strip let fall, one period, damped by 0.03"),
+        (findings["cost"], "strip released under gravity, one period, damping ratio 0.03"),
         ([row for row in findings["snap"] if row["rung"] == COARSE], f"V-beam through its snap, {COARSE}"),
     ):
         curves = []
@@ -50,6 +50,6 @@ def draw(results: Path, folder: Path) -> Path:
                 label = f"{rung}, {NAMES[row['rule']]}"
                 curves.append(Curve(row["steps"], row["obtained"], label, COLORS[row["rule"]]))
     ends = [3.0, max(row["steps"][-1] for row in findings["damping"])]
-    curves.append(Curve(ends, [0.03, 0.03], "asked", "black", dashed=True, points=False))
-    panels.append(Panel(curves, "damping ratio that is obtained", "steps a period", "damping ratio", True, True))
-    return draw_curves(panels, folder / "motion_truth.png")
+    curves.append(Curve(ends, [0.03, 0.03], "prescribed", "black", dashed=True, points=False))
+    panels.append(Panel(curves, "damping ratio of the motion", "steps per period", "damping ratio", True, True))
+    return draw_curves(panels, folder / "motion_truth.png", columns=2)

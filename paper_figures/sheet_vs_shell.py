@@ -8,10 +8,10 @@ from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 
 TITLES = {
-    "strip": "Flat strip, ever softer",
-    "cloth": "Square cloth, ever softer",
-    "v_beam": "V-beam, ever more load",
-    "panel": "Curved panel, ever more load",
+    "strip": "Flat strip of decreasing stiffness",
+    "cloth": "Square cloth of decreasing stiffness",
+    "v_beam": "V-beam under increasing load",
+    "panel": "Curved panel under increasing load",
 }
 COLORS = ("#e3c48f", "#a6761d", "#5c400d")
 """Shades of the colour of springs, of rising fold."""
@@ -31,4 +31,5 @@ def draw(results: Path, folder: Path) -> Path:
                 curves.append(Curve(gammas, errors, f"fitted at a fold of {fold:g} rad", color))
         error = "displacement error against DS [%]"
         panels.append(Panel(curves, TITLES[name], "gravity Γ", error, log=True, log_x=True))
-    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True)
+    missing = "No point: DS or the springs did not converge"
+    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True, title=missing)

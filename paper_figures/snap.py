@@ -22,6 +22,8 @@ PANELS = {
     "Lee's frame": ("drop under the load [L]", "load [EI / L²]"),
     "tape plateau": ("turn of the end [degrees]", "moment over D α"),
 }
+GREYS = {1.3: "black", 0.7: "0.6"}
+"""Colours of theory's moments of a tape spring: dashes are for what is unstable."""
 CAMERA = (0.9, -1.0, 0.55)
 
 
@@ -52,19 +54,21 @@ def draw_paths(result: StudyResult, folder: Path) -> Path:
                 curves.append(Curve(turn, moment, f"DS of shell theory, {label}", color, points=False))
                 exact = 1.3 if "opposite" in one["model"] else 0.7
                 ends = [turn.min(), turn.max()]
-                curves.append(Curve(ends, [exact] * 2, f"theory, {label}", color, dashed=True, points=False))
+                shade = GREYS[exact]
+                curves.append(Curve(ends, [exact] * 2, f"theory, {label}", shade, points=False))
                 continue
             events = one["events"] if len(one["events"]) <= 8 else []
             curves += path_curves(
                 one["displacements"], one["factors"], one["stable"], events, label, color, marks=marks
             )
             if "elastica_loads" in one:
-                curves.append(Curve(one["elastica_drops"], one["elastica_loads"], "elastica", "black", points=False))
+                drops, loads = one["elastica_drops"][::6], one["elastica_loads"][::6]
+                curves.append(Curve(drops, loads, "elastica", "black", joined=False))
         panels.append(Panel(curves, case, x_label, y_label))
     start = panels[0].curves[0]
     text = "unstable (triangles: limit points, squares: bifurcations)"
-    told = Curve(np.ravel(start.x)[:1], np.ravel(start.y)[:1], text, "0.35", dashed=True, points=False)
-    panels[0] = replace(panels[0], curves=[*panels[0].curves, told])
+    unstable = Curve(np.ravel(start.x)[:1], np.ravel(start.y)[:1], text, "0.35", dashed=True, points=False)
+    panels[0] = replace(panels[0], curves=[*panels[0].curves, unstable])
     return draw_curves(panels, folder / "snap.png", columns=2, one_legend=True)
 
 

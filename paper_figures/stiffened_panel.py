@@ -7,6 +7,7 @@ from pathlib import Path
 from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
 
+TITLES = {"T": "T frame", "cross": "cross frame"}
 COLORS = {"alternating": "#1f5fa8", "one-way": "#d0021b", "jittered": "#2f9e6b"}
 
 
@@ -21,5 +22,5 @@ def draw(results: Path, folder: Path) -> Path:
             if own:
                 errors = [100.0 * (row["found"] - 1.0) for row in own]
                 curves.append(Curve([float(row["cells"]) for row in own], errors, mesh, color))
-        panels.append(Panel(curves, shape, "cells", "off theory [%]"))
+        panels.append(Panel(curves, TITLES.get(shape, shape), "cells along a sheet", "error against beam theory [%]"))
     return draw_curves(panels, folder / "stiffened_panel.png", columns=2, one_legend=True)

@@ -83,7 +83,7 @@ PAPER = {
     "5": "Three loads, three models side by side: LMA lengthens, MWTS and DS bend.",
     "6a": "Displacement error over the load.",
     "6b": "Area change over the load.",
-    "7": "A beam led by its tip. Prescribing both position and rotation of the tip costs far more energy than in DS, "
+    "7": "A beam manipulated at its tip. Prescribing both position and rotation costs far more energy than in DS, "
     "because the modes cannot represent the bend.",
     "8": "A dancer whose hat, shirt and trouser legs are shells on a skeleton of 17 joints.",
 }

@@ -57,8 +57,8 @@ class Fit:
     state : Equilibrium or None
         The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
-        Whether the least squares converged: not at the end of the range of Poisson's ratio or a coupling, nor where
-        they go down on but the shell has gone to another branch of equilibria.
+        Whether the least squares converged. False at the end of the range of Poisson's ratio or a coupling, and where
+        the residual still falls but the shell has left its branch of equilibria.
     residual : float
         Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
@@ -252,14 +252,6 @@ class _Misfit:
         """Derivative (p,) of each constant by its parameter."""
         return np.where(self._logarithmic, self.constants(parameters), self._sizes)
 
-    def relative(self, parameters: Array) -> Array:
-        """The differences over the size."""
-        return self.at(parameters) / self.size
-
-    def relative_jacobian(self, parameters: Array) -> Array:
-        """Their derivatives."""
-        return self.jacobian(parameters) / self.size
-
     def explained(self, parameters: Array) -> bool:
         """Whether next to nothing is left of the misfit."""
         return float(np.sqrt(np.mean(self.at(parameters) ** 2))) <= _EXPLAINED * self._measured.size
@@ -280,10 +272,10 @@ def _least_squares(misfit: _Misfit, guess: Array) -> scipy.optimize.OptimizeResu
     def search(start: Array) -> scipy.optimize.OptimizeResult:
         # From the start, all alike, so that the first step is of a few times and not as long as the logarithms are.
         def differences(step: Array) -> Array:
-            return misfit.relative(start + step)
+            return misfit.at(start + step) / misfit.size
 
         def slopes(step: Array) -> Array:
-            return misfit.relative_jacobian(start + step)
+            return misfit.jacobian(start + step) / misfit.size
 
         found = scipy.optimize.least_squares(
             differences,

@@ -120,15 +120,9 @@ def requirements(pyproject: Path | None = None) -> dict[str, set[str]]:
     return found
 
 
-def licences(pyproject: Path | None = None) -> list[Licence]:
-    """The licence of every package that modalshell, an extra, or one of those needs, as far as it is installed.
-
-    Parameters
-    ----------
-    pyproject : Path, optional
-        File of the requirements; by default the checkout's or those installed.
-    """
-    direct = requirements(pyproject)
+def licences() -> list[Licence]:
+    """The licence of every package that modalshell, an extra, or one of those needs, as far as it is installed."""
+    direct = requirements()
     rows = {name: _row(name, tuple(sorted(groups))) for name, groups in direct.items()}
     waiting = list(direct)
     while waiting:

@@ -80,8 +80,8 @@ class Contact(ReadOnlyArrays):
     motion : SupportPath, optional
         Moves the collider as a rigid body. Statics take it as it is at time 0.
     push_out : float
-        Speed [m/s] up to which vertices that begin inside are pushed out; 0 refuses such a start. Statics take any
-        speed for leave to lead them out.
+        Speed [m/s] up to which vertices that begin inside are pushed out; 0 refuses such a start. In
+        statics any speed above 0 allows it.
 
     Raises
     ------

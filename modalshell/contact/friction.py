@@ -30,7 +30,7 @@ TANGENT, SECANT, STUCK = range(3)
 """Ways to take friction as linear; see :meth:`Friction.linear`."""
 
 
-def creep_told(size: float, dt: float) -> str:
+def creep_note(size: float, dt: float) -> str:
     """What a motion of a shell of a size [m] in steps of ``dt`` [s] says of friction."""
     return (
         f"friction is smoothed: what sticks creeps at {SLIP * size / dt:.2g} m/s (1 - sqrt(1 - r)), r being the share "

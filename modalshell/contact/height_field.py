@@ -20,7 +20,7 @@ _ORDER = 3
 
 @final
 class HeightField(Collider, key="height-field"):
-    """A ground ``z = h(x, y)``, a cubic spline through heights on a grid; beyond it the heights of its edge go on.
+    """A ground ``z = h(x, y)``, a cubic spline through heights on a grid, extended by the heights at its edge.
 
     The gap is of first order, ``(z - h) n_z``: it is exact on the surface, and its sign everywhere.
 

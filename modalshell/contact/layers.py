@@ -95,17 +95,17 @@ class Layers:
         other._limit = slip_limit(self._size, rubbing.strengths, self._mass[np.unique(rubbing.pairs)], dt, whole)
         return other
 
-    def value(self, x: Array, *, rubbing: bool = True) -> float:
-        """Energy [J] at x (n, 3); without what friction adds if not ``rubbing``."""
+    def value(self, x: Array) -> float:
+        """Energy [J] at x (n, 3)."""
         value = self.stiffness * self._at(x).energy
-        if rubbing and self._rubbing is not None:
+        if self._rubbing is not None:
             value += self._slid(self._rubbing, x)[0]
         return value
 
-    def gradient(self, x: Array, *, rubbing: bool = True) -> Array:
+    def gradient(self, x: Array) -> Array:
         """Its derivatives (n, 3) [N]."""
         gradient = self.stiffness * self._at(x).gradient
-        if rubbing and self._rubbing is not None:
+        if self._rubbing is not None:
             gradient += self._slid(self._rubbing, x)[1]
         return gradient
 

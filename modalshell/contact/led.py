@@ -12,7 +12,7 @@ import scipy.sparse as sps
 from modalshell.contact.active_set import ActiveSet, Rest
 from modalshell.contact.descent import descend
 from modalshell.contact.rotated import Rotated
-from modalshell.contact.static_friction import MOST, FrictionStep, Rubbed, arrived, begun, rest_with_friction
+from modalshell.contact.static_friction import MOST, FrictionStep, Rubbed, arrived, initial_friction, rest_with_friction
 from modalshell.contact.touching import INSIDE, Touching, put_out
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array, Index
@@ -67,7 +67,7 @@ class Led:
             For a start inside a collider, or targets there: contacts do not push on patches.
         """
         self._refuse_inside(start)
-        rest, steps, iterations = begun(self.touching, start).rest, Steps(FIRST_STEP), 0
+        rest, steps, iterations = initial_friction(self.touching, start).rest, Steps(FIRST_STEP), 0
         rest = replace(rest, active=ActiveSet(self.problem, self.touching, 1.0).near(start))
         while steps.fraction < 1.0:
             steps.limit()

@@ -297,15 +297,11 @@ class ModalContacts:
         count_read(self._tiles[0].nbytes + self._tiles[2].nbytes)
         return self._tiles, self.shapes.store, (self.touching.vertices, self.touching.contact_of)
 
-    def press_once(self, free: Array, compliance: Array, q: Array, pushes: Array) -> Pressed:
-        """The same to first order about ``q`` (m,) with ``pushes`` (r,) [N]; solved if its end meets the gaps.
+    def pressed_on(self, free: Array, compliance: Array, begin: Pressed) -> Pressed:
+        """The same to first order about a :meth:`state`; solved if its end meets the gaps.
 
         ``compliance`` is G, (m,) or (m, m).
         """
-        return self.pressed_on(free, compliance, self.state(q, pushes, 0.0))
-
-    def pressed_on(self, free: Array, compliance: Array, begin: Pressed) -> Pressed:
-        """The same about a :meth:`state`."""
         assert begin.positions is not None
         rows = self.candidates(self.gaps(begin.positions + begin.local), begin.pushes)
         return self.by_rows.newton(free, compliance, begin, rows, 1, begin.q)[0]

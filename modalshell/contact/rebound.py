@@ -127,7 +127,9 @@ def striking(speed: float | Array, gained: float | Array, needed: float | Array)
     return np.sqrt(speed**2 + 2.0 * gained * needed)
 
 
-def begun(touching: Touching, rows: Index, x: Array, time: float, there: tuple[Array, Array]) -> tuple[Array, Array]:
+def gaps_and_speeds(
+    touching: Touching, rows: Index, x: Array, time: float, there: tuple[Array, Array]
+) -> tuple[Array, Array]:
     """Gaps (k,) [m] of rows at positions x (n, 3) where a step begins, at ``time`` [s], and speeds (k,) [m/s].
 
     Those which its collider gives in the step to what lies on it, and which do not make it strike: none of what begins
@@ -173,7 +175,7 @@ def rebounded(
     alone = rates - given / np.maximum(mass, 1e-300)[:, None]
     was, leaves, free = (np.sum(normals * (one[vertices] - drift), axis=1) for one in (old_rates, rates, alone))
     reach = dt * np.linalg.norm(loads[vertices], axis=1) / mass[vertices]
-    gaps, faster = begun(touching, rows, old, time, (normals, drift))
+    gaps, faster = gaps_and_speeds(touching, rows, old, time, (normals, drift))
     kept = touching.restitution[rows]
     strikes = (kept > 0.0) & (-was > BOUNCE * (reach + faster))
     if not strikes.any():

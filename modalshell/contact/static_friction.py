@@ -96,7 +96,8 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
         For a start inside a collider.
     """
     touching.refuse_inside(start)
-    reached, iterations, loose = begun(touching, _fallen(problem, touching, start)), 0, bool(left_free(problem.shell))
+    reached = initial_friction(touching, _fallen(problem, touching, start))
+    iterations, loose = 0, bool(left_free(problem.shell))
     for count in range(1, steps + 1):
         loaded = problem.loaded(count / steps)
         step = FrictionStep(loaded, touching, reached.rest.point)
@@ -336,8 +337,8 @@ class FrictionStep:
         return Rubbed(rest, self._on_vertices(drag), message, sets)
 
 
-def begun(touching: Touching, start: Array) -> Rubbed:
-    """Where no step has been taken."""
+def initial_friction(touching: Touching, start: Array) -> Rubbed:
+    """Friction before the first step: nothing touches or slips."""
     none = np.zeros(touching.vertices.size)
     rest = Rest(start, none > 0.0, none, np.inf, 0, False)
     return Rubbed(rest, np.zeros_like(start), "", _Sets(rest.active, rest.active, np.zeros((none.size, 3)), none))

@@ -110,7 +110,7 @@ def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start
     return rest, layers
 
 
-def sides_told(touching: Touching, start: Array) -> str:
+def sides_note(touching: Touching, start: Array) -> str:
     """What is said of a ``start`` (n, 3) [m] near the middle of a collider, which knows no side; "" of others."""
     gaps = touching.distances(start)
     for index, contact in enumerate(touching.contacts):

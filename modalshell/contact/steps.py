@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.contact.active_set import ActiveSet, Mask, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.descent import descend
-from modalshell.contact.friction import Friction, better_forces, creep_told
+from modalshell.contact.friction import Friction, better_forces, creep_note
 from modalshell.contact.layered import LayeredEnergy, Patterns
 from modalshell.contact.layers import Layers
 from modalshell.contact.rebound import rebounded
@@ -106,9 +106,9 @@ class TouchingSteps:
             self.layers.refuse_crossing(x, "at the start")
 
     @property
-    def told(self) -> str:
-        """What is said of friction; "" without it."""
-        return creep_told(self.now.size, self.whole) if self._creeps else ""
+    def friction_note(self) -> str:
+        """The message about creep under friction; "" without it."""
+        return creep_note(self.now.size, self.whole) if self._creeps else ""
 
     def touches(self, x: Array, time: float) -> bool:
         """Whether a vertex at x (n, 3) touches a collider at ``time`` [s], or layers touch each other."""

@@ -87,11 +87,11 @@ class Touching:
         The shell, about ``origin``.
     origin : ndarray, shape (3,)
         Where the shell's origin lies in the world [m].
-    time : float
-        When the colliders are looked at [s].
 
     Attributes
     ----------
+    time : float
+        Time at which the colliders stand [s].
     vertices : ndarray, shape (r,)
         Vertex of each row.
     contact_of : ndarray, shape (r,)
@@ -104,10 +104,8 @@ class Touching:
         Gaps [m], at most 0, that count as none: of vertices that are being pushed out.
     """
 
-    def __init__(
-        self, contacts: Sequence[Contact], shell: Shell, origin: Array | None = None, time: float = 0.0
-    ) -> None:
-        self.contacts, self.shell, self.time = tuple(contacts), shell, time
+    def __init__(self, contacts: Sequence[Contact], shell: Shell, origin: Array | None = None) -> None:
+        self.contacts, self.shell, self.time = tuple(contacts), shell, 0.0
         self._origin = origin if origin is not None and origin.any() else None
         self.size = shell.mesh.moment_length  # not of the box: thresholds would hang on axes that are turned
         self.bounds: Array | None = None

@@ -138,7 +138,7 @@ class UnitSystem:
         return _PREFIXES[ten] + first + "".join(rest).replace("m", self.length)
 
     def restated(self, text: str) -> str:
-        """What a model says in SI of numbers that are in these units: "at 120 s" is "at 120 ms" with ms."""
+        """A model's message in SI, rewritten in these units: "at 120 s" is "at 120 ms" with ms."""
         if self == SI:
             return text
         names = {"Hz": self.of("1/s").replace("1/s", "Hz")}

@@ -54,7 +54,7 @@ class Crowd(ShellCrowd):
     coordinates, rates : ndarray, shape (B, m)
         Modal coordinates and their rates; zero at the start.
     forces : ndarray, shape (B, m)
-        Modal forces at the last step's end, from which the next one goes on; NaN where none are known, as at the start.
+        Modal forces at the end of the last step, where the next one begins; NaN if unknown, as at the start.
     levels : ndarray of int8, shape (B,)
         Index into :data:`modalshell.crowd.LEVELS`; MWTS at the start.
     turn_back : ndarray, shape (B, P, 3)

@@ -65,9 +65,9 @@ def read_regular(path: str | os.PathLike[str], most: int | None = None) -> bytes
         return file.read()
 
 
-def read_text(path: str | os.PathLike[str], most: int = DOCUMENT) -> str:
+def read_text(path: str | os.PathLike[str]) -> str:
     """Contents of a regular file as UTF-8 text without a byte order mark; UnicodeDecodeError if it is other text.
 
     See :func:`read_regular`.
     """
-    return read_regular(Path(path), most).decode("utf-8").removeprefix("\ufeff")
+    return read_regular(Path(path), DOCUMENT).decode("utf-8").removeprefix("\ufeff")

@@ -91,6 +91,11 @@ class FreePart:
         """``sum m b a^T`` (3, 3) of its own vertices' vectors (k, 3)."""
         return np.asarray((self.mass[:, None] * b).T @ a)
 
+    def balanced(self, arms: Array, forces: Array) -> Array:
+        """Forces (k, 3) [N] at arms (k, 3) [m] from the centre, less those that accelerate the part as a rigid body."""
+        turning = np.asarray(np.linalg.solve(inertia_of(self.moments(arms, arms)), axial(forces.T @ arms)))
+        return np.asarray(forces - self.mass[:, None] * (forces.sum(axis=0) / self.total + crossed(turning, arms)))
+
 
 def _anchored(shell: Shell, part: Index | slice) -> bool:
     """Whether a rigid motion of a part costs energy, as a share of that of a small stretch."""

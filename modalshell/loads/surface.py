@@ -109,7 +109,7 @@ class Wind(LiveLoad, ReadOnlyArrays, key="wind"):
     ----------
     velocity : (float, float, float) or callable
         Of the air [m/s]; or ``velocity(points, time) -> (k, 3)`` of points (k, 3) [m] in the world and the time [s],
-        whose change from place to place is left out of the stiffness.
+        whose gradient in space the stiffness neglects.
     density : float
         Of the air [kg/m^3].
     normal, tangential : float

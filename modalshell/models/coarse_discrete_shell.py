@@ -54,7 +54,7 @@ class CoarseDiscreteShell(OnCoarse):
     Contacts hold exactly at the coarse vertices, by the same sets as those of :class:`DiscreteShell`; forces are stated
     at the fine vertices nearest to them. Fine vertices between these may enter a collider: by the square of the coarse
     edges over eight times a radius at which the surface, or the collider, bends more than the prolonged one does.
-    :meth:`equilibrium` puts such vertices onto the collider; motions leave them, and ``deepest`` says how deep.
+    :meth:`equilibrium` puts such vertices onto the collider. Motions do not; ``deepest`` is their penetration.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def error_bar(
         Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
         costs some five to ten further bars, in place of an estimate from this one margin.
     gravity, force, loads, contacts, constraints : optional
-        The load, colliders and constraints, as in :meth:`Model.equilibrium`, if ``answer`` is none that knows them.
+        The load, colliders and constraints, as in :meth:`Model.equilibrium`, if ``answer`` has no record of them.
         What touches stays on its collider while the steps are taken; these are more than two, at most eight, where they
         change what touches. Constraints hold patches as DS does, each one rigid.
 

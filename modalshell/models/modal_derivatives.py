@@ -59,8 +59,8 @@ class ModalDerivatives(ImplicitModel):
     length over thickness of 100, 3 % at 300 and 17 % at 1,000.
 
     Statics finds a minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from a start; ``residual`` is
-    ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted at 1e-7. It says
-    nothing of what the basis cannot hold. Parts without supports fly in frames of their own, U bending them there.
+    ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted at 1e-7. It does
+    not measure what the basis cannot represent. Parts without supports fly in frames of their own, bent by U there.
 
     Parameters
     ----------
@@ -189,8 +189,8 @@ class ModalDerivatives(ImplicitModel):
 
         U stays as it was built: loads, the density, and Young's modulus of an :class:`Isotropic` leave its span as it
         is; a model that is built with another constant has another span, and with it another error. By rest angles
-        it is that of the same energy on the same span, too. A model with cubature knows loads and the density, and
-        constants that all its elements go with.
+        it is that of the same energy on the same span, too. A model with cubature has derivatives by loads,
+        the density, and constants that scale all its elements.
         """
         z, vectors = dead_state(state)[0], self._vectors
         hessian = self.energy.hessian(z)[2]
@@ -236,7 +236,7 @@ class ModalDerivatives(ImplicitModel):
         return self.integrator.at_rest(self.flight.start(self.shell.checked_positions(positions)))
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
-        """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
+        """Advance by ``dt`` [s]; the integrator evaluates the loads at its own times and states."""
         return self.integrator.march(self.flight.steps(self, (state, dt), load_at, damping), state, dt)
 
     def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:

@@ -102,7 +102,7 @@ class RigidShell(FrameModel):
         return self.march(state, dt, lambda *_: (load, None), damping)
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
-        """One step under loads that are asked for where they are needed."""
+        """One step, under the loads at its beginning and its expected end."""
         if not self._free:
             return state, True
         z, rates, c = state.coordinates, state.rates, free_flow(damping.mass_factor, dt)
@@ -218,6 +218,6 @@ class RigidStepper(Stepper):
         """One step of the body."""
 
         def load_at(at: MotionState, share: float) -> tuple[Array, Drag | None]:
-            return self.felt(begin + share * dt, load, at)
+            return self.load_in_frame(begin + share * dt, load, at)
 
         return self.model.march(state, dt, load_at, self.setup.damping)

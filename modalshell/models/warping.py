@@ -16,6 +16,7 @@ from modalshell.integrators.modal.base import DeadForce, ForceChange
 from modalshell.kernels import rotations
 from modalshell.kernels.push import DERIVATIVES, POWERS, ROWS, load_rows, push_change, push_frame, work_frame
 from modalshell.loads import Loading
+from modalshell.loads.surface_kernels import TURNED
 from modalshell.models.base.shape import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction.load_points import LoadPoints
@@ -201,7 +202,7 @@ class ModalWarping(UnstretchedModel):
 
         def pushed(points: LoadPoints) -> ModalPush:
             by_work = self.consistent_force
-            return ModalPush.by_work(points, of_sum) if by_work else ModalPush.by_turned_modes(of_sum)
+            return ModalPush.by_work(points, of_sum) if by_work else ModalPush(TURNED, of_sum=of_sum)
 
         return LoadQuadrature.of(self.basis, loading, pushed)
 

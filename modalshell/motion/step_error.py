@@ -177,8 +177,8 @@ class StepErrors:
         known = self._known and math.isfinite(self._largest)
         return self._largest / self._stepper.shell.mesh.moment_length if known else None
 
-    def beyond(self, tolerance: Tolerance) -> str:
-        """What is said of errors far beyond a tolerance, which the shortest steps do not keep, or may be; else ""."""
+    def excess_note(self, tolerance: Tolerance) -> str:
+        """The message about errors far above a tolerance that the shortest steps do not meet, or may not; else ""."""
         largest, setup = self.largest, self._stepper.setup
         if largest is None:
             return ""

@@ -241,7 +241,7 @@ class Motion:
         """What the model says of its states, each sentence once, with the time from which it holds."""
         notes = [self.stepper.note] if self.stepper.note else []
         if self._tolerance is not None:
-            notes += filter(None, [self.errors.beyond(self._tolerance), self.errors.many(self.count)])
+            notes += filter(None, [self.errors.excess_note(self._tolerance), self.errors.many(self.count)])
         return notes + [
             remark if first == 1 else f"from {first * self.setup.dt:.6g} s on {remark}"
             for remark, first in self.remarked.items()

@@ -217,8 +217,8 @@ class CreaseSet(ReadOnlyArrays):
         """Energy [J] that hardening has stored."""
         return 0.5 * float(np.sum(self.hardening * angles**2))
 
-    def beyond(self, drive: Array, slipped: Array) -> Array:
-        """By how much (C,) [N m] the conditions of yielding are missed, ``slipped`` (C,) [rad] in the step so far."""
+    def yield_residual(self, drive: Array, slipped: Array) -> Array:
+        """Residuals (C,) [N m] of the yield conditions; ``slipped`` (C,) [rad] are the step's plastic folds so far."""
         still = np.maximum(np.abs(drive) - self.limits, 0.0)
         return np.where(slipped == 0.0, still, np.abs(drive - np.sign(slipped) * self.limits))
 

@@ -82,7 +82,7 @@ def yielded(
             return Yielded(result, angles, False, iterations)
         couples = own.shell.undamped.elastic_energy.fold_couples(result.point, creases.hinges)
         drive, slipped = creases.drive(couples, angles), angles - before
-        beyond = creases.beyond(drive, slipped)
+        beyond = creases.yield_residual(drive, slipped)
         size = float(beyond.max())
         # Near the goal rounds end where they gain no more digits: they converge by squares.
         if size <= goal or 0.0 < last <= size <= 1e3 * goal:

@@ -73,15 +73,15 @@ class ErrorBar:
     Attributes
     ----------
     displacement : float
-        Estimated error, as of :func:`modalshell.measure.displacement_error`: a share of the displacement. Where the
-        second step takes back what the first has gone, and a third one finds otherwise, it is the length of these.
+        Estimated error, as of :func:`modalshell.measure.displacement_error`: a share of the displacement. If the
+        second step cancels most of the first, and a third one disagrees, it is the sum of their lengths.
     margin : float
         Stability margin: the least ratio of the stiffness under stress to that without; 1 without stress, 0 where the
         branch ends, minus infinity where there is a ``message``.
     critical_load : float
         Factor on the load at which the branch is expected to end. At no further cost that is ``1 / (1 - margin)``:
         infinite where stresses do not soften the shell, 0 where there is a ``message``, and for ends that are near, as
-        it grows with the load elsewhere. Where the branch was ``walked``, it is where that ends; infinite beyond 4.
+        it grows with the load elsewhere. Where the branch was ``walked``, it is the end found there, infinite above 4.
     valid : bool
         Whether the bar holds.
     corrected : ndarray, shape (n, 3)

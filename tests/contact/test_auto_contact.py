@@ -8,7 +8,7 @@ from scenes import sheet_strip, stopped_and_resumed
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
-from modalshell.models.auto.account import NO_MARGIN, told
+from modalshell.models.auto.account import NO_MARGIN, level_note
 from modalshell.models.base.modal_contact import ModalContactMotion
 from modalshell.motion import Motion
 
@@ -299,4 +299,4 @@ def test_a_check_that_found_no_bar_is_told_as_that():
     memory = {"steps": np.array([0.0, 5.0]), "switches": np.array([1.0])}
     memory["log"] = np.array([[0.0, 1.0, 1e9, NO_MARGIN, 0.0, 0.0]])
     state = MotionState(np.zeros((1, 3)), np.zeros((1, 3)), memory)
-    assert told(state, ("MWTS", "DS")) == "steps by DS 100 %; to DS at 0 s (no error bar was found)"
+    assert level_note(state, ("MWTS", "DS")) == "steps by DS 100 %; to DS at 0 s (no error bar was found)"

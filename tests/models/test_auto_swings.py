@@ -8,7 +8,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.integrators.state import MotionState
-from modalshell.models.auto.account import told
+from modalshell.models.auto.account import level_note
 from modalshell.models.auto.stepper import AutoStepper
 from modalshell.models.auto.watching import Watch
 from modalshell.models.base.setup import MotionSetup
@@ -165,7 +165,8 @@ def test_discrete_shells_take_over_from_modes_with_about_the_energy_of_these():
 def test_changes_of_energy_are_said_without_powers_of_ten(gained, said):
     memory = {"steps": np.array([0.0, 4.0]), "log": np.zeros((1, 6)), "switches": np.ones(1)}
     memory["log"][0, 5] = gained
-    assert f"; its energy changed by {said})" in told(MotionState(np.zeros(1), np.zeros(1), memory), ("DS", "MWTS"))
+    note = level_note(MotionState(np.zeros(1), np.zeros(1), memory), ("DS", "MWTS"))
+    assert f"; its energy changed by {said})" in note
 
 
 def test_states_on_the_way_to_rest_and_those_with_much_room_are_checked_seldom(monkeypatch):

@@ -65,13 +65,13 @@ class EulerStart:
         first = self.viscous_at if self.viscous_ahead else self.origin + self.dt * self.rates
         return self.origin, self.rates, self.near, self.viscous_at, first
 
-    def begun(
+    def damping_measures(
         self, changes: Callable[[float, MotionState], list[Array]], periods: list[Array | float | None]
     ) -> list[Array]:
-        """Changes of measures from which damping counts: the weighted sum of those of the states it is made of.
+        """Changes of measures that damping is measured from: the weighted sum of those of the rule's states.
 
-        Measures that have ``periods`` are taken as near as may be to those of the latest state: a fold that has come
-        to half a turn jumps by a whole one, which is no change.
+        Measures with ``periods`` are shifted to those nearest to the latest state: the angle of a fold past half a turn
+        jumps by a whole one, which is no change.
         """
         found = [changes(when, state) for _, state, when in self.made_of]
         latest = max(range(len(found)), key=lambda place: self.made_of[place][2])
@@ -217,7 +217,7 @@ class ShellSteps(LoadedSteps):
         self._felt = load, body.live
         shell, begun = body.shell, body.start_shell
         if self._damping.stiffness_factor or shell.has_dashpots:
-            begun_with = start.begun(partial(self._changes, body), shell.elastic_energy.periods)
+            begun_with = start.damping_measures(partial(self._changes, body), shell.elastic_energy.periods)
             damp = begun_with, self._damping.stiffness_factor, start.dt
             shell, begun = shell.damped(*damp), begun.damped(*damp)
         problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping)

@@ -70,7 +70,7 @@ class LinearImplicitEuler(LinearisedEuler, key="linear_implicit"):
             viscosity = shell.damping_matrix(x, damping.stiffness_factor)
         move = hold(shell, x, held) - x
         if body.live is not None and body.live.loading.by_velocity:
-            body, load = _foreseen(body, hold(shell, x + dt * state.rates, held) - x, load)
+            body, load = _extrapolated(body, hold(shell, x + dt * state.rates, held) - x, load)
         problem, _ = step_potential(body, x, state.rates, dt, load, damping, viscosity)
         gradient, hessian = problem.linearise(x, PROJECTED, led=move)
         factor = problem.definite_factor(hessian)
@@ -98,7 +98,7 @@ def _held_up(shell: Shell, state: MotionState, move: Array, dt: float, work: flo
     return np.array([slowed / (omega * speed * dt), *sums])
 
 
-def _foreseen(body: Body, way: Array, load: Array) -> tuple[Body, Array]:
+def _extrapolated(body: Body, way: Array, load: Array) -> tuple[Body, Array]:
     """Body and dead load (n, 3) [N] of a step whose live loads are linear about the end of the ``way`` (n, 3) [m].
 
     That is where the shell goes at its rates. About where it is, all that a step knows of velocities would be those of

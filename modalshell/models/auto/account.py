@@ -53,7 +53,7 @@ def _signed(share: float) -> str:
     return f"{percent:+.2g}" if abs(percent) < 99.5 else f"{percent:+.0f}"
 
 
-def told(state: MotionState, names: Sequence[str]) -> str:
+def level_note(state: MotionState, names: Sequence[str]) -> str:
     """Steps of each level, and switches with their reasons."""
     memory = state.memory
     steps = memory["steps"]

@@ -17,7 +17,7 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
-from modalshell.models.auto.account import told
+from modalshell.models.auto.account import level_note
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
@@ -50,21 +50,21 @@ class Auto(Model):
     shell is given, and DS. One of them takes each step. Theory 14 gives the reasons for these rules:
 
     * A motion begins on MWTS. It begins on DS where the modes lack more than half of ``error`` of the linear answer to
-      the load, or where MWTS at rest under that load would be wrong. Both are asked again when the load has doubled.
+      the load, or where MWTS at rest under that load would be wrong. Both are checked again when the load doubles.
     * A modal level is checked as it moves: an error bar of the frame under d'Alembert's load says how far it is from
       DS, and a stability margin whether DS may snap. New states are checked every five steps, and at once when the
       displacement has grown by half. A check that leaves room vouches for states like its own and somewhat larger
       ones; these are checked after 40 steps, 80, 160 and so on, with much room after 40, 160, 640.
     * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
-      fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is left for good
-      where its own bar exceeds half of ``error``.
-    * A bar is of one instant. What small errors of stiffness add up to in a vibration is followed apart from bars, and
-      DS goes on while that comes to half of ``error``.
-    * DS tries to hand back to MWTS from time to time. It does where twice in a row the nearest shape of MWTS is within
-      0.4 ``error`` at the ends of the swing, too, has about its energy, would rest near it, and the margin exceeds
-      0.39: so a motion that has snapped stays where DS is, although bars alone would call MWTS right there.
-    * A level takes over at the positions and velocities of the last one; DS sheds the stretch of modes first, in some
-      short steps from rest.
+      fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is no
+      longer used once its own bar exceeds half of ``error``.
+    * A bar is of one instant. The drift by which small errors of stiffness add up in a vibration is estimated apart,
+      and DS continues while that drift is above half of ``error``.
+    * DS tries from time to time to return to MWTS. It does if twice in a row the nearest shape of MWTS is within 0.4
+      ``error``, at the ends of the swing as well, has about the same energy and an equilibrium near by, and the margin
+      exceeds 0.39. So a motion that has snapped stays with DS, although bars alone would accept MWTS there.
+    * A level starts from the positions and velocities of the last one. DS first relaxes the stretch of the modes, in
+      some short steps from rest.
 
     Checks of shells of up to about a thousand vertices are compiled. One of a larger shell takes as long as
     hundreds of steps of MWTS: with ``coarse`` or ``triangles`` most are made on the coarse shell, as long as one on the
@@ -74,12 +74,12 @@ class Auto(Model):
     A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
 
     With contacts bars take into account what touches, and modal levels are checked every five steps throughout.
-    Strikes that take more than a tenth of the swing (at 5 %) are foreseen and left to DS, and so are steps in which a
-    collider with friction, restitution or ``push_out`` touches. Frames in which something strikes are not judged.
+    Impacts that take more than a tenth of the swing (at 5 %) are predicted and computed by DS, as are steps in which
+    a collider with friction, restitution or ``push_out`` touches. Frames with an impact are not checked.
 
-    On supports that move all levels step in the frame of these. A check vouches for states under accelerations and
-    turns of the supports like those it has seen. Under constraints DS takes all steps: RSW, on modes with static shapes
-    of what is led, took as long.
+    On supports that move all levels step in the frame of these. A check is valid for accelerations and
+    turns of the supports like those of the checked states. Under constraints DS takes all steps: RSW with static shapes
+    of the constrained vertices took as long.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
     displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
@@ -176,10 +176,10 @@ class Auto(Model):
                 stable=True,
                 coordinates=None,
             )
-        return self._told(_static(full, loading, bar.corrected if bar.valid else start), bar)
+        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start), bar)
 
-    def _told(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
-        """The answer of DS, with why it is that."""
+    def _with_reason(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
+        """The answer of DS, with the reason in its message."""
         modal, full = self.levels[0].model, self.levels[-1].model
         reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
         return replace(exact, message="; ".join(part for part in (exact.message, reason) if part))
@@ -204,7 +204,7 @@ class Auto(Model):
             return replace(
                 found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
             )
-        return self._told(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
 
     def rigid_load(self, load: Array) -> float:
         """That of DS: the share of a load (n, 3) along free translations; free turns can find a balance."""
@@ -378,7 +378,7 @@ class Auto(Model):
 
     def account(self, state: MotionState) -> str:
         """How many steps each level took, and why it was left."""
-        return told(state, self.level_names)
+        return level_note(state, self.level_names)
 
     def mean_growth(self, state: MotionState, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, the geometric mean of those of all levels so far."""

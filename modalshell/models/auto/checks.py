@@ -172,15 +172,14 @@ class FlownCheck:
             arms, speed = (a[part.vertices] - part.mean(a[part.vertices]) for a in (x, v))
             spin = np.asarray(np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(part.moments(arms, speed))))
             load[part.vertices] -= part.mass[:, None] * crossed(spin, crossed(spin, arms))
-        return self._felt(x, load)
+        return self._load_in_frames(x, load)
 
-    def _felt(self, x: Array, load: Array) -> Array:
-        """A load (n, 3) [N] at x (n, 3) [m] less what moves and turns parts, in the frames; zero where that is all."""
+    def _load_in_frames(self, x: Array, load: Array) -> Array:
+        """A load (n, 3) [N] at x (n, 3) [m], balanced by the inertia of parts, in the frames; zero if only rounding."""
         felt = load.copy()
         for part in self._parts:
             given, arms = load[part.vertices], x[part.vertices] - part.mean(x[part.vertices])
-            faster = np.asarray(np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(given.T @ arms)))
-            rest = given - part.mass[:, None] * (given.sum(axis=0) / part.total + crossed(faster, arms))
+            rest = part.balanced(arms, given)
             if np.abs(rest).max() <= _ROUNDING * np.abs(given).max():
                 rest[:] = 0.0
             felt[part.vertices] = rest @ self._frames.turn(part, x)
@@ -190,12 +189,12 @@ class FlownCheck:
         """Bar of the middle one of three frames (3, n, 3) [m], and the load (n, 3) [N] in balance, in the frames."""
         now = instant_of(times, frames)
         load = balancing_load(now, self._shell, self._loading, self._damping, None, dead)
-        felt = self._felt(now.positions, load)
+        felt = self._load_in_frames(now.positions, load)
         return self._bar(self.local(now.positions), felt), felt
 
     def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""
-        return self._bar(self.local(x), self._felt(x, load))
+        return self._bar(self.local(x), self._load_in_frames(x, load))
 
     def _bar(self, x: Array, load: Array) -> ErrorBar:
         """Bar at x (n, 3) [m] under a balanced load (n, 3) [N], both turned to where the supports are."""

@@ -89,9 +89,9 @@ class LeveledStepper(Stepper):
         """What a message says of the contacts: of friction, as DS does, and that there is no coarse level."""
         if not self.setup.contacts:
             return ""
-        told = self._stepper(len(self._levels) - 1).note
+        note = self._stepper(len(self._levels) - 1).note
         names = [self._levels[k].model.name for k in self.model.coarse_levels]
-        return "; ".join(filter(None, [told, *(f"{name} is left out with contacts" for name in names)]))
+        return "; ".join(filter(None, [note, *(f"{name} is left out with contacts" for name in names)]))
 
     def _stepper(self, level: int) -> Stepper:
         """What takes the steps of a level; those beyond the first are made when they are wanted."""

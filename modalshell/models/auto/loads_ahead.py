@@ -85,7 +85,7 @@ class LoadsAhead:
         """The same in an array (k,)."""
         return np.array(self.values(time))
 
-    def beyond(self, time: float, most: float) -> bool:
+    def exceeds(self, time: float, most: float) -> bool:
         """Whether the load that alone changes is beyond a factor at ``time`` [s]."""
         return most < math.inf and not abs(self.values(time)[0]) <= most
 

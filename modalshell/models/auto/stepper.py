@@ -82,26 +82,28 @@ class AutoStepper(LeveledStepper):
         if self.setup.constraints:
             top = len(self._levels) - 1
             inner = self._stepper(top).local_state_at(rest if positions is None else positions, 0.0)
-            return self._begun(top, inner, (0.0, 1.0, LED))
+            return self._initial_state(top, inner, (0.0, 1.0, LED))
         if positions is None and not self._check.touches_rough(rest, 0.0):
             return self._watch.fitted(super().start(positions))
         positions = rest if positions is None else positions
         last, missed, margin = len(self._levels) - 1, 0.0, 1.0
         if self._check.touches_rough(positions, 0.0):
-            return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
+            return self._initial_state(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
             off, stable = self._lost(number, inner, positions)
             if number == 0:
                 missed, margin = off, stable
             if off <= 1.0:
-                return self._begun(number, inner, (missed, margin, LACKS_START))
+                return self._initial_state(number, inner, (missed, margin, LACKS_START))
             if not stable > LEAST_MARGIN:
                 break
-        return self._begun(last, self._stepper(last).local_state_at(positions, 0.0), (missed, margin, LACKS_START))
+        return self._initial_state(
+            last, self._stepper(last).local_state_at(positions, 0.0), (missed, margin, LACKS_START)
+        )
 
-    def _begun(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
-        """The state of a start on a level, with what the first lacks of it, over what it may, a margin and a mark."""
+    def _initial_state(self, level: int, inner: MotionState, lost: tuple[float, float, float]) -> MotionState:
+        """The state of a start on a level, with a note: error of the first level over the allowed one, margin, mark."""
         missed, margin, mark = lost
         state = self._watch.fitted(self.model.on_level(level, inner, self._stepper(level).local_positions(inner)))
         if level > 0:
@@ -130,7 +132,7 @@ class AutoStepper(LeveledStepper):
         memory, time = state.memory.copy(), begin + dt  # its arrays are replaced, never written into
         self._watch.fit(memory, load)
         while self._levels[level].quadratic:
-            switch = self._ahead(level, state, memory, (begin, time, load))
+            switch = self._predicted_switch(level, state, memory, (begin, time, load))
             if switch is None:
                 break
             level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
@@ -276,21 +278,21 @@ class AutoStepper(LeveledStepper):
         memory |= {name: np.zeros(1) for name in ("since", "ready", "ahead", "looked")}
         self._watch.forget(memory)
 
-    def _ahead(
+    def _predicted_switch(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> Switch | None:
-        """As :meth:`_foreseen`, and where a strike on a collider is ahead: DS takes that."""
+        """The switch of :meth:`_load_switch`, or one to DS if an impact on a collider is predicted."""
         begin, time, _ = now
         if self._check.contacts:
             lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
             if lost * float(self.model.periods[0]) > _STRIKING * self._allowed(memory):
                 return begin, self._above(level, memory, snapping=True), 0.0, 1.0, STRIKES
-        return self._foreseen(level, state, memory, now)
+        return self._load_switch(level, state, memory, now)
 
-    def _foreseen(
+    def _load_switch(
         self, level: int, state: MotionState, memory: dict[str, Array], now: tuple[float, float, Array]
     ) -> Switch | None:
-        """The switch to make before a modal rung takes a step, as :meth:`_note` takes it; None to stay.
+        """The switch to make before a step of a modal rung, as :meth:`_note` takes it; None without one.
 
         It is made where the modes lack more of the linear answer to the load than the error allows, over the largest
         displacement, that answer's too. And where the rung's own statics under the load, looked at once and again when
@@ -299,7 +301,7 @@ class AutoStepper(LeveledStepper):
         """
         begin, time, dead = now
         calmed = dead is self._calmed[0] and memory["felt"] is self._calmed[1]
-        if calmed and memory["ahead"].item() > 0.0 and not self._loads.beyond(time, self._calmed[2]):
+        if calmed and memory["ahead"].item() > 0.0 and not self._loads.exceeds(time, self._calmed[2]):
             return None  # no other load comes, and displacements only grow
         if self._loads.dear and self._watch.is_alike(state, memory, time):
             return None
@@ -390,5 +392,5 @@ class AutoStepper(LeveledStepper):
         near = self._check.apart(answer.positions, middle) <= allowed
         now = step.time, step.time + step.dt * bool(self._check.contacts), step.load
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
-        stays = near and self._ahead(0, MotionState(x, v), entering, now) is None
+        stays = near and self._predicted_switch(0, MotionState(x, v), entering, now) is None
         return seen if stays else None

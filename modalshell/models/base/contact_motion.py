@@ -96,7 +96,7 @@ class ContactMotion:
         """What is said of friction: what sticks creeps by a part of each step of implicit Euler; of others nothing."""
         if not isinstance(self._rule, ImplicitRule):
             return ""
-        return self.steps.told
+        return self.steps.friction_note
 
     def advance(
         self, model: Any, at: StageOf, begin: float, dt: float, state: MotionState, free: FreeStep | None = None

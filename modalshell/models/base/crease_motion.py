@@ -40,16 +40,16 @@ class CreaseMotion:
         memory = state.memory | {CREASES: angles, HEAT: np.array([heat])}
         return MotionState(state.coordinates, state.rates, memory)
 
-    def _beyond(self, shell: Any, x: Array, angles: Array) -> tuple[Array, Array]:
-        """What yields at x (n, 3), and by how much it is beyond its limit."""
+    def _drive_and_residual(self, shell: Any, x: Array, angles: Array) -> tuple[Array, Array]:
+        """Driving moments of the creases at x (n, 3), and residuals of their yield conditions."""
         drive = self._creases.drive(shell.elastic_energy.fold_couples(x, self._creases.hinges), angles)
-        return drive, self._creases.beyond(drive, np.zeros_like(angles))
+        return drive, self._creases.yield_residual(drive, np.zeros_like(angles))
 
     def after(self, model: Any, before: MotionState, after: MotionState) -> MotionState:
         """The end of a step whose positions stay, with creases that yield there."""
         angles, heat = before.memory[CREASES], float(before.memory[HEAT][0])
         creases, x = self._creases, after.coordinates
-        drive, beyond = self._beyond(model.as_creased(before).shell, x, angles)
+        drive, beyond = self._drive_and_residual(model.as_creased(before).shell, x, angles)
         if not beyond.any():
             return self._kept(after, angles, heat)
         fixed = model.shell.elastic_energy.fold_stiffness(creases.hinges)
@@ -68,7 +68,7 @@ class CreaseMotion:
         own = model.as_creased(state)
         steps = steps_of(ShellSteps(own, lambda start: _placed(at(start), angles), damping), model.free_parts, damping)
         after, solved = rule.march(steps, state, dt)
-        beyond = self._beyond(own.shell, after.coordinates, angles)[1]
+        beyond = self._drive_and_residual(own.shell, after.coordinates, angles)[1]
         if solved and float(beyond.max()) <= MET * float(creases.limits.max()):
             return self._kept(after, angles, heat), True
         now = [angles]

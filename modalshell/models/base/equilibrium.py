@@ -80,7 +80,7 @@ class Equilibrium(Drawn):
     mesh : TriangleMesh or None
         The mesh at rest, for pictures; None if unknown.
     bar : ErrorBar or None
-        How far the answer is from DS, where that was asked for.
+        Estimated distance from DS, if it was requested.
     """
 
     positions: Array
@@ -149,8 +149,8 @@ class Equilibrium(Drawn):
         """Lowest real part of the eigenvalues [1/s^2] of a tangent (m, m) by modal coordinates, and of the load's.
 
         ``moves`` finds what takes rates of coordinates to velocities (3n, m), and ``push`` the force on coordinates
-        (m,) of a load (n, 3). Where loads without a potential make the shell flutter, it is no more than 0: of the
-        tangent under the load as it is the symmetric half is asked then, as warps make the other one, not the shell.
+        (m,) of a load (n, 3). Where loads without a potential make the shell flutter, it is at most 0. For warped
+        models the symmetric part of the tangent is used: the other part comes from the warp, not from the shell.
         """
         if (resisting := self.load_matrix(pattern)) is None:
             return float(scipy.linalg.eigvals(tangent).real.min())

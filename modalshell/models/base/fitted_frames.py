@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crossed, inertia_of
+from modalshell.integrators.free_parts import FreePart, FreeParts
 
 
 @final
@@ -35,12 +35,10 @@ class FittedFrames:
             found[part.vertices] = (arms - part.mean(arms)) @ self.turn(part, x) + part.mean(self.rest[part.vertices])
         return found
 
-    def felt(self, x: Array, load: Array) -> Array:
-        """Load (k, 3) [N] in the world that turns with the frames at x (k, 3) [m], less what moves and turns these."""
+    def load_in_frames(self, x: Array, load: Array) -> Array:
+        """Load (k, 3) [N] in the world that turns with the frames at x (k, 3) [m], balanced by the parts' inertia."""
         found = load.copy()
         for part in self.parts:
             given, arms = load[part.vertices] @ self.turn(part, x).T, x[part.vertices]
-            arms, force = arms - part.mean(arms), given.sum(axis=0)
-            faster = np.asarray(np.linalg.solve(inertia_of(part.moments(arms, arms)), axial(given.T @ arms)))
-            found[part.vertices] = given - part.mass[:, None] * (force / part.total + crossed(faster, arms))
+            found[part.vertices] = part.balanced(arms - part.mean(arms), given)
         return found

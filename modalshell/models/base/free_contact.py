@@ -18,7 +18,7 @@ from modalshell.contact import modal_kernels as kernels
 from modalshell.contact import row_kernels as rows_by
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.friction import SECANT, STUCK, TANGENT, Friction, better_forces
-from modalshell.contact.rebound import BOUNCE, begun, striking
+from modalshell.contact.rebound import BOUNCE, gaps_and_speeds, striking
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
@@ -161,7 +161,7 @@ class FreeContactMotion(ModalPressedMotion):
             np.sum(normals * frames.velocities(state, lead, shape)[vertices], axis=1)
             for state in (before, end.state, alone.state)
         )
-        gaps, faster = begun(touching, rows, begin, time - dt, (normals, drift))
+        gaps, faster = gaps_and_speeds(touching, rows, begin, time - dt, (normals, drift))
         strikes = carried - first > BOUNCE * (np.abs(free - first) + faster)
         if not (strikes & (kept > 0.0)).any():
             return end.state

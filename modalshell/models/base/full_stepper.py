@@ -142,7 +142,7 @@ class FullStepper(Stepper):
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
             state = MotionState(start.origin, start.rates) if begins else start.guess
-            load, _ = self.felt(time, load, state, start.side)
+            load, _ = self.load_in_frame(time, load, state, start.side)
         elif loading.live and begins:
             load = load + loading.live_force(start.origin + self.origin, start.rates, time)
         elif loading.live:

@@ -77,7 +77,7 @@ class ImplicitModel(FrameModel):
         return self.integrator.growth(oscillation(stiffness, damp, dt))
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
-        """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
+        """Advance by ``dt`` [s]; the integrator evaluates the loads at its own times and states."""
         steps = steps_of(ModelSteps(self, load_at, damping), self.free_parts, damping)
         return self.integrator.march(steps, state, dt)
 
@@ -151,7 +151,7 @@ class ImplicitStepper(ContactStepper):
         """One step of the model's rule."""
 
         def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
-            return self.felt(begin + start.end * dt, load, start.guess, start.side)
+            return self.load_in_frame(begin + start.end * dt, load, start.guess, start.side)
 
         if self._contacts is not None:
             return self._contacts.advance(begin, dt, state, load_at)

@@ -372,7 +372,7 @@ class ModalStepper(ContactStepper):
         """Modal force (m,) of all loads on a state, and how it falls with the rates (m, m)."""
         q, model = state.coordinates, self.model
         if self._quadrature is None:
-            load, drag = self.felt(time, load, state)
+            load, drag = self.load_in_frame(time, load, state)
             pushed = model.push(q, state.rates, load, self.setup.dt)
             return pushed, None if drag is None else model.drag_at(q, *drag)
         lead, by_velocity = self._lead * self.setup.dt, self.setup.loading.by_velocity

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from modalshell.contact.contact import Contact
-from modalshell.contact.friction import creep_told
+from modalshell.contact.friction import creep_note
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import implicit_euler
 from modalshell.contact.pressed import Pressed
@@ -158,7 +158,7 @@ def _settle(
                 free, compliance = led.along(q, free, compliance)
         except np.linalg.LinAlgError:
             return None, change, count
-        pressed = pressing.press_once(free, compliance, q, pushes)
+        pressed = pressing.pressed_on(free, compliance, pressing.state(q, pushes, 0.0))
         move = pressed.q - q
         turn = float(np.abs(move) @ turns)
         part = min(1.0, _LONGEST / turn) if turn > 0.0 else 1.0
@@ -208,7 +208,7 @@ class ModalPressedMotion(PressedMotion):
     def note(self) -> str:
         """What is said of friction; "" without it."""
         pressing = self._pressing
-        return creep_told(pressing.touching.size, self._setup.dt) if pressing.rubs else ""
+        return creep_note(pressing.touching.size, self._setup.dt) if pressing.rubs else ""
 
     def touched(self, state: MotionState) -> bool:
         """Whether a state is pushed: the next step is one of implicit Euler, whatever the model's rule."""

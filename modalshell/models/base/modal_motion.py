@@ -188,7 +188,7 @@ class ModalMotion(ModalShape, FrameModel):
         damping: Damping,
         dead: DeadForce | None = None,
     ) -> tuple[MotionState, bool]:
-        """One step of the integrator under modal forces that are asked for where they are needed.
+        """One step of the integrator, which evaluates the modal forces at its own times and states.
 
         ``dead`` is what is known of them at the end of the step where they are those of a load by itself.
 

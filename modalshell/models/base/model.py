@@ -221,7 +221,7 @@ class Model(ABC):
         return 0.0
 
     def beyond_range(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
-        """What is said of an answer, converged as it is, under a load that the model cannot follow; "" if nothing."""
+        """The message about a converged answer under a load outside of the model's range; "" if none."""
         return ""
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -270,7 +270,7 @@ class Model(ABC):
         """``state`` after a step from ``before`` under the loads there, corrected for how these fall with velocity.
 
         ``drag`` (k, 3, 3) [N s/m] is minus the derivative of the forces on ``vertices`` (k,) by their velocities.
-        Without it light shells in a wind overshoot. Models that do not know better go without.
+        Without it light shells in a wind overshoot. Models without such a term ignore it.
         """
         return state
 
@@ -332,7 +332,7 @@ class Model(ABC):
     """Models among which it switches, by the number in a state's memory "level"."""
 
     def account(self, state: MotionState) -> str:
-        """What a motion that has come to a state is to say of the model; "" if nothing."""
+        """The model's message about a motion that ends in a state; "" if none."""
         return ""
 
     def as_coarse(self, state: MotionState) -> MotionState:

@@ -169,7 +169,9 @@ class Stepper(ABC):
         converged.
         """
 
-    def felt(self, time: float, load: Array, state: MotionState, side: Side | None = None) -> tuple[Array, Drag | None]:
+    def load_in_frame(
+        self, time: float, load: Array, state: MotionState, side: Side | None = None
+    ) -> tuple[Array, Drag | None]:
         """Load (n, 3) [N] in the frame of the states at ``time`` [s], inertial ones with it, and how it falls.
 
         ``load`` (n, 3) [N] are the dead loads in the world, ``state`` is where the shell is then. How the load falls
@@ -279,7 +281,7 @@ class DeadLoadStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
         damping, time = self.setup.damping, begin + dt
-        load, drag = self.felt(time, load, state)
+        load, drag = self.load_in_frame(time, load, state)
         pose = None if self._path is None else self._path.at(time)
         after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
         return (after if drag is None else self.model.dragged(after, state, dt, damping, *drag)), solved

@@ -15,7 +15,7 @@ from modalshell.contact.led import Led
 from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
-from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_told
+from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_note
 from modalshell.contact.touching import Touching, parted
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
@@ -129,7 +129,7 @@ def _on_layers(problem: Potential, touching: Touching, origin: Array, first: Arr
 
 def _shape_notes(touching: Touching, first: Array, rest: Rest) -> list[str]:
     """What is said of a start at ``first`` (n, 3) deep in a collider, and of edges that dip in at the end."""
-    notes = [side] if (side := sides_told(touching, first)) else []
+    notes = [side] if (side := sides_note(touching, first)) else []
     if (dip := touching.dip(rest.point, rest.active)) > _DIP * touching.shell.size:
         notes.append(f"edges dip up to {dip:.2g} m into the collider between their vertices: take a finer mesh there")
     return notes

@@ -107,7 +107,7 @@ class ProfileStep:
         if not (factor or self._shell.has_dashpots):
             return self._body, load
         shell = self._shell
-        begun = start.begun(lambda _, state: shell.changes(state.coordinates), shell.elastic_energy.periods)
+        begun = start.damping_measures(lambda _, state: shell.changes(state.coordinates), shell.elastic_energy.periods)
         elastic, whole = self._body.elastic.damped(shell.damped(begun, factor, start.dt))
         return self._body._replace(mass=self._body.mass / whole, elastic=elastic), load / whole
 

@@ -293,7 +293,7 @@ def motion_under(
     """
     state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
     for frame in range(LOADED + RELEASED):
-        push = parts.felt(state.coordinates, load) if frame < LOADED else np.zeros_like(load)
+        push = parts.load_in_frames(state.coordinates, load) if frame < LOADED else np.zeros_like(load)
         state, solved = model.step(state, dt, push, damping)
         if not solved or not np.isfinite(state.coordinates).all():
             raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
@@ -341,7 +341,7 @@ def _held_out(
     steps, state = _ReducedSteps(found, reduced, coarse, damping), RULE.at_rest(np.zeros(found.basis.shape[1]))
     frames, unseen = [], 0.0
     for frame in range(LOADED + RELEASED):
-        felt = parts.felt(steps.positions(state.coordinates), load).ravel() @ found.basis
+        felt = parts.load_in_frames(steps.positions(state.coordinates), load).ravel() @ found.basis
         steps.push = felt if frame < LOADED else np.zeros_like(felt)
         state, solved = RULE.march(steps, state, dt)
         if not solved:

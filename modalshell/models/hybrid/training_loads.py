@@ -31,7 +31,7 @@ class TrainingLoads:
         self.lowest, self.eigenvalues = modes.modes[:, self.rigid :], modes.eigenvalues[self.rigid :]
         turns = np.linalg.norm(modes.rotations[:, self.rigid :].reshape(-1, 3, self.eigenvalues.size), axis=1)
         self._turns, self._mass = turns.max(axis=0), np.repeat(coarse.mass, 3)
-        balanced = self.frames.felt(coarse.rest_positions, load).ravel() @ self.lowest / self.eigenvalues
+        balanced = self.frames.load_in_frames(coarse.rest_positions, load).ravel() @ self.lowest / self.eigenvalues
         self.size = max(_FALLING, float(np.abs(balanced * self._turns).max(initial=0.0)))
         """Turn [rad] of a vertex."""
 
@@ -42,4 +42,4 @@ class TrainingLoads:
         softer = self.eigenvalues[0] / self.eigenvalues  # forces of all modes are alike: stiff ones bend less
         q = self.size * softer / self._turns * rng.standard_normal(self._turns.size)
         further = self._mass * (self.lowest @ (self.eigenvalues * q))
-        return self.frames.felt(self.frames.rest, load) + further.reshape(-1, 3)
+        return self.frames.load_in_frames(self.frames.rest, load) + further.reshape(-1, 3)

@@ -116,15 +116,15 @@ def _rates(origin, z, length, rates):  # type: ignore[no-untyped-def]
 
 
 @njit(**_exact)
-def _ahead(x, rates, length, first):  # type: ignore[no-untyped-def]
-    """Write where ``rates`` lead."""
+def _extrapolate(x, rates, length, first):  # type: ignore[no-untyped-def]
+    """Write coordinates extrapolated by their rates."""
     for k in range(x.size):
         first[k] = x[k] + length * rates[k]
 
 
 @njit(**_options)
-def _begun(taking, one, weight, other, rest):  # type: ignore[no-untyped-def]
-    """Strains (K,) from which damping counts: those of two states (m,), of a ``weight`` and of the ``rest`` of 1."""
+def _damping_strains(taking, one, weight, other, rest):  # type: ignore[no-untyped-def]
+    """Strains (K,) that damping is measured from: of two states (m,), with a ``weight`` and the ``rest`` of 1."""
     begun = np.zeros(taking.reduced.membrane.modes)
     if taking.factors[1] > 0.0:
         add_strains(taking.reduced, one, weight, taking.kept, begun)
@@ -137,8 +137,8 @@ def _begun(taking, one, weight, other, rest):  # type: ignore[no-untyped-def]
 def _euler(taking, x, v, length, end):  # type: ignore[no-untyped-def]
     """Write coordinates and rates after a step of implicit Euler to ``end`` (2, m); whether it is solved."""
     first = np.empty(x.size)
-    _ahead(x, v, length, first)
-    solved = _solved(taking, (x, v, x, x, first, _begun(taking, x, 1.0, x, 0.0)), length, end[0])
+    _extrapolate(x, v, length, first)
+    solved = _solved(taking, (x, v, x, x, first, _damping_strains(taking, x, 1.0, x, 0.0)), length, end[0])
     _rates(x, end[0], length, end[1])
     return solved
 
@@ -166,7 +166,7 @@ def _go_on(taking, state, dt, before, end):  # type: ignore[no-untyped-def]
     if not _is_violent(taking.surface, x, jump):
         length = dt * (1.0 + ratio) / (1.0 + 2.0 * ratio)
         further = ratio / (1.0 + 2.0 * ratio) * ratio
-        begun = _begun(taking, x, 1.0 + further, start[3], -further)
+        begun = _damping_strains(taking, x, 1.0 + further, start[3], -further)
         if _solved(taking, (start[0], start[1], x, start[2], start[2], begun), length, end[0]):
             _rates(start[0], end[0], length, end[1])
             return 2
@@ -209,13 +209,13 @@ def _start(taking, state, dt, end):  # type: ignore[no-untyped-def]
         gain[k] *= dt
     if _is_violent(taking.surface, x, gain):
         return 1
-    if not _solved(taking, (x, v, x, parts[0], parts[1], _begun(taking, x, 1.0, x, 0.0)), part, half[0]):
+    if not _solved(taking, (x, v, x, parts[0], parts[1], _damping_strains(taking, x, 1.0, x, 0.0)), part, half[0]):
         return 1
     _rates(x, half[0], part, half[1])
     _next_part(x, v, half, dt, parts)
     last = np.empty(x.size)
     lead = (1.0 - _GAMMA) * dt / part
-    begun = _begun(taking, x, 1.0 - lead, half[0], lead)
+    begun = _damping_strains(taking, x, 1.0 - lead, half[0], lead)
     if not _solved(taking, (parts[0], parts[1], half[0], parts[2], parts[3], begun), part, last):
         return 1
     for k in range(x.size):

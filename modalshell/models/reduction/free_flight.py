@@ -187,7 +187,7 @@ class ReducedFlight:
         """``after`` a step from ``before``, brought to its momenta."""
         return self.frames.landed(before, after, 0.5 * dt * (first + last), last, dt, self.shape)[0]
 
-    def foreseen(self, state: MotionState, load: Array, time: float) -> tuple[Array, Array]:
+    def predicted_frames(self, state: MotionState, load: Array, time: float) -> tuple[Array, Array]:
         """Frames and their rates (P, 2, 3) a ``time`` [s] after a state under a load (n, 3) [N], to second order."""
         q, rates, frames = state.coordinates, state.rates, self.frames
         x, flow = frames.shaped(q, self.shape), self._of_z.flow(q[self.count :], rates[self.count :])
@@ -225,9 +225,9 @@ class FlyingSteps(LoadedSteps):
         flight, time, r = self._flight, start.end * self._dt, self._flight.count
         frames, load = flight.frames, np.zeros_like(self._model.shell.rest_positions)
         for _ in range(2):  # loads by velocity need that which loads give, else they are of first order
-            load, drag = self._load_at(self._seen(start, *flight.foreseen(self._begin, load, time)))
+            load, drag = self._load_at(self._seen(start, *flight.predicted_frames(self._begin, load, time)))
         self._load = load
-        seen = self._seen(start, *flight.foreseen(self._begin, load, time)).guess
+        seen = self._seen(start, *flight.predicted_frames(self._begin, load, time)).guess
         ahead = np.concatenate([seen.coordinates[:r], (start.origin + start.dt * start.expected_rates)[r:]])
         own = np.zeros_like(load)
 

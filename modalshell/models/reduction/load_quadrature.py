@@ -12,7 +12,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels import rotations
 from modalshell.loads import AppliedLoad, Loading
-from modalshell.loads.surface_kernels import APART, LINEAR, TURNED
+from modalshell.loads.surface_kernels import APART, LINEAR
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.modes import Basis
 
@@ -45,11 +45,6 @@ class ModalPush:
             return lambda factors: DeadForce(lambda _: factors @ pushed)
 
         return cls(LINEAR, of_sum=of_sum)
-
-    @classmethod
-    def by_turned_modes(cls, of_sum: OfSum) -> ModalPush:
-        """By the modes, turned with the points."""
-        return cls(TURNED, of_sum=of_sum)
 
     @classmethod
     def by_work(cls, points: LoadPoints, of_sum: OfSum) -> ModalPush:

@@ -51,7 +51,9 @@ class ReducedEnergy:
         """Sum of it and of what damping takes in a step; see :meth:`modalshell.shell.ElasticEnergy.damped`."""
         other = copy.copy(self)
         energy = self.energy
-        begun = start.begun(lambda _, state: energy.changes(self.positions(state.coordinates)), energy.periods)
+        begun = start.damping_measures(
+            lambda _, state: energy.changes(self.positions(state.coordinates)), energy.periods
+        )
         other.energy = energy.damped(begun, factor, start.dt)
         return other
 
