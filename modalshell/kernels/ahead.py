@@ -41,7 +41,7 @@ render.raster.unit_normals d2 l2 d2 d2
 render.raster.seen_faces d2 l2 d2 d1 l1
 render.raster.shade l2 d2 b l1 d2 d2 d d3
 render.raster.outline l1 l1 b1 d2 l1 b1
-render.raster.flatten_one d2 f3 f2 l1 l B3
+render.raster.flatten_one d2 f3 f2 l1 l d2 B3 B3
 render.raster.draw_triangles d3 d2 d3 f d2 f3 f2 l1
 shell.kernels.split_folds.match_triangles l1 l1 rl2 l1 l1
 shell.kernels.split_folds.colour_triangles l2 l1

@@ -170,24 +170,35 @@ def flatten(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-de
 
 
 @_kernel
-def flatten_one(near, color, alpha, box, factor, out):  # type: ignore[no-untyped-def]
-    """:func:`flatten` of one layer: ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w) of opaque surfaces."""
-    one, full, white = np.float32(1.0), np.float32(255.0), 255 * factor * factor + factor * factor // 2
+def flatten_one(near, color, alpha, box, factor, behind, pixels, out):  # type: ignore[no-untyped-def]
+    """:func:`flatten` of one layer: ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w) of opaque surfaces.
+
+    ``behind`` (h, w) and ``pixels`` (h, w, 3) are the nearness and the colours of what stands still, which ``out``
+    shows before; it hides what is not nearer.
+    """
+    one, full, block = np.float32(1.0), np.float32(255.0), factor * factor
     for row in range(box[0] // factor, box[1] // factor + 1):
         for column in range(box[2] // factor, box[3] // factor + 1):
-            red = green = blue = white
+            red = green = blue = block // 2
+            seen = False
             for i in range(row * factor, (row + 1) * factor):
                 for j in range(column * factor, (column + 1) * factor):
-                    if near[i, j] > -np.inf:
-                        near[i, j] = -np.inf
+                    if near[i, j] > behind[i, j]:
+                        seen = True
                         opacity = alpha[i, j]
                         rest = one - opacity
-                        red += int(np.rint(full * (rest + opacity * color[i, j, 0]))) - 255
-                        green += int(np.rint(full * (rest + opacity * color[i, j, 1]))) - 255
-                        blue += int(np.rint(full * (rest + opacity * color[i, j, 2]))) - 255
-            out[row, column, 0] = red // (factor * factor)
-            out[row, column, 1] = green // (factor * factor)
-            out[row, column, 2] = blue // (factor * factor)
+                        red += int(np.rint(full * (rest + opacity * color[i, j, 0])))
+                        green += int(np.rint(full * (rest + opacity * color[i, j, 1])))
+                        blue += int(np.rint(full * (rest + opacity * color[i, j, 2])))
+                    else:
+                        red += pixels[i, j, 0]
+                        green += pixels[i, j, 1]
+                        blue += pixels[i, j, 2]
+                    near[i, j] = -np.inf
+            if seen:
+                out[row, column, 0] = red // block
+                out[row, column, 1] = green // block
+                out[row, column, 2] = blue // block
 
 
 @_kernel

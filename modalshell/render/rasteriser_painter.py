@@ -41,10 +41,14 @@ class Canvas:
     """
 
     def __init__(self, size: tuple[int, int], layers: int, factor: int) -> None:
-        self._size, self._factor = size, factor
+        self._factor = factor
         shape = (layers, size[1] * factor, size[0] * factor)
         self._near = np.full(shape, -np.inf)
         self._color, self._alpha = np.empty((*shape, 3), np.float32), np.empty(shape, np.float32)
+        # What stands still: its nearness and the colours of its pixels, and its picture.
+        still = shape[1:] if layers == 1 else (0, 0)
+        self._behind, self._pixels = np.full(still, -np.inf), np.full((*still, 3), 255, np.uint8)
+        self._page = np.full((size[1], size[0], 3), 255, np.uint8)
         self._box = np.empty(4, np.int64)
         self._begin()
 
@@ -58,22 +62,35 @@ class Canvas:
         target = self._near[layer], self._color[layer], self._alpha[layer]
         draw_triangles(*arrays, np.float32(opacity), *target, self._box)
 
+    def keep(self) -> None:
+        """Let what has been drawn, to an only layer, stand still in all later images, in place of what did."""
+        near = self._near[0].copy()
+        self._behind[:], self._pixels[:], self._page[:] = -np.inf, 255, 255
+        self._flatten_one(1, self._pixels)
+        self._near[0] = near
+        self._page = self.take_image()
+        self._behind[:] = near
+
     def take_image(self) -> NDArray[np.uint8]:
         """The layers over white, from far to near, pixel by pixel (height, width, 3); they are empty afterwards."""
-        image = np.full((self._size[1], self._size[0], 3), 255, np.uint8)
+        image = self._page.copy()
         if len(self._near) == 1:
-            flatten_one(self._near[0], self._color[0], self._alpha[0], self._box, self._factor, image)
+            self._flatten_one(self._factor, image)
         else:
             flatten(self._near, self._color, self._alpha, self._box, self._factor, image)
         self._begin()
         return image
+
+    def _flatten_one(self, factor: int, image: NDArray[np.uint8]) -> None:
+        still = self._behind, self._pixels
+        flatten_one(self._near[0], self._color[0], self._alpha[0], self._box, factor, *still, image)
 
 
 class RasteriserPainter:
     """The built-in rasteriser as a painter of images of a ``size`` (width, height) [pixels].
 
     Of a transparent surface only the sheet nearest to the camera is drawn; several surfaces blend in their true order
-    at every pixel.
+    at every pixel. Opaque surfaces that have not moved are drawn once.
     """
 
     threaded = True
@@ -85,6 +102,9 @@ class RasteriserPainter:
         self._surfaces: list[ShadedSurface] = []
         self._vertices: list[NDArray[np.float64]] = []
         self._tables: dict[int, EdgeTable] = {}
+        self._clear: list[int] = []
+        self._moved: set[int] = set()
+        self._still: list[int] = []
         self._camera: Camera | None = None
         self._scalar_colors: ScalarColors | None = None
 
@@ -98,26 +118,36 @@ class RasteriserPainter:
             if surface.lined or surface.edges or surface.style != "surface"
         }
         self._camera, self._scalar_colors = camera, scalar_colors
-        # All opaque surfaces share one layer; each transparent one has its own.
-        clear = sum(surface.opacity < 1.0 for surface in surfaces)
-        self._canvas = Canvas(self._picture, 1 + clear, SUPERSAMPLING)
+        self._clear = [index for index, surface in enumerate(surfaces) if surface.opacity < 1.0]
+        self._moved, self._still = set(), []
+        self._canvas = Canvas(self._picture, 1 + len(self._clear), SUPERSAMPLING)
 
     def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
         """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
         self._vertices[index] = vertices
+        self._moved.add(index)
         if scalars is not None:
             self._surfaces[index] = replace(self._surfaces[index], scalars=scalars)
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
+        assert self._canvas is not None
+        every = range(len(self._surfaces))
+        still = [index for index in every if index not in self._moved] if self._moved and not self._clear else []
+        if still != self._still:
+            self._draw(still)
+            self._canvas.keep()
+            self._still = still
+        self._draw([index for index in every if index not in still])
+        return self._canvas.take_image()
+
+    def _draw(self, chosen: Sequence[int]) -> None:
+        """Draw surfaces, all opaque ones to one layer and each transparent one to its own."""
         assert self._camera is not None
         assert self._canvas is not None
-        clear = 0
-        for index, surface in enumerate(self._surfaces):
-            clear += surface.opacity < 1.0
+        for index in chosen:
             for triangles in self._pieces(index, self._camera):
-                self._canvas.draw(clear if surface.opacity < 1.0 else 0, triangles)
-        return self._canvas.take_image()
+                self._canvas.draw(self._clear.index(index) + 1 if index in self._clear else 0, triangles)
 
     def _pieces(self, index: int, camera: Camera) -> list[Triangles]:
         """Return the faces, then the lines, as triangles in the picture."""

@@ -1,13 +1,17 @@
 """The rasteriser's kernels: coverage, depth, and what cannot be drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.mesh.topology import area_vectors
 from modalshell.render import backend
+from modalshell.render.camera import frame_points
+from modalshell.render.content import ShadedSurface
 from modalshell.render.raster import shrink
-from modalshell.render.rasteriser_painter import Canvas, Triangles
+from modalshell.render.rasteriser_painter import Canvas, RasteriserPainter, Triangles
 from modalshell.render.surfaces import normals
 
 
@@ -73,6 +77,38 @@ def test_one_layer_is_averaged_as_the_nearest_of_two():
         images.append(canvas.take_image())
     np.testing.assert_array_equal(*images)
     assert (images[0] < 255).any()
+
+
+def random_triangles(seed):
+    random = np.random.default_rng(seed)
+    corners, colors = random.uniform(0.0, 40.0, (9, 3, 2)), random.uniform(0.0, 1.0, (9, 3, 3))
+    return Triangles(corners, random.uniform(0.0, 1.0, (9, 3)), colors, 0.7)
+
+
+def test_what_stands_still_is_seen_as_if_it_were_drawn_each_time():
+    kept, fresh = Canvas((20, 16), 1, 2), Canvas((20, 16), 1, 2)
+    for still in (1, 2):
+        kept.draw(0, random_triangles(still))
+        kept.keep()
+        for moving in (3, 4):
+            kept.draw(0, random_triangles(moving))
+            for seed in (still, moving):
+                fresh.draw(0, random_triangles(seed))
+            np.testing.assert_array_equal(kept.take_image(), fresh.take_image())
+
+
+def test_surfaces_that_move_late_leave_the_place_where_they_stood():
+    mesh = ms.flat_beam(cells=(4, 2))
+    surfaces = [ShadedSurface(mesh.vertices + lift * np.array([0.0, 0.0, 1.0]), mesh.faces) for lift in (0.0, 0.3)]
+    camera, moved = frame_points(mesh.vertices, (1.0, 1.0, 1.0), 1.0), mesh.vertices + 0.1
+    painter, images = RasteriserPainter((60, 60)), []
+    painter.start(surfaces, camera, None)
+    for index in range(2):
+        painter.move(index, moved)
+        images.append(painter.image())
+    painter.start([replace(surface, vertices=moved) for surface in surfaces], camera, None)
+    np.testing.assert_array_equal(images[1], painter.image())
+    assert (images[0] != images[1]).any()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e14])
