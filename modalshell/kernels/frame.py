@@ -88,7 +88,7 @@ def _polynomials_by_precision(squared):  # type: ignore[no-untyped-def]
     return evaluate
 
 
-@_kernel(entry=False)
+@_kernel
 def rotation_coefficients(work):  # type: ignore[no-untyped-def]
     """Write c2 and c3 of the rotation vectors in rows 3 to 5 of ``work`` (8 * 128,) into rows 6 and 7."""
     beyond = 0
@@ -103,7 +103,7 @@ def rotation_coefficients(work):  # type: ignore[no-untyped-def]
             _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx), np.float64(wy), np.float64(wz))
 
 
-@_kernel(entry=False)
+@_kernel
 def warp_tiles(first, last, modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """Write ``rest + Rt(Psi q) Phi q`` of the tiles ``first`` to ``last - 1`` into ``out`` (n, 3).
 
