@@ -121,15 +121,19 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
 
 def _fallen(problem: Potential, touching: Touching, start: Array) -> Array:
     """Where a free shell at ``start`` (n, 3) [m] comes to touch as it moves along its load; else the start."""
-    load, shell = problem.force(start).sum(axis=0), problem.shell
-    strength, fall = float(np.linalg.norm(load)), 0.0
-    if shell.unknowns.count < start.size or shell.mesh.components.any() or strength == 0.0:
+    forces, shell = problem.force(start), problem.shell
+    load, fall = forces.sum(axis=0), 0.0
+    strength = float(np.linalg.norm(load))
+    if shell.unknowns.count < start.size or shell.mesh.components.any():
         return start
+    if strength <= _PULL * float(np.linalg.norm(forces, axis=1).sum()):
+        return start  # a direction of rounding
     for _ in range(_FALLS):
         x = start + (fall / strength) * load
         gap = float(touching.distances(x).min(initial=np.inf))
         if gap <= _TOUCH * touching.size:
-            return x
+            # Gaps of first order may lead into what is steep, such as a cliff of a height field.
+            return x if gap >= -_TOUCH * touching.size else start
         fall += gap  # no surface is nearer
         if fall > _FAR * touching.size:
             break

@@ -36,6 +36,7 @@ from modalshell.modes import Factoriser
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
+from modalshell.shell.strain_range import ends_strained
 from modalshell.supports.constraints import Constraint
 
 _APART = 0.2
@@ -272,6 +273,10 @@ class CoarseDiscreteShell(OnCoarse):
         state = self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
         kept = self.coarse.shell.crease_state
         return state if kept is None else self._crease_motion(Damping()).begin(state, kept.angles, kept.dissipated)
+
+    def account(self, state: MotionState) -> str:
+        """What is said of a motion that ends with large membrane strains."""
+        return ends_strained(self.shell, self.positions(state))
 
     def _crease_motion(self, damping: Damping) -> CreaseMotion:
         creases = self.coarse.shell.creases

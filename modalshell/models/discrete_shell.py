@@ -17,7 +17,7 @@ from modalshell.models.base.full import FullModel
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.modes import lowest_modes
 from modalshell.modes.rigid import left_free
-from modalshell.shell.strain_range import strained_beyond
+from modalshell.shell.strain_range import ends_strained, strained_beyond
 from modalshell.supports.constraints import Constraint
 
 _MODES = 8
@@ -80,8 +80,7 @@ class DiscreteShell(FullModel):
 
     def account(self, state: MotionState) -> str:
         """What is said of a motion that ends with large membrane strains."""
-        said = strained_beyond(self.shell, self.positions(state))
-        return f"at its end {said}" if said else ""
+        return ends_strained(self.shell, self.positions(state))
 
     def _near_contacts(self, loading: Loading, contacts: Sequence[Any]) -> Array | None:
         """Positions (n, 3) [m] of RSW with contacts at some vertices; None where RSW has no answer."""

@@ -29,3 +29,9 @@ def strained_beyond(shell: Shell, positions: Array) -> str:
         f"the membrane strains by up to {100.0 * strains.max():.2g} %, by more than {100.0 * _SMALL:.0f} % on "
         f"{100.0 * share:.0f} % of the area: the material's law is meant for small strains"
     )
+
+
+def ends_strained(shell: Shell, positions: Array) -> str:
+    """The same of the ``positions`` (n, 3) [m] where a motion ends."""
+    said = strained_beyond(shell, positions)
+    return f"at its end {said}" if said else ""

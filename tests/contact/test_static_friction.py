@@ -1,10 +1,14 @@
 """Exact stick and slip in statics of DS: Coulomb's threshold, a closed form of partial slip, and the law itself."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.contact.friction import SLIP
+from modalshell.contact.static_friction import _fallen
+from modalshell.contact.touching import Touching
 from modalshell.core.outcome import Outcome
 
 MU, WEIGHT = 0.4, 9.81
@@ -67,6 +71,20 @@ def test_a_free_sheet_above_a_slope_comes_down_on_it_before_it_is_held_or_slides
     else:
         assert state.outcome is Outcome.NO_EQUILIBRIUM
         assert "it slides" in state.message
+
+
+@pytest.mark.parametrize("case", ["cliff", "rounding"])
+def test_a_free_sheet_falls_neither_into_a_cliff_nor_along_the_rounding_of_a_load_in_balance(loose, case):
+    """Above low ground the gap of a height field passes over what is steep beside it."""
+    x, forces = loose.mesh.vertices, np.zeros_like(loose.mesh.vertices)
+    if case == "rounding":
+        forces[:2] = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0 - 1e-15)
+    else:
+        forces[:] = (1.0, 0.0, -0.1)
+    heights = np.where(np.arange(40) < 35, -0.3, 1.0)[:, None] * np.ones((40, 10))
+    touching = Touching([ms.Contact(ms.HeightField(heights, 0.1, (-2.0, -0.5, 0.0)), friction=MU)], loose)
+    found = _fallen(SimpleNamespace(force=lambda _: forces, shell=loose), touching, x)
+    np.testing.assert_array_equal(found, x)
 
 
 def test_the_end_of_a_pulled_strip_moves_as_in_closed_form_and_half_of_it_stays(loose, pulled):

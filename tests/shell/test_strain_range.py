@@ -46,7 +46,22 @@ def test_springs_of_hinge_shells_have_no_such_range(mesh):
     assert strained_beyond(shell, stretched(mesh, 1.5)) == ""
 
 
-def test_answers_and_motions_of_ds_say_so(mesh, shell):
+def rungs(shell):
+    coarse = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(5, 1)), shell.material, clamped="x < 1e-6")
+    return {"DS": ms.DiscreteShell(shell), "coarse DS": ms.CoarseDiscreteShell(shell, coarse), "auto": ms.Auto(shell)}
+
+
+@pytest.mark.parametrize("rung", ["DS", "coarse DS", "auto"])
+def test_answers_and_motions_of_what_solves_for_all_vertices_say_so_once(mesh, shell, rung):
+    end, model = mesh.vertices[:, 0] > 1.0 - 1e-9, rungs(shell)[rung]
+    force = np.zeros_like(mesh.vertices)
+    force[end, 0] = 1100.0 / end.sum()
+    assert model.equilibrium(force=force).message.count("the membrane strains by") == 1
+    run = ms.simulate(model, duration=0.02, dt=0.01, force=force)
+    assert run.message.count("at its end the membrane strains by") == 1
+
+
+def test_answers_and_motions_under_constraints_say_so(mesh, shell):
     end, model = mesh.vertices[:, 0] > 1.0 - 1e-9, ms.DiscreteShell(shell)
     target = ms.PositionConstraint(end, mesh.vertices[end].mean(axis=0) + np.array([0.2, 0.0, 0.0]))
     found = model.equilibrium(constraints=[target])

@@ -38,6 +38,7 @@ from modalshell.models.warping import ModalWarping, consistent_warping
 from modalshell.modes import model_basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
+from modalshell.shell.strain_range import ends_strained, strained_beyond
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
 from modalshell.supports.constraints import Constraint
 
@@ -55,31 +56,27 @@ class Auto(Model):
       DS, and a stability margin whether DS may snap. New states are checked every five steps, and at once when the
       displacement has grown by half. A check that leaves room vouches for states like its own and somewhat larger
       ones; these are checked after 40 steps, 80, 160 and so on, with much room after 40, 160, 640.
-    * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better. Where a margin
-      fails DS does, as all cheaper levels may miss a snap or take it under another load. Coarse DS is no
-      longer used once its own bar exceeds half of ``error``.
+    * Where a bar exceeds half of ``error`` the next level takes over, RSW only if it would do better; coarse DS is then
+      not used again. Where a margin fails DS does, as cheaper levels may miss a snap or take it under another load.
     * A bar is of one instant. The drift by which small errors of stiffness add up in a vibration is estimated apart,
       and DS continues while that drift is above half of ``error``.
     * DS tries from time to time to return to MWTS. It does if twice in a row the nearest shape of MWTS is within 0.4
       ``error``, at the ends of the swing as well, has about the same energy and an equilibrium near by, and the margin
       exceeds 0.39. So a motion that has snapped stays with DS, although bars alone would accept MWTS there.
-    * A level starts from the positions and velocities of the last one. DS first relaxes the stretch of the modes, in
-      some short steps from rest.
+    * A level starts from the positions and velocities of the last one; DS first relaxes the stretch of the modes.
+    * A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
 
     Checks of shells of up to about a thousand vertices are compiled. One of a larger shell takes as long as
     hundreds of steps of MWTS: with ``coarse`` or ``triangles`` most are made on the coarse shell, as long as one on the
     shell itself agrees within a tenth each thirteenth time. As a level the coarse shell is left out where its linear
     answer misses more than ``error`` of the lowest mode, and with contacts.
 
-    A start away from rest begins on the first level that comes within 0.4 ``error`` of it and would stay there.
-
     With contacts bars take into account what touches, and modal levels are checked every five steps throughout.
     Impacts that take more than a tenth of the swing (at 5 %) are predicted and computed by DS, as are steps in which
     a collider with friction, restitution or ``push_out`` touches. Frames with an impact are not checked.
 
-    On supports that move all levels step in the frame of these. A check is valid for accelerations and
-    turns of the supports like those of the checked states. Under constraints DS takes all steps: RSW with static shapes
-    of the constrained vertices took as long.
+    On supports that move all levels step in their frame. A check is valid for accelerations and turns of the supports
+    like those of the checked states. Under constraints DS takes all steps: RSW with static shapes took as long.
 
     Parts without supports fly, by MWTS in frames of their own or by DS; centres and momenta are handed on. Their
     displacements are bends, found after the rigid motion that fits best, and every three steps are checked.
@@ -377,8 +374,13 @@ class Auto(Model):
         return self._centred(level).fault(inner, positions)
 
     def account(self, state: MotionState) -> str:
-        """How many steps each level took, and why it was left."""
-        return level_note(state, self.level_names)
+        """How many steps each level took, and why it was left; and where the motion ends with large strains."""
+        strained = ends_strained(self.shell, self.positions(state))
+        return "; ".join(filter(None, [level_note(state, self.level_names), strained]))
+
+    def beyond_range(self, answer: Equilibrium, constraints: Sequence[Constraint]) -> str:
+        """What is said of an answer with large membrane strains."""
+        return strained_beyond(self.shell, answer.positions)
 
     def mean_growth(self, state: MotionState, stiffness: float, damp: float, dt: float) -> complex:
         """What steps multiply an oscillation by, the geometric mean of those of all levels so far."""
