@@ -57,7 +57,7 @@ class LoadPoints:
     loads : tuple of AppliedLoad
         Loads that change, each of a form.
     patches : int
-        Number of patches of a load, a power of two.
+        Number of patches of a load on the surface, a power of two; loads by mass have their own.
 
     Attributes
     ----------
