@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from modalshell.core.typing import Array
 from modalshell.shell.fields import membrane_strain, principal_values
 from modalshell.shell.sheet import Sheet
@@ -18,11 +20,9 @@ def strained_beyond(shell: Shell, positions: Array) -> str:
     if not isinstance(shell.material, Sheet):
         return ""
     mesh, rest = shell.rest_mesh, shell.rest_shape
-    strains = abs(principal_values(membrane_strain(mesh, positions, None if rest is None else rest.squares))).max(
-        axis=1
-    )
-    beyond = strains > _SMALL
-    share = mesh.face_areas[beyond].sum() / mesh.area
+    tensors = membrane_strain(mesh, positions, None if rest is None else rest.squares)
+    strains = np.abs(principal_values(tensors)).max(axis=1)
+    share = mesh.face_areas[strains > _SMALL].sum() / mesh.area
     if share <= _SHARE:
         return ""
     return (
