@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 from modalshell.files.study_result import StudyResult
@@ -24,12 +25,13 @@ def draw(results: Path, folder: Path) -> Path:
     for name, rows in found["sheets"].items():
         curves = []
         for index, (fold, color) in enumerate(zip(found["folds"], COLORS, strict=False)):
-            known = [(row["gamma"], row["springs"][index]["error"]) for row in rows]
-            known = [(gamma, 100.0 * error) for gamma, error in known if error is not None]
-            if known:
-                gammas, errors = zip(*known, strict=True)
-                curves.append(Curve(gammas, errors, f"fitted at a fold of {fold:g} rad", color))
+            label = f"fitted at a fold of {fold:g} rad"
+            errors = [(row["gamma"], row["springs"][index]["error"]) for row in rows]
+            for missing, run in itertools.groupby(errors, key=lambda point: point[1] is None):  # no line over a gap
+                if not missing:
+                    gammas, known = zip(*run, strict=True)
+                    curves.append(Curve(gammas, [100.0 * error for error in known], label, color))
         error = "displacement error against DS [%]"
         panels.append(Panel(curves, TITLES[name], "gravity Γ", error, log=True, log_x=True))
-    missing = "No point: DS or the springs did not converge"
-    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True, title=missing)
+    title = "No point: DS or the springs did not converge"
+    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2, one_legend=True, title=title)
