@@ -46,7 +46,8 @@ ELASTICA = {1.0: (0.9912463953, 0.123471402), 3.0: (0.9315112071, 0.3396483923),
 SOFT, STIFF = (1.0, 4.0), (2.0, 2.5)
 """Loads Gamma of the V-beams; the stiff one snaps between 2.2 and 2.3."""
 MODES = 6
-_RUNG_MODES, _FRAMES = 8, 12
+_RUNG_MODES, _FRAMES = 8, 120
+"""Modes of the rungs, and frames that are timed: enough that what a run does once does not count."""
 
 
 @final
