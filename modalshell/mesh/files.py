@@ -343,7 +343,7 @@ def _without_unused(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[
         vertices, faces = drop_unused(vertices, faces)
         warnings.warn(
             f"{file}: dropped {len(unused)} vertices that are in no face, first vertex {unused[0]} (counted from 0): "
-            "those after it are numbered anew; remove them from the file to silence this",
+            "those after it get other numbers; remove them from the file to silence this",
             ModalShellWarning,
             stacklevel=3,
         )
