@@ -11,6 +11,7 @@ from typing import Protocol, cast
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import write_text
+from modalshell.files.outputs import refuse_foreign
 from modalshell.files.provenance import repository_module
 from modalshell.files.study_result import StudyResult
 
@@ -66,6 +67,7 @@ def reproduce(
         The files written.
     """
     study = studies()[name]
+    refuse_foreign(*(results / f"{name}.{kind}" for kind in ("npz", "json")))  # before the work
     figures.mkdir(parents=True, exist_ok=True)
     result = study.main(quick=quick, on_step=on_step)
     written: list[Path] = result.save(results)

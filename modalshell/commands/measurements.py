@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.core.checks import shortened
+from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import FileFormatError
 from modalshell.core.typing import Array
 from modalshell.files.atomic_io import read_npz
@@ -40,16 +40,23 @@ def read_measurements(path: Path) -> dict[str, Array]:
 
 
 def _from_csv(path: Path) -> dict[str, Array]:
-    rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
+    reader = csv.reader(read_text(path).splitlines(), skipinitialspace=True)
+    heading, *rows = [[cell.strip() for cell in line] for line in reader if line] or [[]]
     if not rows:
         raise ValueError("it has no rows below its heading")
-    names = {name.strip() for name in rows[0] if name}
+    names = {name for name in heading if name}
     unknown = names - {"frequency", "factor", *_AXES}
     if unknown:
         raise ValueError(f"column {sorted(unknown)[0]!r} is none of frequency, factor, x, y, z")
+    if len(names) < len(heading) - heading.count(""):
+        raise ValueError(f"a column is there twice (got {', '.join(heading)})")
+    for row in rows:
+        if any(row[len(heading) :]):
+            raise ValueError(f"the row {shown(','.join(row))} has more cells than the heading: write 0.5, not 0,5")
+    table = [dict(zip(heading, row, strict=False)) for row in rows]
 
     def column(name: str) -> Array:
-        cells = [(row.get(name) or "").strip() if name in names else "" for row in rows]
+        cells = [row.get(name, "") for row in table]
         return np.array([float(cell) if cell else np.nan for cell in cells])
 
     if "frequency" in names:

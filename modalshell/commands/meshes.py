@@ -392,5 +392,7 @@ def repair(
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
     checked_target("--out", out, WRITABLE, mesh)
-    ms.save_mesh((options or _MeshOptions()).mesh(mesh, repair=True), out)
+    repaired = (options or _MeshOptions()).mesh(mesh, repair=True)
+    make_folder(out.parent)
+    ms.save_mesh(repaired, out)
     say(out)

@@ -58,7 +58,8 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
         If there are more birds, modes or shapes of a motion than a browser takes.
     """
     own: Page | None = scene.own_page()
-    return own or _ShellPage(scene.require_shell(), on_step).page()
+    with scene.unit_system.said():
+        return own or _ShellPage(scene.require_shell(), on_step).page()
 
 
 class _ShellPage:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import warnings
 from pathlib import Path
 from typing import Annotated, Any
@@ -85,9 +86,9 @@ def _report_run(result: Path, scene: Path | None, out: Path | None, convergence:
     run = ms.load_trajectory(archive, verify=True)
     numbers = report_numbers(declared, shell, run)
     numbers["warnings"][:0] = texts_of(given)
-    numbers["command"] = f"modalshell report {result}" + (f" --scene {scene}" if scene else "")
+    own = () if scene is None else ("--scene", scene)
+    numbers["command"] = _command(result, *own, *["--convergence"] * convergence)
     if convergence:
-        numbers["command"] += " --convergence"
         numbers["convergence"] = mesh_convergence(declared, numbers, _solved)
     _write(target, report_page(declared, shell, run, record, numbers), numbers)
 
@@ -101,7 +102,7 @@ def _report_path(file: Path, out: Path | None) -> None:
     with progress(f"{file.stem} points") as on_step:
         followed = scene_path(declared, on_step)
     written = write_path(followed, folder, declared.name, declared.unit_system)
-    numbers = path_numbers(declared, declared.build_shell(), followed) | {"command": f"modalshell report {file} --path"}
+    numbers = path_numbers(declared, declared.build_shell(), followed) | {"command": _command(file, "--path")}
     pictures = [one for one in written if one.suffix == ".png"]
     _write(target, path_page(declared, numbers, pictures, declared.unit_system), numbers)
     end_with(followed.outcome)
@@ -113,9 +114,14 @@ def _report_sweep(file: Path, out: Path | None) -> None:
     target = _target(out, Path(declared.output.folder) / f"{declared.name}_sweep_report.html", file)
     with progress(f"{file.stem} cases") as on_step:
         result = ms.run_sweep(declared, on_step=on_step)
-    numbers = sweep_numbers(declared, result) | {"command": f"modalshell report {file}"}
+    numbers = sweep_numbers(declared, result) | {"command": _command(file)}
     _write(target, sweep_page(declared, numbers), numbers)
     end_with(*result.counts())
+
+
+def _command(*arguments: str | Path) -> str:
+    """The command with these arguments, as a shell takes it."""
+    return shlex.join(["modalshell", "report", *map(str, arguments)])
 
 
 def _target(out: Path | None, default: Path, *inputs: Path) -> Path:

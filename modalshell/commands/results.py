@@ -18,6 +18,7 @@ from modalshell.contact import Contact
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
 from modalshell.export.usd import save_usd
+from modalshell.files.archive import marks_of
 from modalshell.files.atomic_io import read_record
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import Page, farthest, recorded, shell_page
@@ -55,23 +56,22 @@ def export(
     rest = target.with_name(f"{target.stem}_rest.obj")
     if to in ("pc2", "mdd"):
         refuse_foreign(rest)
+    if to == "csv" and out is None:
+        refuse_foreign(target)
     if to == "body":
         refuse_foreign(target.with_suffix(".json"), *([target] if out is None else []))
         say(*save_modal_body(ms.Basis.load(result), target), sep="\n")
         return
     check_formats([target.suffix[1:]])
-    try:
-        run = ms.load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result, verify=True)
-    except ms.FileFormatError:
-        if (basis := _saved_basis(result)) is None:
-            raise
+    if (basis := _saved_basis(result)) is not None:
         if to == "page":
             say(basis.page(title=result.stem).save(target))
         elif to == "gltf":
             say(save_modes_gltf(basis, target))
         else:
-            raise ms.OptionError(f"{result} is a basis, which is written as gltf, page or body (got {to})") from None
+            raise ms.OptionError(f"{result} is a basis, which is written as gltf, page or body (got {to})")
         return
+    run = ms.load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result, verify=True)
     if to == "page":
         say(_played(run, result).save(target))
         return
@@ -134,8 +134,7 @@ def open_result(
         raise ms.OptionError(f"{shown} is no file: name a result, as 'results/leaf.npz', or the folder of a run")
     if shown.suffix in (".npz", ".clip"):
         page = Path(tempfile.mkdtemp(prefix="modalshell_")) / f"{shown.stem}.html"  # kept for the browser
-        basis = _saved_basis(shown) if shown.suffix == ".npz" else None
-        if basis is not None:
+        if (basis := _saved_basis(shown)) is not None:
             shown = basis.page(title=shown.stem).save(page)
         else:
             run = ms.load_clip(shown) if shown.suffix == ".clip" else ms.load_trajectory(shown, verify=True)
@@ -162,11 +161,8 @@ def result_of(path: Path) -> Path:
 
 
 def _saved_basis(path: Path) -> ms.Basis | None:
-    """The basis of a file; None if it holds none."""
-    try:
-        return ms.Basis.load(path)
-    except ms.FileFormatError:
-        return None
+    """The basis of a file; None if it holds none, FileFormatError if one that is damaged."""
+    return ms.Basis.load(path) if "modalshell_basis" in marks_of(path) else None
 
 
 def scene_of(archive: Path) -> Path:

@@ -173,9 +173,10 @@ def fit(
     given: dict[str, Any] = {"frequencies": measured.get("frequencies")}
     if "positions" in measured:
         path, force, loads, constraints = declared.build_loading(shell)
-        if path is not None or constraints or declared.contacts:
+        if path is not None or constraints or declared.contacts or any(isinstance(one, ms.Scaled) for one in loads):
             raise ms.OptionError(
-                "a fit takes scenes in equilibrium: leave moving supports, constraints and contacts out"
+                "a fit takes scenes in equilibrium: leave moving supports, constraints, contacts, and times and "
+                "factors of loads out"
             )
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}

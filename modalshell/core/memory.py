@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from modalshell.core.errors import OptionError
@@ -27,7 +28,8 @@ def available_memory() -> int:
             free.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for limit, usage in _CGROUPS:
         try:
-            free.append(int(Path(limit).read_text(encoding="ascii")) - int(Path(usage).read_text(encoding="ascii")))
+            used = int(Path(usage).read_text(encoding="ascii")) - _cached(Path(usage).with_name("memory.stat"))
+            free.append(int(Path(limit).read_text(encoding="ascii")) - used)
         except (OSError, ValueError):  # "max": no limit
             continue
     try:
@@ -40,6 +42,14 @@ def available_memory() -> int:
     except (ImportError, OSError, ValueError, IndexError):
         pass
     return max(min(free), 0)
+
+
+def _cached(counts: Path) -> int:
+    """Bytes of files that a container keeps in memory and counts as used, though they give way to whatever needs it."""
+    with suppress(OSError, ValueError):
+        pairs = (line.split() for line in counts.read_text(encoding="ascii").splitlines())
+        return sum(int(size) for name, size in pairs if name in ("active_file", "inactive_file"))
+    return 0
 
 
 def gigabytes(size: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_choice
-from modalshell.core.errors import ModalShellError
+from modalshell.core.errors import ModalShellError, ModalShellWarning
 
 _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
     "m": (1, 0, 0),
@@ -146,18 +147,28 @@ class UnitSystem:
 
     @contextmanager
     def said(self) -> Iterator[None]:
-        """Give what is refused within in these units; see :meth:`restated`.
+        """Give what is refused or warned of within in these units; see :meth:`restated`.
 
         Yields
         ------
         None
-            Errors of this package that are raised within are restated and pass on.
+            Errors of this package that are raised within are restated and pass on, as warnings are.
         """
-        try:
+        if self == SI:
             yield
+            return
+        try:
+            with warnings.catch_warnings():
+                show = warnings.showwarning
+
+                def shown(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+                    own = issubclass(category, ModalShellWarning)
+                    show(category(self.restated(str(message))) if own else message, category, *rest, **more)
+
+                warnings.showwarning = shown
+                yield
         except ModalShellError as error:
-            if self != SI:
-                error.args = (self.restated(str(error)), *error.args[1:])
+            error.args = (self.restated(str(error)), *error.args[1:])
             raise
 
     def labels(self, units: Mapping[str, str]) -> dict[str, str]:

@@ -6,7 +6,7 @@ import json
 import os
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, field
 from typing import Any, NamedTuple, final
 
@@ -17,6 +17,7 @@ from modalshell.core.checks import checked_folder, shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.units import SI, UnitSystem
 from modalshell.files.atomic_io import read_npz
+from modalshell.files.regular import open_regular
 
 _KINDS = {"f": "finite numbers", "fiu": "finite numbers", "iu": "whole numbers", "U": "text", "b": "true or false"}
 """What the letters of NumPy's kinds stand for."""
@@ -36,6 +37,13 @@ class Field(NamedTuple):
     """Letters stand for the same number in every array; None for any shape."""
     unit: str | None = None
     """Unit in SI, "" of a plain number; None where it needs none."""
+
+
+def marks_of(path: str | os.PathLike[str]) -> list[str]:
+    """Names of the marks of an archive, one of this package's; none of a file that cannot be read as one."""
+    with suppress(OSError, ValueError, NotImplementedError, zipfile.BadZipFile), open_regular(path) as file:
+        return [name.removesuffix(".npy") for name in zipfile.ZipFile(file).namelist() if name.startswith(_MARK)]
+    return []
 
 
 @contextmanager

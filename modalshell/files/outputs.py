@@ -28,7 +28,8 @@ def checked_target(
 ) -> Path:
     """Return the ``path`` of the option ``name`` if it has one of the ``suffixes`` and is none of the ``inputs``.
 
-    OptionError if it has another suffix, is no path of a file, or is the same file as an input, by whatever name.
+    OptionError if it has another suffix, is no path of a file, cannot be written where it is, or is the same file as an
+    input, by whatever name.
     """
     target = Path(path)
     if "\0" in str(target):
@@ -36,6 +37,10 @@ def checked_target(
     if target.suffix.lower() not in suffixes:
         raise OptionError(f"{name} must end in {', '.join(suffixes)} (got {shown(target.name)}): name such a file")
     refuse_inputs([target], *inputs, name=name)
+    there = next(one for one in target.absolute().parents if one.exists())  # what is missing is made as it is written
+    if target.is_dir() or not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        reason = "is a folder" if target.is_dir() else f"cannot be written, for {there} is no folder open to you"
+        raise OptionError(f"{name} {shown(str(target))} {reason}: name another file")
     return target
 
 

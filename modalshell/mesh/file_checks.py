@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from typing import Any
 
@@ -21,7 +22,7 @@ def check_stl(data: bytes) -> None:
         return
     lower = data.lower()
     if lower.lstrip().startswith(b"solid") and b"facet" in lower:
-        opened, closed = lower.count(b"facet normal"), lower.count(b"endfacet")
+        opened, closed = len(re.findall(rb"facet\s+normal", lower)), lower.count(b"endfacet")
         if opened != closed or b"endsolid" not in lower:
             raise MeshError(
                 f"the ASCII STL is cut short (truncated): {opened} facets begin and {closed} end, 'endsolid' "

@@ -15,17 +15,17 @@ from typing import Any, Literal
 import numpy as np
 
 from modalshell.core.checks import checked_choice, checked_folder, checked_kind, shown
-from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
+from modalshell.core.errors import FileFormatError, MeshError, ModalShellWarning, OptionError
 from modalshell.core.single_precision import lost_in_single_precision
 from modalshell.core.units import LENGTHS
+from modalshell.files.atomic_io import write_bytes
 from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
-from modalshell.mesh.file_checks import check_gltf, check_stl
+from modalshell.mesh.file_checks import check_gltf
 from modalshell.mesh.msh_files import MSH, read_msh
 from modalshell.mesh.parts import Component
-from modalshell.mesh.plain_files import read_binary_stl
-from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
+from modalshell.mesh.polygon_files import read_obj, read_off, read_ply, read_stl
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.topology import FloatArray, IntArray
@@ -37,8 +37,8 @@ from modalshell.mesh.welding import drop_unused, weld_arrays
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
 READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", MSH, *USD)
-POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
-"""Readers of formats that hold polygons."""
+POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply, ".stl": read_stl}
+"""Readers of formats that hold polygons or triangles alone."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
 _CAD = (".step", ".stp", ".iges", ".igs", ".brep")
 Up = Literal["x", "y", "z"]
@@ -186,9 +186,7 @@ def _read_as_stored(file: Path) -> Polygons:
             return read_msh(file, data)
         if suffix in POLYGONS:
             return POLYGONS[suffix](data)
-        if suffix == ".stl" and (plain := read_binary_stl(data)) is not None:
-            return plain
-        (check_stl if suffix == ".stl" else check_gltf)(data)
+        check_gltf(data)
         loaded = _trimesh_load(file, data, suffix)
         faces = np.asarray(loaded.faces, dtype=np.int64)
         if len(faces) == 0:
@@ -248,7 +246,11 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
     try:
         if file.exists() and not file.is_file():
             raise OSError(errno.EINVAL, "it is no regular file")
-        file.write_bytes(data)
+        if not file.parent.is_dir():
+            raise OSError(errno.ENOENT, "there is no such folder")
+        write_bytes(file, data)
+    except FileFormatError as error:
+        raise MeshError(str(error)) from error
     except ValueError as error:
         raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except OSError as error:
@@ -340,8 +342,8 @@ def _without_unused(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[
         faces, _ = validation.paired_edges(faces, len(vertices))
         vertices, faces = drop_unused(vertices, faces)
         warnings.warn(
-            f"{file}: dropped {len(unused)} vertices that are in no face, first vertex {unused[0]} (counted from 0); "
-            "remove them from the file to silence this",
+            f"{file}: dropped {len(unused)} vertices that are in no face, first vertex {unused[0]} (counted from 0): "
+            "those after it get other numbers; remove them from the file to silence this",
             ModalShellWarning,
             stacklevel=3,
         )

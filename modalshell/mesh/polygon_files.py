@@ -1,7 +1,7 @@
-"""Readers of OBJ, OFF and PLY that keep the file's order and locate faults by line or number.
+"""Readers of OBJ, OFF, PLY and STL that keep the file's order and locate faults by line or number.
 
 trimesh reads these formats, too, but resolves relative indices of an OBJ wrongly, takes no binary PLY of unequal
-polygons, and ignores faults or does not locate them.
+polygons, leaves out what follows a word in an ASCII STL that is no number, and ignores faults or does not locate them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import MeshError
-from modalshell.mesh.plain_files import read_plain_obj
+from modalshell.mesh.file_checks import check_stl
+from modalshell.mesh.plain_files import read_binary_stl, read_plain_obj
 from modalshell.mesh.polygons import Polygons
 
 _PLY_TYPES = {
@@ -102,6 +103,29 @@ def read_off(data: bytes) -> Polygons:
         for index, (number, words) in enumerate(body[vertex_count : vertex_count + face_count])
     ]
     return Polygons.of_lists(vertices, faces)
+
+
+def read_stl(data: bytes) -> Polygons:
+    """Triangles of a binary or ASCII STL, each with vertices of its own; names, normals and colours are passed over."""
+    if (plain := read_binary_stl(data)) is not None:
+        return plain
+    check_stl(data)
+    vertices: list[list[float]] = []
+    facets = 0
+    for number, line in enumerate(_lines(data), start=1):
+        words = line.split()
+        if words[:1] and words[0].lower() == "vertex":
+            vertices.append(_three_numbers(words[1:], f"line {number}: vertex {len(vertices)} (counted from 0)"))
+        elif words[:1] and words[0].lower() == "endfacet":
+            facets += 1
+            if len(vertices) != 3 * facets:
+                raise MeshError(
+                    f"line {number}: facet {facets - 1} (counted from 0) ends after {len(vertices)} vertices in all; "
+                    "three of each facet are expected, each on a line of its own: write the file again"
+                )
+    if not facets:
+        raise MeshError("the file has no faces (0 vertices read); a shell needs triangles")
+    return Polygons(np.array(vertices), np.arange(3 * facets), np.full(facets, 3))
 
 
 def read_ply(data: bytes) -> Polygons:

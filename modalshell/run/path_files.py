@@ -12,6 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.files.atomic_io import write_npz
+from modalshell.loads import Scaled
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.curves import MARKERS, Curve, Panel, draw_curves, path_curves
 from modalshell.scene.read import located
@@ -72,7 +73,7 @@ def _draw_shapes(path: EquilibriumPath, file: Path) -> Path:
 def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) -> EquilibriumPath:
     """Follow the equilibria of a scene's model under its load, by its ``[path]`` table with some keys changed.
 
-    SceneError where a table is refused: supports that move or constraints, too, which a path does not know.
+    SceneError where a table is refused: constraints, supports that move or loads that change in time, too.
     """
     declared = scene.require_shell()
     table = declared.path or PathTable()
@@ -80,6 +81,8 @@ def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) ->
     with located(declared.file, "path", table), declared.unit_system.said():
         if built.path is not None or built.constraints:
             raise OptionError("a path knows no supports that move and no constraints: leave them out")
+        if any(isinstance(load, Scaled) for load in built.loads):
+            raise OptionError("a path knows no time: leave times and factors of loads out")
         if (table.watch is None) != (table.direction is None):
             raise OptionError("watch needs a direction, and a direction vertices to watch")
         options = {name: getattr(table, name) for name in table.__struct_fields__ if name not in ("watch", "direction")}

@@ -72,6 +72,7 @@ class SceneRun(ABC, Generic[Result]):
 
     def __init__(self, scene: Scene, shell: Shell, folder: Path) -> None:
         self.folder, self.name, self.shell = folder, scene.name, shell
+        self._units = scene.unit_system
         self.identity = run_identity(scene, shell)
         self.formats: list[str] = list(dict.fromkeys(["npz", *scene.output.formats]))
         self.frames = 0
@@ -107,8 +108,8 @@ class SceneRun(ABC, Generic[Result]):
     @final
     def run(self, restart: bool, on_step: Progress | None) -> Result:
         """Compute and write what is missing; see :func:`modalshell.run_scene`."""
-        with FrameFile(self.path("frames")) as file:
-            refuse_foreign(self.path("npz"))
+        with self._units.said(), FrameFile(self.path("frames")) as file:
+            refuse_foreign(*(self.path(kind) for kind in ("npz", "csv") if kind in self.formats))
             if not self.path("npz").exists():  # else the record next to it is its own, damaged or not
                 refuse_foreign(self.path("json"))
             refuse_inputs([self.path(suffix) for suffix in self.formats], *self._inputs)

@@ -13,6 +13,7 @@ import numpy as np
 
 from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array
+from modalshell.core.units import UnitSystem
 from modalshell.files.atomic_io import read_record
 from modalshell.modes import solve_modes
 from modalshell.motion import Trajectory
@@ -21,6 +22,7 @@ from modalshell.page.report import shell_numbers
 from modalshell.run.balance import has_reactions, held_by_supports
 from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
+from modalshell.scene.index_files import numbered
 from modalshell.scene.parts import build_path
 from modalshell.shell import Shell
 from modalshell.statics.buckling import bent_remark, buckling_factors
@@ -87,10 +89,10 @@ def report_numbers(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str
             "heat": float(run.crease_heat[-1]),
         }
     numbers |= _balance(scene, shell, run)
-    numbers["frequencies"] = _attempt(lambda: _frequencies(shell), "frequencies", warned)
+    numbers["frequencies"] = _attempt(lambda: _frequencies(shell), "frequencies", warned, run.units)
     numbers["buckling"] = None
     if scene.motion is None:
-        numbers["buckling"] = _attempt(lambda: _buckling(scene, shell), "buckling", warned)
+        numbers["buckling"] = _attempt(lambda: _buckling(scene, shell), "buckling", warned, run.units)
     numbers["warnings"] = warned
     return numbers
 
@@ -143,6 +145,8 @@ def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]
 def _frequencies(shell: Shell) -> list[float]:
     """The lowest elastic natural frequencies at rest."""
     basis = solve_modes(shell, FREQUENCIES)
+    if basis.rigid_modes:  # which would take the places of all six of a free shell
+        basis = solve_modes(shell, FREQUENCIES + basis.rigid_modes)
     found: list[float] = basis.frequencies[basis.rigid_modes :].tolist()
     return found
 
@@ -156,10 +160,10 @@ def _buckling(scene: ShellScene, shell: Shell) -> float | str:
     return float(found.factors[0]) if len(found.factors) else "the load does not buckle it"
 
 
-def _attempt(compute: Callable[[], Any], name: str, warned: list[str]) -> Any:
+def _attempt(compute: Callable[[], Any], name: str, warned: list[str], units: UnitSystem) -> Any:
     """What is computed, or a text that says why it cannot be; its warnings are added to ``warned``, under its name."""
     try:
-        with warnings.catch_warnings(record=True, action="always", category=ModalShellWarning) as given:
+        with warnings.catch_warnings(record=True, action="always", category=ModalShellWarning) as given, units.said():
             answer = compute()
     except ModalShellError as refusal:
         return f"none: {refusal}"
@@ -174,12 +178,17 @@ def texts_of(given: Sequence[warnings.WarningMessage]) -> list[str]:
 
 
 def check_convergence(scene: ShellScene) -> tuple[int, int]:
-    """The cells of a scene's mesh; OptionError if it has none, and so no coarser mesh, as those of files."""
+    """The cells of a scene's mesh; OptionError if it has no coarser one, as those of files, on which to be solved."""
     cells = getattr(scene.mesh, "cells", None)
     if cells is None:
         raise OptionError(
             f"{scene.file}: --convergence needs a mesh by [mesh] shape and cells: one from a file has no coarser one; "
             "make a finer file and compare two reports"
+        )
+    if key := numbered(scene.content()):
+        raise OptionError(
+            f"{scene.file}: --convergence needs selections by place, as 'x < 0.01': the vertices that {key} numbers "
+            "are others on a coarser mesh"
         )
     return (int(cells[0]), int(cells[1]))
 

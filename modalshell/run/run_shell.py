@@ -153,10 +153,6 @@ class ShellRun(SceneRun[SceneResult]):
 
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         """Find the equilibrium, or step to the end of the motion."""
-        with self._scene.unit_system.said():
-            return self._compute(file, restart, on_step)
-
-    def _compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         scene = self._scene
         if scene.output.positions == "float32":
             kind = 'positions = "float32"'

@@ -36,6 +36,15 @@ def with_index_files(file: Path, raw: Any, path: str = "") -> Any:
     return raw
 
 
+def numbered(value: Any, key: str = "") -> str:
+    """A key of a scene's tables that selects vertices by their numbers, which are those of one mesh; "" without any."""
+    if isinstance(value, dict):
+        return next(filter(None, (numbered(inner, name) for name, inner in value.items())), "")
+    if key in KEYS and (value.endswith(SUFFIXES) if isinstance(value, str) else isinstance(value, int | list)):
+        return key
+    return next(filter(None, map(numbered, value)), "") if isinstance(value, list) else ""
+
+
 def _indices(file: Path, path: str, name: str) -> list[int]:
     try:
         numbers = read_numbers(file.parent / name, int)
@@ -58,6 +67,6 @@ def read_numbers(file: Path, kind: type[int] | type[float]) -> NDArray[Any]:
         data = read_regular(file)
         if file.suffix == ".npy":
             return np.asarray(np.lib.format.read_array(BytesIO(data), allow_pickle=False))
-        return np.array([kind(word) for word in data.decode("utf-8").split()], dtype=kind)
+        return np.array([kind(word) for word in data.decode("utf-8-sig").split()], dtype=kind)
     except (OSError, ValueError, TypeError, EOFError, OverflowError) as error:
         raise ValueError(getattr(error, "strerror", None) or shortened(str(error))) from error

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.core.checks import checked_times, checked_vectors, shortened, shown
+from modalshell.core.checks import as_array, checked_times, checked_vectors, shortened, shown
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Array
 from modalshell.files.provenance import repository_file
@@ -65,16 +65,15 @@ def build_mesh(table: MeshFile | Shape, folder: Path, metres: float = 1.0) -> Tr
     if isinstance(table, Shape):
         return table.build()
     file = found_file(table.file, folder)
-    mesh = _read_mesh(table, file)
-    if file.suffix.lower() not in USD or metres == 1.0:
-        return mesh
-    return TriangleMesh(mesh.vertices / metres, mesh.faces)
+    unit = metres if file.suffix.lower() in USD else 1.0
+    mesh = _read_mesh(table, file, None if table.join is None else unit * table.join)
+    return mesh if unit == 1.0 else TriangleMesh(mesh.vertices / unit, mesh.faces)
 
 
-def _read_mesh(table: MeshFile, file: Path) -> TriangleMesh:
+def _read_mesh(table: MeshFile, file: Path, join: float | None) -> TriangleMesh:
     if not (table.repair or table.split):
-        return chosen_part(load_mesh(file, up=table.up), table.component, table.join)
-    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split, up=table.up)
+        return chosen_part(load_mesh(file, up=table.up), table.component, join)
+    mesh, report = repair_mesh(file, tolerance=join, component=table.component, split=table.split, up=table.up)
     if report.changed:
         warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=3)
     return mesh
@@ -123,7 +122,7 @@ def file_numbers(name: str, given: str, folder: Path) -> Array:
     """Numbers (T,) of the parameter ``name`` from a ``.npy`` file, or from text with one per line."""
     file = found_file(given, folder)
     try:
-        return read_numbers(file, float).astype(np.float64)
+        return as_array(name, read_numbers(file, float), "real numbers", OptionError).astype(np.float64)
     except (ValueError, TypeError) as error:
         raise OptionError(
             f"{name} must be a number, one per triangle, or a readable file of these, .npy or text with one number "

@@ -123,7 +123,8 @@ def checked_name(file: Path, raw: dict[str, Any]) -> str:
     name = raw.get("name", file.stem)
     if not isinstance(name, str) or not (re.fullmatch(_NAME, name) and len(name.encode()) <= 200):
         allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
-        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
+        own = "" if "name" in raw else ", the file's own: rename it, or begin it with a line name = ..."
+        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60}{own})")
     return name
 
 

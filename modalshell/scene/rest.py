@@ -14,9 +14,9 @@ from msgspec import Meta
 from modalshell.core.checks import as_array
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.mesh import TriangleMesh, load_mesh
+from modalshell.mesh import TriangleMesh
 from modalshell.scene import tables
-from modalshell.scene.parts import file_numbers, found_file
+from modalshell.scene.parts import build_mesh, file_numbers
 from modalshell.scene.read import located
 from modalshell.shell import Crease, Temperature
 
@@ -63,8 +63,8 @@ class CreaseTable(tables.Table, frozen=True):
         return Crease(self.sel, self.yield_moment, self.hardening, self.angle)  # type: ignore[arg-type]  # its own check is the same
 
 
-def rest_options(file: Path, table: RestTable | None, up: Any) -> dict[str, Any]:
-    """Parameters of a shell's rest shape; SceneError where one is refused."""
+def rest_options(file: Path, table: RestTable | None, up: Any, metres: float) -> dict[str, Any]:
+    """Parameters of a shell's rest shape, in a unit of length [m]; SceneError where one is refused."""
     if table is None:
         return {}
     with located(file, "rest", table):
@@ -78,7 +78,7 @@ def rest_options(file: Path, table: RestTable | None, up: Any) -> dict[str, Any]
         elif any(np.any(value) for value in warm):
             raise OptionError("expansion must be given with a change of temperature [1/K]")
         if table.file is not None:
-            options["rest"] = load_mesh(found_file(table.file, file.parent), up=up)
+            options["rest"] = build_mesh(tables.MeshFile(file=table.file, up=up), file.parent, metres)
         if not options:
             raise OptionError(
                 "the table must have file, prestrain, rest_curvature, or expansion with change or through"
@@ -102,12 +102,14 @@ def build_creases(
 def rest_content(file: Path, table: RestTable, up: Any) -> dict[str, Any]:
     """The table as plain values, with digests of the mesh, which its file may take from others, and of numbers."""
     content: dict[str, Any] = msgspec.to_builtins(table)
-    if table.file is not None:
-        with located(file, "rest", table):
-            vertices = load_mesh(found_file(table.file, file.parent), up=up).vertices
-        content[f"digest of {table.file}"] = hashlib.sha256(vertices.tobytes()).hexdigest()
-    for name in set(table.files) - {table.file}:
-        content[f"digest of {name}"] = hashlib.sha256(found_file(name, file.parent).read_bytes()).hexdigest()
+    with located(file, "rest", table):
+        if table.file is not None:
+            vertices = build_mesh(tables.MeshFile(file=table.file, up=up), file.parent).vertices
+            content[f"digest of {table.file}"] = hashlib.sha256(vertices.tobytes()).hexdigest()
+        for key in ("prestrain", "rest_curvature", "change", "through"):
+            if isinstance(name := getattr(table, key), str):
+                numbers = file_numbers(key, name, file.parent)
+                content[f"digest of {name}"] = hashlib.sha256(numbers.tobytes()).hexdigest()
     return content
 
 

@@ -153,7 +153,7 @@ class Scene(ABC):
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):
                 energies.append(entry.build())
-        options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None))
+        options = rest_options(self.file, self.rest, getattr(self.mesh, "up", None), self.unit_system.metres)
         if self.creases:
             options["creases"] = build_creases(self.file, self.creases, mesh, options.get("rest"))
         place = ("rest", self.rest) if self.rest is not None else ("material", self.material)
@@ -275,11 +275,11 @@ class ShellScene(Scene):
             return load, note
         still = np.zeros_like(load)
         lasts, unit = path.times[-1] - path.times[0], self.unit_system
-        times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil(lasts * unit.seconds * 120.0)))
-        effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
-        worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
-        moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} {unit.time}."
-        return effective[worst], " ".join(filter(None, (moved, note)))
+        times = np.linspace(path.times[0], path.times[-1], 1 + int(min(np.ceil(lasts * unit.seconds * 120.0), 1e4)))
+        felt = ((path.at(t).shell_load(load, shell.mass, shell.rest_positions, still), t) for t in times.tolist())
+        worst, at = max(felt, key=lambda one: np.sum(one[0][shell.free] ** 2 / shell.mass[shell.free, None]))
+        moved = f"The load is that of the moving supports when it is largest, at {at:.3g} {unit.time}."
+        return worst, " ".join(filter(None, (moved, note)))
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
         """Build path of the supports, dead forces (n, 3) [N] without gravity, loads and constraints on ``shell``.

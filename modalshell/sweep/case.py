@@ -155,7 +155,8 @@ def run_case(task: Task) -> CaseResult:
         finally:
             numba.set_num_threads(threads)
         message = scene.unit_system.restated(message)
-        info = _run_info(building, watch() - building, [str(warning.message) for warning in heard])
+        said = [scene.unit_system.restated(str(warning.message)) for warning in heard]
+        info = _run_info(building, watch() - building, said)
     return CaseResult(task.digest, outcome, message, measures, positions, info)
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from modalshell.core.checks import shortened, shown
-from modalshell.core.errors import SceneError
+from modalshell.core.errors import ModalShellWarning, SceneError
 from modalshell.core.typing import Progress
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene, parse_scene
+from modalshell.scene.index_files import numbered
 from modalshell.sweep.case import Task, case_digest
 from modalshell.sweep.grid import Sweep
 
@@ -68,11 +70,19 @@ class Plan:
             self.cases.append(GridCase(values, digest, truth, mesh))
             if on_check is not None:
                 on_check(number, sweep.count)
+        counts = sorted({len(case.mesh.vertices) for case in self.cases})
+        if len(counts) > 1 and (key := numbered(sweep.scene)):
+            warnings.warn(
+                f"{sweep.file}: {key} selects vertices by their numbers, which are at other places of each mesh (got "
+                f"meshes of {counts[0]} to {counts[-1]} vertices): select them by place, as 'x < 0.01'",
+                ModalShellWarning,
+                stacklevel=3,
+            )
 
     def _add(self, sweep: Sweep, raw: dict[str, Any]) -> tuple[str, TriangleMesh]:
         """Check a scene and take it up; return its digest and mesh."""
         scene = parse_scene(sweep.scene_file, raw)
-        key = json.dumps(raw["mesh"], sort_keys=True)
+        key = json.dumps([raw["mesh"], raw.get("units")], sort_keys=True)  # USD is converted to the unit of length
         if key not in self._meshes:
             mesh = scene.build_mesh()
             faces = np.ascontiguousarray(mesh.faces, dtype="<i8")
@@ -89,5 +99,7 @@ class Plan:
         parts = {name: part for name, part in scene.content().items() if name != "model"}
         key += json.dumps(parts, sort_keys=True)
         if key not in self._checked:
-            scene.require_shell().build_loading(scene.build_shell(mesh))
+            declared = scene.require_shell()
+            declared.build_loading(scene.build_shell(mesh))
+            declared.build_contacts(mesh)
             self._checked.add(key)

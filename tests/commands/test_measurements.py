@@ -67,7 +67,7 @@ def test_young_is_found_from_a_tip_curve(capsys, tmp_path, curve, kind):
     positions, file = curve[0], tmp_path / f"tip.{kind}"
     if kind == "csv":
         rows = [f"{factor},{z}" for factor, z in zip(FACTORS, positions[:, 2], strict=True)]
-        file.write_text("\n".join(["factor, z", *rows]))
+        file.write_text("\n".join(["factor , z ", *rows]))  # of a column "factor " all numbers were left out
     elif kind == "json":
         told_as = [[None, None, z] for z in positions[:, 2].tolist()]
         file.write_text(json.dumps({"factors": FACTORS.tolist(), "positions": told_as}))
@@ -124,6 +124,8 @@ def test_young_is_found_from_frequencies(capsys, tmp_path, curve):
         ("tip.csv", "x,z\n1,2\n1,2", "need the column factor"),
         ("tip.csv", "frequency,z\n1,2", "frequencies stand alone"),
         ("tip.csv", "z\nfar", "could not convert"),
+        ("tip.csv", "factor,z\n0,5,-0,1", "more cells than the heading"),
+        ("tip.csv", "z,z\n1,2", "a column is there twice"),
         ("tip.json", "[1]", "must be one object"),
         ("tip.json", '{"height": 1}', "'height' is none of"),
         ("tip.json", "{}", "neither positions nor frequencies"),

@@ -73,7 +73,7 @@ def test_a_mesh_that_is_refused_makes_a_film_with_repair(capsys, torn, tmp_path)
 
 def test_repair_writes_a_mesh_that_is_taken_and_leaves_the_original(capsys, torn, tmp_path):
     before = torn.read_bytes()
-    mended = tmp_path / "mended.ply"
+    mended = tmp_path / "new folder" / "mended.ply"
     status, out, err = run(capsys, "repair", torn, "--split", "--out", mended, "--component", "largest")
     assert status == 0, err
     assert "left out 2 parts" in out

@@ -4,6 +4,7 @@ import webbrowser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
 
 import modalshell as ms
@@ -63,3 +64,15 @@ def test_pictures_open_as_they_are_and_others_are_refused(tmp_path, opened, caps
     monkeypatch.setattr(webbrowser, "open", lambda _: False)
     assert run("open", picture) == 0
     assert "no browser" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [("open",), ("export", "--to", "page")])
+def test_a_damaged_basis_is_named_as_one(tmp_path, basis, capsys, command):
+    """It was said to be no trajectory."""
+    saved = tmp_path / "basis.npz"
+    basis.save(saved)
+    with np.load(saved) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "modes"}
+    np.savez(saved, **arrays)
+    assert run(command[0], saved, *command[1:]) == 2
+    assert "cannot read a saved basis from" in capsys.readouterr().err

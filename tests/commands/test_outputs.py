@@ -1,6 +1,7 @@
 """Commands keep what they read, and files that something else wrote."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -76,15 +77,15 @@ def test_a_companion_of_another_program_stays(refused, scene_file, tmp_path):
     assert json.loads(described.read_text())["layout"].startswith("modalshell")
 
 
-@pytest.mark.parametrize("suffix", ["npz", "json"])
+@pytest.mark.parametrize("suffix", ["npz", "json", "csv"])
 def test_a_run_replaces_results_and_nothing_else(refused, scene_file, tmp_path, suffix):
-    scene = scene_file()
+    scene = scene_file(more='[output]\nformats = ["csv"]\n')
     name = ms.load_scene(scene).name
     foreign = tmp_path / f"{name}.{suffix}"
     if suffix == "npz":
         np.savez(foreign, measured=np.arange(3))
     else:
-        foreign.write_text('{"my": "settings"}')
+        foreign.write_text('{"my": "settings"}' if suffix == "json" else "z\n0.1\n")
     assert "not written by modalshell" in refused("run", scene, "--out", tmp_path, keeps=[foreign, scene])
     foreign.unlink()
     first = ms.run_scene(scene, out=tmp_path)
@@ -153,3 +154,18 @@ def test_an_empty_file_and_a_link_to_nothing(tmp_path):
     (tmp_path / "b.npz").symlink_to(tmp_path / "b.npz")
     with pytest.raises(ms.OptionError, match="move it away"):
         refuse_foreign(tmp_path / "b.npz")
+
+
+def test_what_cannot_be_written_is_refused_before_any_work(refused, scene_file, tmp_path, monkeypatch):
+    """A page was computed and then lost; so were trade-offs and paths of a folder that others own."""
+    scene, notes = scene_file(), tmp_path / "notes.txt"
+    notes.write_text("mine\n")
+    (tmp_path / "folder.html").mkdir()
+    for place in ("commands.scenes.scene_page", "commands.scenes.scene_path", "tradeoff"):
+        monkeypatch.setattr(f"modalshell.{place}", lambda *_, **__: pytest.fail("it was computed"))
+    assert "notes.txt is no folder open to you" in refused("page", scene, "--out", notes / "a.html", keeps=[notes])
+    assert "is a folder" in refused("page", scene, "--out", tmp_path / "folder.html", keeps=[scene])
+    monkeypatch.setattr(os, "access", lambda *_, **__: False)
+    assert "is no folder open to you" in refused("page", scene, "--out", tmp_path / "a.html", keeps=[scene])
+    for command in ("tradeoff", "path"):
+        assert "no folder for results (Permission denied)" in refused(command, scene, "--out", tmp_path, keeps=[scene])

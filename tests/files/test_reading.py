@@ -139,6 +139,8 @@ def test_free_memory_counts_every_limit(tmp_path, monkeypatch):
     (tmp_path / "used").write_text("400\n")
     monkeypatch.setattr(memory, "_CGROUPS", (("missing", "missing"), (tmp_path / "most", tmp_path / "used")))
     assert available_memory() == 600
+    (tmp_path / "memory.stat").write_text("anon 50\ninactive_file 200\nactive_file 150\n")
+    assert available_memory() == 950  # files that were read or written stay in memory until it is needed
     (tmp_path / "most").write_text("max\n")
     assert available_memory() > 600
     with pytest.raises(ms.OptionError, match=r"the work needs about 1e\+30 GB of memory \(got .* free\): do less"):

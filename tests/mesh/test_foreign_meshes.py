@@ -12,6 +12,8 @@ from scipy.spatial import cKDTree
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.mesh.files import up_axis
+from modalshell.sweep import load_sweep
+from modalshell.sweep.plan import Plan
 
 NEEDS_USD = pytest.mark.skipif(
     not importlib.util.find_spec("pxr"), reason="usd-core is not installed (pip install 'modalshell[interchange]')"
@@ -107,6 +109,22 @@ class TestUsd:
             'thickness = 1.0\ndensity = 1e-6\n[supports]\nclamped = "x < 1"\n[model]\nname = "ds"\n'
         )
         assert ms.load_scene(scene).build_mesh().vertices.max() == pytest.approx(600.0)
+        joined = scene.read_text().replace("\n[material]", "\njoin = 0.1\n[material]")  # they were 0.1 m
+        scene.write_text(joined + '[rest]\nfile = "plain.usda"\n')  # and this a sheet of 0.6 mm
+        shell = ms.load_scene(scene).build_shell()
+        assert shell.size == pytest.approx(600.0)
+        assert shell.energy(shell.rest_positions) == pytest.approx(0.0, abs=1e-9)
+
+    def test_sweeps_over_units_convert_each_mesh(self, tmp_path):
+        """All had that of the first unit."""
+        write("plain.usda", tmp_path)
+        (tmp_path / "a.toml").write_text(
+            '[mesh]\nfile = "plain.usda"\n[material]\nstretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n'
+            '[model]\nname = "rigid"\n'
+        )
+        (tmp_path / "s.toml").write_text('scene = "a.toml"\n[axes]\n"units.length" = ["m", "mm"]\n')
+        sizes = [case.mesh.size for case in Plan(load_sweep(tmp_path / "s.toml")).cases]
+        assert sizes == pytest.approx([0.6, 600.0])
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -1,6 +1,8 @@
 """Reading and writing meshes: round trips, and every damaged file named."""
 
+import errno
 import json
+import os
 import struct
 from pathlib import Path
 
@@ -115,6 +117,14 @@ def test_unused_vertices_are_dropped_with_a_warning(tmp_path):
     refuse(_write(tmp_path / "loose2.obj", text + "f 3 2 2\n"), r"face 1, vertices \(2, 1, 1\)")
 
 
+def test_an_ascii_stl_is_read_whole(tmp_path):
+    """A name with "vertex" in it made the file empty, and two spaces made it one cut short."""
+    text = f"solid vertex model\n{FIRST}endsolid vertex model\nsolid\n{SECOND}endsolid\n"
+    for name, written in (("lower", text), ("upper", text.upper()), ("crlf", text.replace("\n", "\r\n"))):
+        mesh = load_mesh(_write(tmp_path / f"{name}.stl", written))
+        assert mesh.vertices[:, 0].tolist() == [0.5, 1.0, 0.0, 1.0]
+
+
 def test_collapsed_stl_triangle_warns(tmp_path):
     rows = [[0, 0, 0, 1, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 0, 1, 0, 0]]
     data = b"\0" * 80 + struct.pack("<I", 2) + b"".join(struct.pack("<12fH", 0, 0, 1, *row, 0) for row in rows)
@@ -205,6 +215,8 @@ PLY = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
 )
+FACET = "facet  normal 0 0 1\n outer loop\n" + 3 * " vertex {}\n" + " endloop\nendfacet\n"
+FIRST, SECOND = FACET.format("0.5 0 0", "1 0 0", "0 1 0"), FACET.format("0 1 0", "1 0 0", "1 1 0")
 ROWS = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
 DAMAGED = {
     "a.xyz": ("0 0 0", "suffix '.xyz'; expected one of .obj"),
@@ -232,6 +244,8 @@ DAMAGED = {
     "short.stl": (b"\0" * 80 + struct.pack("<I", 5) + b"\0" * 60, "cut short.*5 triangles take 334 bytes"),
     "ascii.stl": ("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", "ASCII STL is cut short"),
     "none.stl": (b"\0" * 84, "no faces"),
+    "word.stl": (f"solid\n{FIRST}{FIRST.replace('0.5', 'nil')}endsolid\n", "line 11: vertex 3 .*'nil 0 0'"),
+    "corners.stl": (f"solid\n{FIRST}{FIRST.replace(' vertex 1 0 0', '')}endsolid\n", "line 15: facet 1 .*after 5"),
     "a.glb": ("glTF", "damaged, cut short or not GLB"),
     "a.gltf": ("{", "damaged, cut short or not GLTF"),
     "blank.ply": ("  \n", "file is empty"),
@@ -258,7 +272,10 @@ def test_every_cut_is_refused(tmp_path, suffix):
         refuse(_write(tmp_path / f"cut.{suffix}", data[:keep]), "cut")
 
 
-def test_missing_file_folder_and_unwritable(tmp_path):
+def test_missing_file_folder_and_unwritable(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     for name in ("nowhere.obj", "nowhere", "nowhere.toml"):
         refuse(tmp_path / name, "no such file")
     refuse(_write(tmp_path / "a.toml", b"[mesh]"), "a scene, where a mesh is expected")
@@ -268,6 +285,12 @@ def test_missing_file_folder_and_unwritable(tmp_path):
     mesh = v_beam(cells=(4, 2))
     with pytest.raises(MeshError, match="cannot be written"):
         save_mesh(mesh, tmp_path / "no" / "a.obj")
+    save_mesh(mesh, tmp_path / "full.ply")
+    whole = (tmp_path / "full.ply").read_bytes()
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(MeshError, match=r"cannot be written \(No space"):  # half of it took the place of the old one
+        save_mesh(v_beam(cells=(6, 2)), tmp_path / "full.ply")
+    assert (tmp_path / "full.ply").read_bytes() == whole
     with pytest.raises(MeshError, match=r"cannot write files with suffix '\.vtk'"):
         save_mesh(mesh, tmp_path / "a.vtk")
     far = TriangleMesh(mesh.vertices + 1e5, mesh.faces)  # it was written, and its shape lost

@@ -142,6 +142,11 @@ def test_a_run_needs_its_own_scene(plate, capsys):
     assert command(archive, "--scene", "other.toml") == 2
     assert "is a run of another scene" in capsys.readouterr().err
     assert command(archive, "--scene", "plate.toml", "--out", "again.html") == 0
+    (plate / "my scenes").mkdir()
+    (plate / "my scenes" / "plate.toml").write_text(PLATE)
+    assert command(archive, "--scene", "my scenes/plate.toml", "--out", "named.html") == 0
+    told = json.loads((plate / "named.json").read_text())["command"]
+    assert told == f"modalshell report {archive} --scene 'my scenes/plate.toml'"
     (plate / "results" / "plate.json").unlink()
     assert command(archive, "--scene", "plate.toml") == 2
     assert "is no record of a run" in capsys.readouterr().err
@@ -157,6 +162,20 @@ def test_a_report_on_a_motion_names_when(plate, scene_file):
     assert (numbers["load"], numbers["balance"], numbers["buckling"]) == (None, None, None)
     assert command(file, "--out", "moved.html") == 0
     assert re.search(r"at \([^)]*\) m, at [\d.]+ s", (plate / "moved.html").read_text())
+
+
+def test_a_report_on_a_free_shell_has_its_frequencies(plate):
+    """Rigid motions took the places of all, and the page had a unit alone."""
+    free = (
+        PLATE.replace("width = 0.5", "width = 0.3")
+        .replace('[[supports]]\nkind = "pin"\nsel = "boundary"\n', "")
+        .replace('"ds"', '"rigid"')
+    )
+    (plate / "free.toml").write_text(free + "[motion]\nduration = 0.1\n")
+    scene = ms.load_scene("free.toml").require_shell()
+    shell, run = scene.build_shell(), ms.run_scene(scene, out="results").trajectory
+    expected = ms.solve_modes(shell, 12).frequencies[6:]
+    np.testing.assert_allclose(report_numbers(scene, shell, run)["frequencies"], expected, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -253,6 +272,9 @@ def test_a_report_says_what_is_too_coarse_and_what_is_not_joined(plate, capsys):
     assert command("own.toml", "--convergence") == 2
     assert "one from a file has no coarser one" in capsys.readouterr().err
     assert not (plate / "results" / "own.npz").exists()
+    (plate / "numbers.toml").write_text(PLATE.replace('"boundary"', "[0, 12, 156, 168]"))  # its corners, on that mesh
+    assert command("numbers.toml", "--convergence") == 2
+    assert "the vertices that sel numbers are others on a coarser mesh" in capsys.readouterr().err
 
 
 def test_a_number_stands_for_a_value_to_its_own_digits():

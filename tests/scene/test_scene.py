@@ -139,6 +139,7 @@ def test_material_may_differ_between_triangles(load, tmp_path, kind):
         ({"thickness": "none.npy"}, "material.thickness: must be a number, one per triangle, or a readable file"),
         ({"young": "words.txt"}, "material.young: must be a number, .* could not convert string to float"),
         ({"young": "words.npy"}, "material.young: must be a number"),
+        ({"young": "waves.npy"}, "material.young: must be .*got dtype complex128"),
         ({"young": [1e6] * 96, "calibrated": True}, "material.young: must be one number where the material is calib"),
         ({"thickness": [1e-3, -1e-3]}, r"material.thickness\[1\]: must be a number above 0.0"),
         ({"thickness": []}, "material.thickness: must be a list of length at least 1"),
@@ -147,6 +148,7 @@ def test_material_may_differ_between_triangles(load, tmp_path, kind):
 def test_bad_materials_by_triangle_are_refused(load, tmp_path, changed, message):
     for suffix in ("txt", "npy"):
         (tmp_path / f"words.{suffix}").write_text("thin thick")
+    np.save(tmp_path / "waves.npy", np.full(96, 1e6 + 1e6j))
     with pytest.raises(ms.SceneError, match=message):
         load(STIFFNESSES, sheet_text(**changed)).build_shell()
 
@@ -347,11 +349,13 @@ def test_a_scene_is_named_after_its_file_in_any_alphabet(scene_text, tmp_path, n
     assert {result.stem for result in results if result.is_file()} == {name}
 
 
-def test_names_longer_than_a_file_name_are_refused(scene_text, tmp_path):
+def test_names_that_no_results_can_have_are_refused(scene_text, scene_file, tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(f'name = "{90 * chr(0x8449)}"\n{scene_text()}', encoding="utf-8")
     with pytest.raises(ms.SceneError, match="name: must be 1 to 100 letters"):
         ms.load_scene(file)
+    with pytest.raises(ms.SceneError, match=r"got 'my scene', the file's own: rename it, or begin it"):
+        ms.load_scene(scene_file().rename(tmp_path / "my scene.toml"))
 
 
 def test_unreadable_files_are_named(tmp_path):

@@ -101,6 +101,9 @@ def test_models_without_a_potential_and_moving_scenes_are_refused(scene, capsys)
     led = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\ntarget = [1, 0, 0]\n'
     assert run("path", scene(more=led)) == 2
     assert "no constraints" in capsys.readouterr().err
+    ramp = "[[loads.weight]]\ntimes = [0.0, 1.0]\nfactors = [0.0, 1.0]\n[motion]\nduration = 1.0\n"
+    assert run("path", scene(more=ramp)) == 2  # it was taken at time 0
+    assert "a path knows no time" in capsys.readouterr().err
 
 
 def test_curves_break_where_stability_changes():

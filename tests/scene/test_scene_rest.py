@@ -162,6 +162,12 @@ def test_what_is_refused_names_the_file_and_the_key(tmp_path, text, words):
         load_scene(file).build_shell()
 
 
+def test_a_digest_of_numbers_that_are_not_there_names_the_key(tmp_path):
+    """A sweep ended with what the system says."""
+    with pytest.raises(ms.SceneError, match=r"rest\.prestrain: must be a number"):
+        scene(tmp_path, '[rest]\nprestrain = "none.npy"\n').content()
+
+
 def test_a_modal_model_refuses_a_scene_with_creases(tmp_path):
     file = files(tmp_path, CREASES)
     file.write_text(file.read_text().replace('name = "ds"', 'name = "mwts"\nmodes = 4'))

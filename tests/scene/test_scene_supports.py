@@ -49,11 +49,19 @@ def test_listed_supports_move_along_their_path(load):
     assert built.path.at(1.0).translation == pytest.approx([0.0, 0.0, 0.5])
 
 
+@pytest.mark.slow
+def test_the_largest_load_is_found_along_a_path_of_years(load):
+    """It was looked for 120 times a second, and the load of each time kept."""
+    moved = HELD + "times = [0, 1e9]\ntranslations = [[0, 0, 0], [0, 0, 0.5]]\n"
+    scene = load(moved)
+    assert "at 0 s" in scene.largest_load(scene.build_shell())[1]
+
+
 @pytest.mark.parametrize("suffix", ["txt", "npy"])
 def test_files_of_indices_select(scene_file, suffix):
     scene = scene_file((HELD, f'[[supports]]\nkind = "pin"\nsel = "rim.{suffix}"\n'))
     if suffix == "txt":
-        (scene.parent / "rim.txt").write_text("3\n4 5\n", encoding="utf-8")
+        (scene.parent / "rim.txt").write_text("3\n4 5\n", encoding="utf-8-sig")  # as Windows writes it
     else:
         np.save(scene.parent / "rim.npy", np.array([3, 4, 5]))
     assert np.flatnonzero(ms.load_scene(scene).build_shell().clamped).tolist() == [3, 4, 5]

@@ -149,6 +149,8 @@ def test_sentences_name_units_of_the_scene():
         "2 m.toml"
     )
     assert other.restated(told) == told
+    with pytest.warns(ModalShellWarning, match="by 3 cm, in"), other.said():
+        warnings.warn("the spline swings by 3 m, in motion", ModalShellWarning, stacklevel=1)
     assert UnitSystem("mm", "t", "s").restated("at 6 Hz, 2 Pa.") == "at 6 Hz, 2 MPa."
 
 

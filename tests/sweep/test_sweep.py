@@ -300,6 +300,9 @@ def test_units_of_axes_within_lists():
     columns = ["loads.pressure.0.p", "loads.point.1.force", "loads.gravity.2", "contacts.0.offset", "material.shear"]
     rows = unit_rows([dict.fromkeys([*columns, "contacts.0.friction"])], [{"material": {"young": [1e9, 1e8]}}])
     assert [row["unit"] for row in rows] == ["Pa", "N", "m/s^2", "m", "Pa", "1"]
+    further = ["material.plies.0.thickness", "mesh.wing", "mesh.curl", "contacts.0.path.times", "contacts.0.origin"]
+    rows = unit_rows([dict.fromkeys(further)], [{"material": {"plies": []}}])
+    assert [row["unit"] for row in rows] == ["m", "m", "deg", "s", "m"]
     springs = {"material": {"stretch": 1.0, "flexure": 1.0}, "units": {"length": "mm", "mass": "t", "time": "s"}}
     rows = unit_rows([dict.fromkeys([*columns, "material.density", "material.flexure"])], [springs])
     assert [row["unit"] for row in rows] == ["MPa", "N", "mm/s^2", "mm", "N", "t/mm^2", "N mm"]

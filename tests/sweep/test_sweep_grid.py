@@ -95,6 +95,13 @@ def test_a_refusal_stays_short_whatever_the_axis_is_called(write):
         ('"supports.clamped" = ["x < 0.13", "x < -9"]', "", "", r"case 2 .*supports\.clamped: selects no vertex"),
         ('"mesh.fold" = [150, 500]', "", "", r"case 2 .*mesh\.fold"),
         ('mesh = [{ file = "none.obj" }]', "", "", r"case 1 .*none\.obj"),
+        (
+            'contacts = [[{ kind = "sphere", center = [0, 0, -9], radius = 0.5 }], '
+            '[{ kind = "sphere", center = [0, 0, -9], radius = -1.0 }]]',
+            "",
+            "",
+            r"case 2 .*contacts\[0\]\.radius: must be",
+        ),
         ('"loads.rain" = [1]', "", "", r"case 1 .*loads\.rain: unknown key"),
         (GRAVITIES, 'truth = { name = "dss" }', "", r"case 1 .*model\.name: must be one of"),
     ],
@@ -104,6 +111,14 @@ def test_what_is_not_allowed_is_refused_before_any_work(write, tmp_path, axes, t
         ms.run_sweep(write(axes, top, more), out=tmp_path / "out")
     assert "beams.toml: " in str(error.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_vertices_by_number_on_meshes_of_several_sizes_are_warned_of(write):
+    """The force was at another place in every case, without a word."""
+    placed = LOADED_BEAM.replace('"x > 0.9"', "[40]")
+    with pytest.warns(ms.ModalShellWarning, match="where selects vertices by their numbers.* 45 to 55 vertices"):
+        Plan(load_sweep(write('"mesh.cells" = [[8, 4], [10, 4]]', scene=placed)))
+    Plan(load_sweep(write('"mesh.fold" = [150, 160]', scene=placed)))
 
 
 def test_bad_scene_references_are_refused(tmp_path):
