@@ -20,6 +20,7 @@ from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import Basis, solve_modes
+from modalshell.modes.rigid import rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.energies_of import ANY_SIGN, material_constants, size_of_constant
 from modalshell.statics.mixed_newton import GOAL
@@ -86,8 +87,7 @@ class MeasuredFrequencies(Measurements):
 
     def misfit(self, shell: Shell, names: list[str], *, exact: bool = False) -> tuple[Array, Equilibrium | None]:
         """Shares of the measured frequencies."""
-        rigid = solve_modes(shell, 1).rigid_modes if not shell.unknowns.supported.any() else 0
-        self._basis = solve_modes(shell, 6 * bool(rigid) + self._values.size)
+        self._basis = solve_modes(shell, rigid_motions(shell).shape[1] + self._values.size)
         return self._elastic(self._basis.frequencies) / self._values[self._seen] - 1.0, None
 
     def slopes(self, names: list[str]) -> Array:
@@ -175,7 +175,6 @@ class MeasuredPositions(Measurements):
     def misfit(self, shell: Shell, names: list[str], *, exact: bool = False) -> tuple[Array, Equilibrium | None]:
         """Differences of coordinates [m], level after level; while constants change by much a looser balance serves."""
         body, known = DiscreteShell(shell), list[KnownEquilibrium]()
-        body.factoriser = self._body.factoriser  # of one pattern: it is analysed once
         steps = _steps(names, self._body.shell, shell)
         change = float(np.abs(steps[:, 1]).max())
         self._goal = GOAL if exact or not self._known else min(_LOOSE, max(GOAL, _FRACTION * change))

@@ -12,14 +12,15 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Vector
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.selection import Selection, selected
+from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
 class _SelectedForce(Load, ReadOnlyArrays):
     """One vector for selected vertices."""
 
     def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+        self.sel = checked_selection("sel", sel)
+        self.vector = read_only_copy(checked_vectors("force", force, (3,)))
 
 
 @final

@@ -15,7 +15,7 @@ from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, Corners, SurfaceForm, length
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.selection import Selection, selected
+from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
 def area_vectors(corners: Corners) -> Corners:
@@ -35,7 +35,7 @@ def selected_faces(mesh: TriangleMesh, sel: Selection | None) -> Index:
 
 
 @final
-class Pressure(LiveLoad, key="pressure"):
+class Pressure(LiveLoad, ReadOnlyArrays, key="pressure"):
     """A pressure on the surface, along the triangles' normals: a third of each triangle's force at each corner.
 
     Follower pressure acts on the deformed triangles. On a closed surface, or one whose boundary is held, it is the
@@ -60,7 +60,8 @@ class Pressure(LiveLoad, key="pressure"):
     """
 
     def __init__(self, p: float, follower: bool = True, sel: Selection | None = None) -> None:
-        self.p, self.sel = checked_number("p", p, unit="Pa", error=LoadError), sel
+        self.p = checked_number("p", p, unit="Pa", error=LoadError)
+        self.sel = None if sel is None else checked_selection("sel", sel)
         self.follower = checked_switch("follower", follower)
 
     def force(self, mesh: TriangleMesh) -> Array:
@@ -139,7 +140,7 @@ class Wind(LiveLoad, ReadOnlyArrays, key="wind"):
         self.density = checked_number("density", density, at_least=0.0, unit="kg/m^3", error=LoadError)
         self.normal = checked_number("normal", normal, at_least=0.0, error=LoadError)
         self.tangential = checked_number("tangential", tangential, at_least=0.0, error=LoadError)
-        self.sel = sel
+        self.sel = None if sel is None else checked_selection("sel", sel)
 
     def velocity_at(self, points: Array, time: float) -> Array:
         """Velocity (k, 3) [m/s] of the air at points (k, 3) [m]; LoadError where a function gives another shape."""

@@ -14,11 +14,11 @@ from modalshell.loads.applied import AppliedLoad, Corners, TurningForm, length
 from modalshell.loads.base import LiveLoad
 from modalshell.loads.surface import area_vectors
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.selection import Selection, selected
+from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
 @final
-class EdgeMoment(LiveLoad, key="moment"):
+class EdgeMoment(LiveLoad, ReadOnlyArrays, key="moment"):
     """A bending moment along the edges whose two ends are selected, on the triangle at each edge, about the edge.
 
     The moment acts on the triangle as a force along its normal at the corner off the edge, and the opposite force on
@@ -44,7 +44,8 @@ class EdgeMoment(LiveLoad, key="moment"):
     """
 
     def __init__(self, sel: Selection, m: float) -> None:
-        self.sel, self.m = sel, checked_number("m", m, unit="N", error=LoadError)
+        self.sel = checked_selection("sel", sel)
+        self.m = checked_number("m", m, unit="N", error=LoadError)
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
         """The couples; OptionError where ``sel`` selects no edge of ``mesh``."""
@@ -99,7 +100,8 @@ class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
     """
 
     def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+        self.sel = checked_selection("sel", sel)
+        self.vector = read_only_copy(checked_vectors("force", force, (3,)))
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
         """The force in the frames of the triangles; OptionError where ``sel`` selects no vertex of ``mesh``."""

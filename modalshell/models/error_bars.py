@@ -57,9 +57,9 @@ def error_bar(
         The answer of any model, or positions [m].
     on : {"shell", "coarse"} or Shell
         Where the steps are taken: on the shell itself; or on a coarse shell, for milliseconds. That is a flag rather
-        than a bar, as errors below those of coarse DS itself (3 to 15 % on some hundred triangles) do not show. With
-        "coarse" it is that of the model, or one of 300 triangles (extra ``remesh``), made at each call; give one
-        of :func:`coarse_shell` to keep it.
+        than a bar, as errors below those of coarse DS itself (3 to 15 % on some hundred triangles) do not show, and
+        loads that follow the shell are dead there, as they are at the answer. With "coarse" it is that of the model, or
+        one of 300 triangles (extra ``remesh``), made at each call; give one of :func:`coarse_shell` to keep it.
     walk : bool
         Whether ``critical_load`` is found by a walk along the branch (:mod:`modalshell.statics.branch_end`), which
         costs some five to ten further bars, in place of an estimate from this one margin.
@@ -134,7 +134,7 @@ class CoarseBars:
         found = self._estimator.bar(coarse.sampled(x), load, on="coarse")
         if walk:
             found = with_branch_end(self._estimator, found, load)
-        corrected = x if found.message else coarse.prolong(found.corrected)
+        corrected = x.copy() if found.message else coarse.prolong(found.corrected)
         return replace(found, corrected=corrected, seconds=watch())
 
 

@@ -35,6 +35,8 @@ from modalshell.mesh.topology import numbers_of_edges
 
 _SWEEPS = 200
 """Sweeps over the creases at most, in search of those that yield."""
+_ROUNDING = 1e-5
+"""Angle [deg] by which edges of just some angle may be folded more, as rounded."""
 _SOFTEST = 1e-12
 """Stiffness against yielding over that at fixed positions, below which creases form a mechanism."""
 
@@ -106,7 +108,7 @@ class Crease(ReadOnlyArrays):
             folded = mesh if at_rest is None else at_rest
             sides = folded.face_normals[folded.hinge_faces[found]]
             cosine = np.sum(sides[:, 0] * sides[:, 1], axis=1).clip(-1.0, 1.0)
-            found = found[np.degrees(np.arccos(cosine)) > self.angle]
+            found = found[np.degrees(np.arccos(cosine)) > self.angle + _ROUNDING]
         if not found.size:
             least = "" if self.angle is None else f", folded by more than {self.angle:g} degrees at rest,"
             raise OptionError(

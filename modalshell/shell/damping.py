@@ -37,8 +37,9 @@ class Damping:
     ratios: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for factor in (self.mass_factor, self.stiffness_factor):
-            checked_number("each damping factor", factor, at_least=0.0)
+        for name in ("mass_factor", "stiffness_factor"):
+            value = checked_number("each damping factor", getattr(self, name), at_least=0.0)
+            object.__setattr__(self, name, value)
         if not isinstance(self.ratios, list | tuple):
             raise OptionError(f"ratios must be a tuple of numbers (got {shown(self.ratios)})")
         checked = tuple(checked_number("each of ratios", ratio, at_least=0.0) for ratio in self.ratios)

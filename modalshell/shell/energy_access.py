@@ -23,6 +23,7 @@ from modalshell.shell.pattern import SparsePattern
 from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
+from modalshell.supports import Support
 
 
 class EnergyAccess(ReadOnlyArrays, ABC):
@@ -33,6 +34,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     rest_shape: RestShape | None
     creases: CreaseSet | None
     crease_state: CreaseState | None
+    supports: tuple[Support, ...]
     material: Material | Sheet
     rest_positions: Array
     clamped: NDArray[np.bool_]
@@ -105,6 +107,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         other = copy.copy(self)
         other.mesh = TriangleMesh(checked_vectors("positions", positions, self.rest_positions.shape), self.mesh.faces)
         other.rest_positions = np.asarray(other.mesh.vertices)
+        other.supports = tuple(support.on(self.mesh) for support in self.supports)
         other._settled = True
         return other
 

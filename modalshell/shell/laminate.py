@@ -65,7 +65,8 @@ class Ply(ReadOnlyArrays):
         wanted = {"young", "poisson", "density"} if isinstance(self.material, Isotropic) else set(_NUMBERS)
         if missing := sorted(wanted - set(constants)):
             raise MaterialError(f"material of a ply must be of single numbers (got a field of {', '.join(missing)})")
-        if constants.get("direction", 0.0) != 0.0 or isinstance(getattr(self.material, "direction", 0.0), tuple):
+        direction = getattr(self.material, "direction", 0.0)
+        if not isinstance(direction, float) or direction != 0.0:
             raise MaterialError(
                 f"material of a ply must have direction 0.0: its angle takes that place (got {shown(self.material)})"
             )

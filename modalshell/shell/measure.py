@@ -86,7 +86,7 @@ def support_reactions(
     """Force (k, 3) [N] of each of the k supports on a shell in equilibrium: together they balance the load.
 
     The sums over the vertices of :meth:`Shell.support_reactions`, in the order of ``shell.supports``: supports that
-    hold a vertex along one direction share its force evenly.
+    hold a vertex along one direction share its force evenly, and ties pass theirs on to them.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def gamma_per_gravity(shell: Shell) -> float:
     stiffness = unknowns.restrict(unknowns.restrict(shell.stiffness()).T).tocsc()
     weight = unknowns.restrict(shell.gravity_force((0.0, 0.0, -1.0)).ravel())
     displacement = unknowns.prolong(spla.spsolve(stiffness, weight))
-    drop = -displacement.reshape(-1, 3)[x > x.max() - 1e-9, 2].mean()
+    drop = -displacement.reshape(-1, 3)[x > x.max() - 1e-9 * length, 2].mean()
     return float(8.0 * drop / length)
 
 

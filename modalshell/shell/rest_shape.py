@@ -137,6 +137,11 @@ def rest_shape(
     return RestShape(folds, squares, warmed)
 
 
+def own_copy(given: Tensor | None) -> Tensor | None:
+    """What was given, checked, without arrays that the caller may change later."""
+    return given if given is None or callable(given) else np.array(given)
+
+
 def mesh_at_rest(mesh: TriangleMesh, rest: TriangleMesh | ArrayLike | None) -> TriangleMesh:
     """The mesh of the shape without stress: ``mesh`` itself for None; MeshError for one with other triangles."""
     if rest is None or rest is mesh:

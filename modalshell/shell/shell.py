@@ -27,7 +27,7 @@ from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles, refuse_collapse
 from modalshell.shell.material import Material
 from modalshell.shell.rest_folds import RestFolds
-from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, rest_shape
+from modalshell.shell.rest_shape import Temperature, Tensor, mesh_at_rest, own_copy, rest_shape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -144,14 +144,14 @@ class Shell(EnergyAccess):
             if self._slopes.mirrored.size:
                 raise SupportError("rest does not go with planes of symmetry: take a mesh of the whole surface")
             self._energy = self._energy.anchored(mesh)
+        self.rest_shape = rest_shape(self.rest_mesh, material, prestrain, rest_curvature, temperature)
         self._given = {
-            "rest": rest,
-            "prestrain": prestrain,
-            "rest_curvature": rest_curvature,
+            "rest": self.rest_mesh,
+            "prestrain": own_copy(prestrain),
+            "rest_curvature": own_copy(rest_curvature),
             "temperature": temperature,
             "creases": tuple(creases) if isinstance(creases, list | tuple) else creases,
         }
-        self.rest_shape = rest_shape(self.rest_mesh, material, prestrain, rest_curvature, temperature)
         if self.rest_shape is not None:
             self._energy = self._energy.resting(self.rest_shape)
         self.creases = CreaseSet.of(creases, mesh, self.rest_mesh)
@@ -388,8 +388,8 @@ class Shell(EnergyAccess):
     ) -> list[Array]:
         """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
 
-        Several supports that hold a vertex along one direction share the force evenly. Parameters and errors are those
-        of :meth:`reactions`.
+        Several supports that hold a vertex along one direction share the force evenly; ties pass theirs on to them.
+        Parameters and errors are those of :meth:`reactions`.
         """
         return shared_reactions(
             self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)

@@ -8,9 +8,9 @@ quarter of the largest part. Across a smooth edge the strains of both triangles 
           \bar E = \frac{A_{T,e} E_T + A_{T',e} E_{T'}}{A_{T,e} + A_{T',e}},
 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
-edges, and at junctions, each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C : E_T / 2`; at smooth edges in
-a plane of symmetry less the shear, which its mirror image has with the other sign. The energy is :math:`s^T Q s / 2`
-with one constant matrix Q (theory 6, eq. 2 to 6).
+edges, at junctions, and where the stiffness jumps, each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C :
+E_T / 2`; at smooth edges in a plane of symmetry less the shear, which its mirror image has with the other sign. The
+energy is :math:`s^T Q s / 2` with one constant matrix Q (theory 6, eq. 2 to 6).
 
 Thirds of the area, as in edge-based smoothed finite elements [liu2009], leave sheets of right triangles too stiff in
 their own plane: a strip of length five widths and four union-jack cells across bends in it 6.8 % too little, 0.8 % with
@@ -136,11 +136,13 @@ class Strained(NamedTuple):
         return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", elastic, strains)))
 
 
-def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Array, mirrored: Index) -> list[Strained]:
+def strained_elements(
+    mesh: TriangleMesh, clamped: NDArray[np.bool_], smooth: NDArray[np.bool_], mirrored: Index
+) -> list[Strained]:
     """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
-    ``clamped`` (n,) are held vertices, ``angles`` (H,) [rad] rest fold angles of the mesh's hinges, ``mirrored`` smooth
-    boundary edges in planes of symmetry.
+    ``clamped`` (n,) are held vertices, ``smooth`` (H,) hinges of the mesh that are folded little at rest, with about
+    the same sheet on either side, ``mirrored`` smooth boundary edges in planes of symmetry.
     """
     lengths = mesh.edge_lengths[mesh.face_edges]
     powers = np.maximum((lengths / lengths.max(axis=1, keepdims=True)) ** SHARE_EXPONENT, _LEAST_POWER)
@@ -152,7 +154,7 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
         own_areas[faces, corners] = 0.0
         return areas
 
-    smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
+    smooth = smooth & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
     smooth[np.isin(mesh.hinge_edges, mesh.junctions)] = False
     hinges, edges = mesh.hinges[smooth], mesh.hinge_edges[smooth]
     both, corners, others = _around(mesh, edges)

@@ -31,7 +31,7 @@ from modalshell.shell.rest_shape import RestShape
 from modalshell.shell.sheet import Sheet
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
-from modalshell.shell.triangle_pairs import moments_of_triangles
+from modalshell.shell.triangle_pairs import alike_edges, moments_of_triangles
 from modalshell.supports import Unknowns
 
 
@@ -87,10 +87,10 @@ class SplitFoldEnergy(RestFolds):
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
         self._rest_angles[self._mirrors.places] *= 2.0
-        smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
-        mirrored = self._mirrors.edges(mesh)[smooth]
+        smooth = (np.abs(angles) <= membrane.SHARP) & alike_edges(mesh, stiffness, poisson, in_plane)[mesh.hinge_edges]
+        mirrored = self._mirrors.edges(mesh)[np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP]
         mirrored = mirrored[mesh.edge_faces[mirrored, 1] < 0]
-        self._strained = partial(membrane.strained_elements, mesh, held, angles, mirrored)
+        self._strained = partial(membrane.strained_elements, mesh, held, smooth, mirrored)
         self._membrane = membrane.membrane_of(mesh, self._strained(), stiffness, poisson, in_plane)
         self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
         self._constants = ConstantSlopes(mesh, material, folds, self._strained, self._tension)

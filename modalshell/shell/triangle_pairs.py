@@ -37,7 +37,7 @@ MEAN_WEIGHT = 5.0 / 6.0
 _SLOTS = ([0, 1, 2], [0, 3, 4])
 """Edges of either triangle of a pair among its five."""
 ALIKE = 1.25
-"""Largest ratio of the bending stiffnesses of a pair: moments along an edge jump where the sheet does."""
+"""Largest ratio of the stiffnesses of a pair: moments along an edge and strains across it jump where the sheet does."""
 _LIKE_POISSON = 0.05
 """Largest difference of its Poisson's ratios."""
 _ROUNDING = 1e-9
@@ -66,11 +66,8 @@ def paired_triangles(
     both = np.where(inner[:, None], mesh.edge_faces, -1)
     candidates = np.flatnonzero((both >= 0).all(axis=1))
     first, second = both[candidates].T
-    stiff = np.sort(rigidity[both[candidates]], axis=1)
     flat = np.sum(mesh.face_normals[first] * mesh.face_normals[second], axis=1) >= np.cos(SHARP)
-    alike = stiff[:, 1] <= (ALIKE + _ROUNDING) * stiff[:, 0]
-    alike &= np.abs(poisson[first] - poisson[second]) <= _LIKE_POISSON + _ROUNDING
-    kept = stout[first] & stout[second] & flat & alike
+    kept = stout[first] & stout[second] & flat & alike_edges(mesh, rigidity, poisson)[candidates]
     candidates, first, second = candidates[kept], first[kept], second[kept]
     over = np.full(len(mesh.faces), -1)
     if candidates.size:
@@ -88,6 +85,20 @@ def paired_triangles(
     faces = np.vstack([mesh.edge_faces[joined], np.column_stack([alone, np.full(alone.size, -1)])])
     corners = np.vstack([(mesh.edge_corners[joined] + 2) % 3, np.zeros((alone.size, 2))])
     return faces.astype(np.int64), corners.astype(np.int64)
+
+
+def alike_edges(
+    mesh: TriangleMesh, stiffness: Array, poisson: Array, directed: Elasticity | None = None
+) -> NDArray[np.bool_]:
+    """Whether the sheet is about the same in both triangles of each edge (E,), by constants of every triangle (T,).
+
+    And by its elasticity, if that is ``directed``.
+    """
+    first, second = mesh.edge_faces.T
+    less, more = np.sort(stiffness[mesh.edge_faces], axis=1).T
+    same = (second >= 0) & (more <= (ALIKE + _ROUNDING) * less)
+    same &= np.abs(poisson[first] - poisson[second]) <= _LIKE_POISSON + _ROUNDING
+    return same if directed is None else same & directed.alike(mesh, ALIKE - 1.0)
 
 
 def _distances_from_middle(mesh: TriangleMesh, edges: Index) -> Array:

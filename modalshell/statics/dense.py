@@ -197,7 +197,7 @@ class EnergyFunction:
     ) -> None:
         if not callable(function):
             raise OptionError("function must be callable: function(x) -> energy, gradient, Hessian")
-        self.rest = checked_vectors("rest", rest, (vector_count(rest),), OptionError)
+        self.rest = checked_vectors("rest", rest, (vector_count(rest),), OptionError).copy()
         self.size = checked_number("size", size, above=0.0)
         self.function = function
         hessian = self(self.rest)[2]
@@ -211,9 +211,9 @@ class EnergyFunction:
         try:
             energy, gradient, hessian = found
             value = float(energy)
+            slope, curvature = np.array(gradient, dtype=np.float64), np.array(hessian, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise OptionError("function must return energy, gradient and Hessian at x") from error
-        slope, curvature = np.asarray(gradient, dtype=np.float64), np.asarray(hessian, dtype=np.float64)
         wanted = (self.rest.size,), (self.rest.size, self.rest.size)
         if (slope.shape, curvature.shape) != wanted:
             raise OptionError(f"function must return shapes {wanted} (got {slope.shape}, {curvature.shape})")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,9 +64,17 @@ class Support(ReadOnlyArrays, ABC):
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
         return selected("sel", self.sel, mesh)
 
+    def on(self, mesh: TriangleMesh) -> Self:
+        """The same support, of the vertices that it has on ``mesh`` whatever shape that takes."""
+        other = copy.copy(self)
+        other.sel = read_only(self.vertices(mesh))
+        return other
+
 
 SUPPORTS: Registry[type[Support]] = Registry("support")
 """Every support by its key."""
+_HELD = 1e-9
+"""Share of the largest number of vertices by which a direction is held, up to which it is rounding."""
 
 
 def unit_vector(name: str, vector: Vector) -> Array:
@@ -98,18 +107,30 @@ def checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
 def shared_reactions(supports: Sequence[Support], mesh: TriangleMesh, reactions: Array) -> list[Array]:
     """The share (n, 3) of each support in ``reactions`` (n, 3) [N] on a mesh.
 
-    Each takes the force along its own directions; supports that hold a vertex along the same one share it evenly.
+    Each takes the force along its own directions; supports that hold a vertex along the same one share it evenly. Ties
+    hold nothing: they bear what no others do at their vertices, and pass its sum on to those that hold some of them.
     """
     shares = [np.zeros_like(reactions) for _ in supports]
     if not supports:
         return shares
     chosen = np.stack([support.vertices(mesh) for support in supports], axis=1)
-    for held in np.unique(chosen, axis=0):
-        vertices, active = np.flatnonzero((chosen == held).all(axis=1)), np.flatnonzero(held)
-        directions = [supports[int(k)].directions() for k in active]
-        # The least forces along all directions whose sum is the reaction.
-        forces = reactions[vertices] @ np.linalg.pinv(np.vstack([np.empty((0, 3)), *directions]))
-        ends = np.cumsum([len(own) for own in directions])
-        for k, own, end in zip(active, directions, ends, strict=True):
-            shares[k][vertices] = forces[:, end - len(own) : end] @ own
+    ties, left = np.array([support.ties for support in supports]), reactions
+    for kind in (~ties, ties):
+        for held in np.unique(chosen & kind, axis=0):
+            vertices, active = np.flatnonzero(((chosen & kind) == held).all(axis=1)), np.flatnonzero(held)
+            directions = [supports[int(k)].directions() for k in active]
+            # The least forces along all directions whose sum is the reaction.
+            forces = left[vertices] @ np.linalg.pinv(np.vstack([np.empty((0, 3)), *directions]))
+            ends = np.cumsum([len(own) for own in directions])
+            for k, own, end in zip(active, directions, ends, strict=True):
+                shares[k][vertices] = forces[:, end - len(own) : end] @ own
+        left = reactions - np.sum(shares, axis=0)
+    holding = [(of, one.directions().T @ one.directions()) for of, one in enumerate(supports) if not one.ties]
+    for tie in np.flatnonzero(ties).tolist():
+        both = [(of, projection, chosen[:, of] & chosen[:, tie]) for of, projection in holding]
+        counted = np.zeros((3, 3)) + sum(there.sum() * projection for _, projection, there in both)
+        each = np.linalg.pinv(counted, rcond=_HELD) @ shares[tie].sum(axis=0)
+        for of, projection, there in both:
+            shares[of][there] += projection @ each
+            shares[tie][there] -= projection @ each
     return shares

@@ -227,10 +227,13 @@ class SupportPath:
         step = checked_number("step", step, above=0.0, at_most=duration, unit="s")
         count = checked_count("the number of samples, duration over step,", round(duration / step), at_most=10_000_000)
         times = np.linspace(0.0, duration, count + 1)
-        poses = [path(float(time)) for time in times]
-        if wrong := [pose for pose in poses if not isinstance(pose, Sequence | np.ndarray) or len(pose) != 2]:
-            raise OptionError(f"path must return a translation and a rotation vector, (3,) each, got {wrong[0]!r}")
-        moved, turned = (np.array([pose[k] for pose in poses], dtype=np.float64) for k in (0, 1))
+        moved, turned = np.empty((2, times.size, 3))
+        for k, time in enumerate(times.tolist()):
+            pose = path(time)
+            if not isinstance(pose, Sequence | np.ndarray) or len(pose) != 2:
+                raise OptionError(f"path must return a translation and a rotation vector, (3,) each, got {pose!r}")
+            moved[k] = checked_vectors("the translation of path", pose[0], (3,), OptionError)
+            turned[k] = checked_vectors("the rotation vector of path", pose[1], (3,), OptionError)
         made = cls(times, moved, turned, pivot=pivot)
         if _jumps(turned):
             made._rotation = RotationSpline(times, Rotation.from_rotvec(turned))

@@ -22,7 +22,7 @@ def stiffness(mesh: TriangleMesh, power: int, least: float) -> sps.csr_array:
     count, edges = len(mesh.vertices), mesh.edges
     clamped, none = mesh.vertices[:, 0] < 1e-9, np.zeros(0, dtype=np.int64)
     with patch.object(membrane, "SHARE_EXPONENT", power), patch.object(membrane, "_LEAST_POWER", least):
-        strained = membrane.strained_elements(mesh, clamped, np.zeros(len(mesh.hinges)), none)
+        strained = membrane.strained_elements(mesh, clamped, np.ones(len(mesh.hinges), dtype=bool), none)
     triangles = len(mesh.faces)
     elastic = membrane.plane_stress(np.full(triangles, 1.0 / (1.0 - POISSON**2)), np.full(triangles, POISSON))
     tension = membrane.membrane_matrix(membrane.membrane_elements(strained, elastic), len(edges))

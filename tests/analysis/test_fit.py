@@ -317,3 +317,29 @@ def test_poissons_ratio_stays_within_its_bounds_where_other_orders_are_tried():
     for names in (["young", "poisson"], ["poisson"]):
         found = ms.fit(shell(1.3e6, 0.1), names, frequencies=measured)
         assert -1.0 < found.values["poisson"] < 0.5
+
+
+def test_frequencies_of_a_half_that_symmetry_leaves_free_are_those_of_its_elastic_modes():
+    """Three rigid motions stood in place of as many frequencies: NumPy's IndexError."""
+    mesh = ms.sheet(length=1.0, width=0.7, cells=(6, 4))
+    side = mesh.vertices[:, 1] < mesh.vertices[:, 1].min() + 1e-9
+    half = ms.Shell(mesh, SHEET, supports=[ms.Symmetry(side, (0, 1, 0))])
+    basis = ms.solve_modes(half, 6)
+    found = ms.fit(half.with_material(replace(SHEET, young=2e6)), "young", frequencies=basis.frequencies[3:])
+    assert basis.rigid_modes == 3
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_sheet_whose_pairs_of_triangles_follow_its_constants_is_found():
+    """Neighbours pair where their elasticity is alike: the order of elimination of the guess ended in a ValueError."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    turns = np.random.default_rng(0).uniform(0.0, 90.0, len(mesh.faces))
+
+    def shell(*young):
+        constants = {"shear": 4e6, "poisson": 0.1, "thickness": 4e-3, "density": 60.0, "direction": turns}
+        return ms.Shell(mesh, ms.Orthotropic(young=young, **constants), "x < 1e-9")
+
+    seen = ms.DiscreteShell(shell(2e7, 2e6)).equilibrium(gravity=GRAVITY).positions
+    found = ms.fit(shell(6e6, 6e6), ["young_1", "young_2"], seen, gravity=GRAVITY)
+    assert list(found.values.values()) == pytest.approx([2e7, 2e6], rel=1e-6)

@@ -121,7 +121,9 @@ ONCE_MADE = {
     "orientation": lambda: ms.OrientationConstraint(8, np.ones(3)),
     "wind": lambda: ms.Wind((1.0, 2.0, 3.0)),
     "follower": lambda: ms.FollowerForce("x > 0.1", (1.0, 2.0, 3.0)),
-    "point": lambda: ms.PointForce("x > 0.1", (1.0, 2.0, 3.0)),
+    "point": lambda: ms.PointForce(np.array([0, 1]), (1.0, 2.0, 3.0)),
+    "moment": lambda: ms.EdgeMoment(np.array([0, 1]), 1.0),
+    "pressure": lambda: ms.Pressure(1.0, sel=np.array([0, 1, 2])),
     "line": lambda: ms.LineForce("x > 0.1", (1.0, 2.0, 3.0)),
     "weight": lambda: ms.SelfWeight(),
     "frame": lambda: ms.FrameInertia((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
@@ -153,6 +155,12 @@ def _implicit(mass, positions):
     return stepper
 
 
+def _loads(sel):
+    force = (1.0, 2.0, 3.0)
+    on_faces = [ms.EdgeMoment(sel, 1.0), ms.Pressure(1.0, sel=sel), ms.Wind(force, sel=sel)]
+    return [ms.PointForce(sel, force), ms.LineForce(sel, force), ms.FollowerForce(sel, force), *on_faces]
+
+
 BUILDERS = {
     "mesh": (ms.TriangleMesh, {"vertices": part("mesh", "vertices"), "faces": part("mesh", "faces")}),
     "material": (
@@ -178,6 +186,16 @@ BUILDERS = {
             "bounds": np.array([[-9.0] * 3, [9.0] * 3]),
         },
     ),
+    "loads": (_loads, {"sel": np.array([0, 1, 2])}),
+    "rest shape": (
+        lambda **keys: ms.Shell(world()["mesh"], ms.Isotropic(1e6, 0.3, 0.01, 1000.0), **keys),
+        {
+            "prestrain": part("mesh", "faces").then(lambda faces: np.full(len(faces), 1e-4)),
+            "rest_curvature": np.eye(3),
+            "rest": part("mesh", "vertices"),
+        },
+    ),
+    "energy": (lambda rest: ms.EnergyFunction(lambda x: (0.5 * x @ x, x, np.eye(2)), rest), {"rest": np.zeros(2)}),
     "springs": (
         _implicit,
         {
@@ -199,6 +217,9 @@ def sharing(value, array, seen, place):
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
             yield from sharing(inner, array, seen, f"{place}[{index}]")
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from sharing(inner, array, seen, f"{place}[{key!r}]")
     elif type(value).__module__.startswith("modalshell") and hasattr(value, "__dict__"):
         for name, inner in vars(value).items():
             yield from sharing(inner, array, seen, f"{place}.{name}")

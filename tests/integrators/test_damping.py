@@ -26,6 +26,12 @@ def test_two_ratios_give_rayleigh_factors(pairs):
     assert damping.of_modes(omega**2) / (2.0 * omega) == pytest.approx([ratio for _, ratio in pairs])
 
 
+def test_factors_of_any_kind_of_number_are_floats():
+    """Half precision stayed, and what it was multiplied by lost its digits, too."""
+    damping = Damping(np.float16(0.1), np.int64(1))
+    assert [type(damping.mass_factor), type(damping.stiffness_factor)] == [float, float]
+
+
 def test_ratios_that_no_factors_give_are_refused():
     with pytest.raises(OptionError, match=r"between 0\.005 and 0\.08 \(got 0\.2\)"):
         Damping.from_ratios((1.0, 0.02), (4.0, 0.2))

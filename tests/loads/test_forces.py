@@ -48,19 +48,28 @@ def test_a_line_force_counts_by_length(mesh, end):
 
 
 @pytest.mark.parametrize(
-    ("load", "message"),
+    ("make", "message"),
     [
-        (ms.PointForce("x > 2", (0, 0, 1)), r"sel selects no vertex \(got 'x > 2'\); the mesh reaches from"),
-        (ms.PointForce([], (0, 0, 1)), "sel selects no vertex"),
-        (ms.PointForce([999], (0, 0, 1)), "sel names vertex 999, but the mesh has vertices 0 to 44"),
-        (ms.PointForce(np.arange(44) > 40, (0, 0, 1)), r"sel must be a mask \(45,\)"),
-        (ms.PointForce("x >", (0, 0, 1)), "sel cannot read the selection"),
-        (ms.LineForce([0, 44], (0, 0, 1)), "sel selects 2 vertices, but no edge between two of them"),
+        (lambda: ms.PointForce("x > 2", (0, 0, 1)), r"sel selects no vertex \(got 'x > 2'\); the mesh reaches from"),
+        (lambda: ms.PointForce([], (0, 0, 1)), "sel selects no vertex"),
+        (lambda: ms.PointForce([999], (0, 0, 1)), "sel names vertex 999, but the mesh has vertices 0 to 44"),
+        (lambda: ms.PointForce(np.arange(44) > 40, (0, 0, 1)), r"sel must be a mask \(45,\)"),
+        (lambda: ms.PointForce("x >", (0, 0, 1)), "sel cannot read the selection"),
+        (lambda: ms.LineForce([0, 44], (0, 0, 1)), "sel selects 2 vertices, but no edge between two of them"),
     ],
 )
-def test_selections_that_fit_no_mesh_are_refused(load, message, mesh):
+def test_selections_that_fit_no_mesh_are_refused(make, message, mesh):
     with pytest.raises(ms.OptionError, match=message):
-        load.force(mesh)
+        make().force(mesh)
+
+
+@pytest.mark.parametrize("kind", [ms.PointForce, ms.LineForce, ms.FollowerForce, ms.EdgeMoment, ms.Pressure, ms.Wind])
+def test_selections_that_are_none_are_refused_where_the_load_is_made(kind):
+    given = {ms.EdgeMoment: {"m": 1.0}, ms.Pressure: {"p": 1.0}, ms.Wind: {"velocity": (0, 0, 1)}}
+    refused = ("x >", "sel cannot read"), ([0.5], "sel must be bool"), ([[True], [False]], "sel must be a mask")
+    for sel, message in refused:
+        with pytest.raises(ms.OptionError, match=message):
+            kind(sel=sel, **given.get(kind, {"force": (0, 0, 1)}))
 
 
 def test_loads_act_in_statics_as_their_forces_do(mesh, end):

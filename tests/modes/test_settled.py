@@ -146,3 +146,18 @@ def test_motions_of_settled_shells_have_one_energy_whatever_the_model():
     message = ms.simulate(ms.Auto(settled, 8), gravity=(0.0, 0.0, -9.81), **options).message
     assert "to DS at 0 s" in message
     assert "energy" not in message
+
+
+def test_supports_hold_the_vertices_that_they_held_before_the_shell_settled():
+    """Texts were read again on the settled mesh: half of a curled strip was held, or no vertex found."""
+    mesh = ms.flat_beam(length=0.3, width=0.06, cells=(12, 2))
+    supports = [ms.Clamp("x < 1e-9"), ms.Fix("x > 0.2999", "y")]
+    shell = ms.Shell(mesh, SHEET, supports=supports, rest_curvature=np.diag([16.0, 0.0, 0.0]))
+    settled = shell.settled(ms.DiscreteShell(shell).equilibrium().positions)
+    x, end = settled.rest_positions, mesh.vertices[:, 0] > 0.2999
+    assert x[:, 0].min() < -0.01
+    assert np.array_equal(settled.also_supported([]).unknowns.supported, shell.unknowns.supported)
+    load = np.where(end[:, None], (0.0, 1.0, 0.0), 0.0)
+    clamp, fix = settled.support_reactions(x, force=load)
+    np.testing.assert_allclose(fix.sum(axis=0), [0.0, -3.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(clamp.sum(axis=0), 0.0, atol=1e-6)

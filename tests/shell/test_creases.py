@@ -441,3 +441,13 @@ def test_a_map_that_is_let_go_dissipates_no_more_than_it_had():
     left = kept.creased(released.creases).energy(released.positions)
     assert released.creases.dissipated - heat + left <= kept.energy(run.positions[-1])
     np.testing.assert_allclose(folded_map.panel_folds(shell.mesh, released.positions), 127.0, atol=1.0)
+
+
+def test_edges_that_are_flat_but_for_rounding_are_no_creases():
+    """Of a mesh that lies askew some had a fold of 1e-6 degrees."""
+    mesh = ms.v_beam(fold=150.0, cells=(8, 4))
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    askew = ms.TriangleMesh(mesh.vertices @ turn.T, mesh.faces)
+    assert ms.Crease("x > -9", LIMIT, angle=0.0).hinges(askew).size == 8
+    with pytest.raises(ms.OptionError, match="folded by more than 30 degrees"):
+        ms.Crease("x > -9", LIMIT, angle=30.0).hinges(askew)

@@ -179,6 +179,8 @@ def test_a_stack_of_steered_plies_is_laid_up_triangle_by_triangle(tmp_path):
         (lambda: stack(lambda at: at[:, 0]).matrices, r"laminate\.on\(mesh\)"),
         (lambda: ms.Ply(ms.Isotropic(np.ones(3), 0.3, 1.0, 1.0), 0.0, 1.0), "single numbers"),
         (lambda: ms.Ply(PLY.with_constants({"direction": 3.0}), 0.0, 1.0), "its angle takes that place"),
+        (lambda: ms.Ply(PLY.with_constants({"direction": np.full(4, 30.0)}), 0.0, 1.0), "its angle takes that place"),
+        (lambda: ms.Ply(PLY.with_constants({"direction": lambda at: at}), 0.0, 1.0), "its angle takes that place"),
     ],
 )
 def test_what_is_no_laminate_is_refused(make, match):

@@ -52,6 +52,14 @@ def test_gamma_is_eight_times_the_linear_drop(v_shell):
     assert ms.measure.gamma_per_gravity(v_shell) * gravity == pytest.approx(expected, rel=1e-4)
 
 
+def test_gamma_is_the_drop_of_the_last_row_at_any_size():
+    """Of graphene all vertices within a nanometre were the end."""
+    size = 1e-8
+    mesh = ms.flat_beam(length=size, width=0.2 * size, cells=(20, 4))
+    strip = ms.Shell(mesh, ms.Isotropic(1e9, 0.0, 1e-3 * size, 1000.0), mesh.vertices[:, 0] < 1e-3 * size)
+    assert ms.measure.gamma_per_gravity(strip) == pytest.approx(12.0 * 1000.0 * size / (1e9 * 1e-6), rel=0.01)
+
+
 @pytest.mark.parametrize("clamped_from", [0.9, 2.0])
 def test_gamma_needs_a_clamped_and_a_free_end(v_shell, clamped_from):
     clamped = v_shell.rest_positions[:, 0] > clamped_from

@@ -219,3 +219,20 @@ def test_supports_that_fit_nothing_are_refused(supports, error, told):
 def test_directions_that_are_none_are_refused(make):
     with pytest.raises(SupportError):
         make()
+
+
+def test_ties_pass_their_force_on_to_what_holds_one_of_their_vertices():
+    """The support there got half of the force on its own vertex alone, and the tie held the shell by the rest."""
+    mesh = sheet(cells=(4, 4))
+    x, y, _ = mesh.vertices.T
+    end, corner = x > 1.0 - 1e-9, int(np.argmax(x + y))
+    shell = Shell(mesh, ISOTROPIC, supports=[Clamp(x < 1e-9), Tie(end, "xz"), Fix([corner], "x"), Fix([corner], "x")])
+    load = {"gravity": (0.3, 0.0, -0.1)}
+    answer = DiscreteShell(shell).equilibrium(**load)
+    total, each = shell.reactions(answer.positions, **load), shell.support_reactions(answer.positions, **load)
+    assert sum(each) == pytest.approx(total, abs=1e-12)
+    _, tie, *fixes = (force.sum(axis=0) for force in each)
+    assert tie == pytest.approx(np.zeros(3), abs=1e-9)
+    for fix in fixes:
+        assert fix == pytest.approx([0.5 * total[end, 0].sum(), 0.0, 0.0], abs=1e-9)
+    assert abs(fixes[0][0]) > 1e-3

@@ -187,10 +187,24 @@ def test_refusals():
         ms.SupportPath([0.0, 1.0], np.zeros((3, 3)))
     with pytest.raises(ms.OptionError, match="finite"):
         ms.SupportPath([0.0, 1.0], np.full((2, 3), np.nan))
+    for pose in ((None, (0, 0, 1)), ((0, 0, 1), "abc"), ((0, 0), (0, 0, 1))):
+        with pytest.raises(ms.OptionError, match="of path must"):
+            ms.SupportPath.from_function(lambda _, pose=pose: pose, 1.0)
     free = ms.Shell(shell.mesh, shell.material)
     path = ms.SupportPath([0.0, 1.0], np.zeros((2, 3)))
     with pytest.raises(ms.SupportError, match="holds none"):
         ms.simulate(ms.DiscreteShell(free), duration=0.1, supports=path)
+
+
+def test_a_function_may_return_one_buffer_each_time():
+    """Its last values stood for those of all times."""
+    buffer, none = np.zeros(3), np.zeros(3)
+
+    def path(time):
+        buffer[0] = np.sin(np.pi * time) ** 4
+        return buffer, none
+
+    assert ms.SupportPath.from_function(path, 1.0).at(0.5).translation[0] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_turns_start_and_stop_at_rest_and_rates_are_the_rotations_own():
