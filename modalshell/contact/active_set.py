@@ -46,36 +46,24 @@ Mask = NDArray[np.bool_]
 @final
 @dataclass(frozen=True)
 class Rest:
-    """Where a solve with contacts ended.
-
-    Attributes
-    ----------
-    point : ndarray, shape (n, 3)
-        Positions [m].
-    active : ndarray of bool, shape (r,)
-        Rows that touch.
-    pushes : ndarray, shape (r,)
-        Forces [N] along the normals.
-    residual : float
-        Out-of-balance force over the load and the contact forces.
-    iterations : int
-        Newton's.
-    converged : bool
-        Whether the residual met its goal, with sets that repeat.
-    stable : bool or None
-        Whether the exact Hessian is positive definite on the motions that keep the gaps.
-    limited : bool
-        Whether rounding keeps the residual up.
-    """
+    """Where a solve with contacts ended."""
 
     point: Array
+    """Positions [m]; shape (n, 3)."""
     active: Mask
+    """Rows that touch; shape (r,)."""
     pushes: Array
+    """Forces [N] along the normals; shape (r,)."""
     residual: float
+    """Out-of-balance force over the load and the contact forces."""
     iterations: int
+    """Newton's."""
     converged: bool
+    """Whether the residual met its goal, with sets that repeat."""
     stable: bool | None = None
+    """Whether the exact Hessian is positive definite on the motions that keep the gaps."""
     limited: bool = False
+    """Whether rounding keeps the residual up."""
 
 
 @final

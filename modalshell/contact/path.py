@@ -27,18 +27,11 @@ _EASY = 6
 
 
 class TouchingPoint(NamedTuple):
-    """A point of a path, and what touches there.
-
-    Attributes
-    ----------
-    point : PathPoint
-        The point.
-    rest : Rest
-        Where its solve ended, with the rows that touch and their forces.
-    """
+    """A point of a path, and what touches there."""
 
     point: PathPoint
     rest: Rest
+    """Where its solve ended, with the rows that touch and their forces."""
 
 
 @final

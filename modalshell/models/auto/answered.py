@@ -18,18 +18,12 @@ _ALIKE = 0.05
 
 
 class Answer(NamedTuple):
-    """Lengths of the linear answer to a load in the norm of the mass [kg^(1/2) m].
-
-    Attributes
-    ----------
-    whole : float
-        Of all of it.
-    missing : float
-        Of what the modes lack.
-    """
+    """Lengths of the linear answer to a load in the norm of the mass [kg^(1/2) m]."""
 
     whole: float
+    """Of all of it."""
     missing: float
+    """Of what the modes lack."""
 
 
 def along(force: Array, memory: dict[str, Array]) -> float | None:
@@ -47,15 +41,11 @@ def along(force: Array, memory: dict[str, Array]) -> float | None:
 
 
 class SumAnswers(NamedTuple):
-    """Linear answers to sums of forces.
-
-    Attributes
-    ----------
-    products : ndarray, shape (2, k, k)
-        Products of the answers to k forces in the norm of the mass, and of what the modes lack of them [kg m^2].
-    """
+    """Linear answers to sums of forces."""
 
     products: Array
+    """Products of the answers to k forces in the norm of the mass, and of what the modes lack of them [kg m^2];
+    shape (2, k, k)."""
 
     def of(self, factors: Array) -> Answer | None:
         """The answer to the forces times factors (k,); None where that is none."""

@@ -22,21 +22,14 @@ _MOST_TOGETHER = 2
 
 
 class Coming(NamedTuple):
-    """A load that is known to come.
-
-    Attributes
-    ----------
-    force : ndarray, shape (n, 3)
-        The load [N].
-    whole : float
-        Length of the linear answer to it in the norm of the mass [kg^(1/2) m].
-    factors : ndarray, shape (k,)
-        Factors of the loads that change.
-    """
+    """A load that is known to come."""
 
     force: Array
+    """The load [N]; shape (n, 3)."""
     whole: float
+    """Length of the linear answer to it in the norm of the mass [kg^(1/2) m]."""
     factors: Array
+    """Factors of the loads that change; shape (k,)."""
 
 
 @final
