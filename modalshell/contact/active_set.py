@@ -68,18 +68,9 @@ class Rest:
 
 @final
 class ActiveSet:
-    """Solves for the minimum of a potential outside colliders.
+    """Solves for the minimum of a potential outside colliders, with the friction of a step in time if there is one.
 
-    Parameters
-    ----------
-    problem : Potential
-        The potential.
-    touching : Touching
-        The contacts.
-    scale : float
-        Size of the load [N]; contact forces count where they are larger.
-    friction : Friction, optional
-        That of a step in time.
+    ``scale`` is the size of the load [N]; contact forces count where they are larger.
     """
 
     def __init__(self, problem: Potential, touching: Touching, scale: float, friction: Friction | None = None) -> None:

@@ -22,15 +22,7 @@ _LEAD = 1e-6
 
 @final
 class _Seen:
-    """The path of a collider as it is seen from a frame that moves.
-
-    Parameters
-    ----------
-    path : SupportPath or None
-        Of the collider in the world.
-    frame : SupportPath
-        Of the frame.
-    """
+    """The path of a collider in the world, or of one at rest there, as it is seen from a frame that moves."""
 
     def __init__(self, path: SupportPath | None, frame: SupportPath) -> None:
         self._path, self._frame = path, frame

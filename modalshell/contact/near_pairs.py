@@ -90,14 +90,7 @@ def _tree(centres: Array, count: int) -> tuple[Index, Index, Index]:
 class NearPairs:
     """The pairs of some triangles, their edges and vertices, that may come nearer than a gap about a straight way.
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (f, 3)
-        The triangles.
-    rest : ndarray, shape (n, 3)
-        Positions [m] that give areas and lengths.
-    gap, margin : float
-        The gap, and how far positions may be off the way [m].
+    Areas and lengths are those of positions ``rest`` (n, 3) [m]; others may be off the way by a ``margin`` [m].
 
     Attributes
     ----------
@@ -105,8 +98,6 @@ class NearPairs:
         Edges of the triangles.
     pairs : ndarray of int, shape (p, 4)
         Vertices of the pairs, the first ``faced`` of a vertex and a triangle, the others of two edges.
-    faced : int
-        How many are of a vertex and a triangle.
     areas : ndarray, shape (p,)
         Area [m^2] that each stands for: a quarter of that of the vertex, or of the edges.
     limits : ndarray, shape (p,)
