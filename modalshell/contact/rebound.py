@@ -28,7 +28,7 @@ _SLOWER = 1e-9
 
 @final
 class Rebound:
-    """Impulses at the end of a step of implicit Euler of ``dt`` [s], with contacts and x (n, 3) [m] as they are there."""
+    """Impulses at the end of a step of implicit Euler of ``dt`` [s], with contacts and positions (n, 3) [m] there."""
 
     def __init__(self, problem: Potential, touching: Touching, x: Array, dt: float) -> None:
         self._problem, self._touching, self._dt = problem, touching, dt

@@ -42,12 +42,7 @@ class FlightReport:
 class FlightFilm:
     """Frames of a flight as a camera sees them: levels of detail, positions, and what these cost.
 
-    Parameters
-    ----------
-    table : FlockTable
-        Of the scene: its camera and its levels of detail.
-    flight : Flight
-        Its birds; their state is overwritten.
+    The flight's state is overwritten.
     """
 
     def __init__(self, table: FlockTable, flight: Flight) -> None:

@@ -59,15 +59,7 @@ class LinearAnswers:
 
     The answer ``u = K^-1 f`` at rest has the modal part ``Phi Lambda^-1 Phi^T f = Phi Phi^T M u`` (theory 14, eq. 8).
     The factorisation that the modes were found with serves all loads, and one solve all that are multiples of each
-    other.
-
-    Parameters
-    ----------
-    basis : Basis
-        Modes of a shell. Of parts without supports the balanced share of loads counts, and displacements without
-        rigid ones.
-    at_rest : callable
-        Gives the solver of the stiffness at rest; see :func:`solver_at_rest`.
+    other. Of parts without supports the balanced share of loads counts, and displacements without rigid ones.
     """
 
     def __init__(self, basis: Basis, at_rest: Callable[[], RigidFreeSolver]) -> None:

@@ -37,21 +37,9 @@ _INSIDE = 1e-8
 
 
 class LeveledStepper(Stepper):
-    """Steps each of which one of some levels takes.
+    """Steps each of which one of some levels, the cheapest first, takes.
 
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    levels : sequence of Level
-        Cheapest first.
-    setup : MotionSetup
-        What decides the motion.
-
-    Raises
-    ------
-    OptionError
-        For contacts of free parts without constraints, and for self-contact.
+    OptionError for contacts of free parts without constraints, and for self-contact.
     """
 
     takes_contacts = True

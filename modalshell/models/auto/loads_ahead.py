@@ -36,21 +36,7 @@ class Coming(NamedTuple):
 class LoadsAhead:
     """The loads of one motion of the model that switches itself.
 
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    check : Check
-        What sees it.
-
-    Attributes
-    ----------
-    change, dear : bool
-        Whether any load changes, and by more than a factor.
-    count : int
-        Numbers that say how loads have changed.
+    ``change`` and ``dear`` say whether any load changes, and by more than a factor; ``count`` numbers, how they have.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:

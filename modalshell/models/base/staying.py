@@ -57,14 +57,8 @@ class Parts(NamedTuple):
 class Staying(ABC):
     """Steps of implicit Euler on what stays pushed, one after the other.
 
-    Parameters
-    ----------
-    pressing : ModalContacts
-        The contacts.
-    eigenvalues : ndarray, shape (m,)
-        Stiffness of the modes [1/s^2].
-    conservative : bool
-        Whether the modal force has a potential, so that a step is to gain no more than its load's work.
+    ``eigenvalues`` (m,) are the stiffness of the modes [1/s^2]. Of a ``conservative`` modal force, one with a
+    potential, a step is to gain no more than its load's work.
     """
 
     def __init__(self, pressing: ModalContacts, eigenvalues: Array, conservative: bool) -> None:
