@@ -58,8 +58,8 @@ def better_forces(pushes: Array, lagged: Array, *, settled: bool) -> Array | Non
 
     What touches for the first time has no force of the step before. Where forces change much, as in a strike, those of
     the step itself are taken, once: what strikes would be rubbed twice, by the force of its step and after it.
-    ``pushes`` (r,) [N] are the forces of the step by the ``lagged`` ones; ``settled`` says that these have been replaced
-    in the step already.
+    ``pushes`` (r,) [N] are the forces of the step by the ``lagged`` ones; ``settled`` says that these have been
+    replaced in the step already.
     """
     largest = max(pushes.max(initial=0.0), lagged.max(initial=0.0))
     if not settled and (np.abs(pushes - lagged) > _STEADY * largest).any():
