@@ -118,9 +118,7 @@ class ActiveSet:
         for iteration in range(rules.most + 1):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
             gradient, hessian = self.linearise(x, geometric, stresses)
-            rows = np.flatnonzero(active)
-            gaps = touching.gaps(x, rows)
-            equations = Rotated(self.problem, touching, gradient, hessian, rows, pushes[rows], gaps)
+            equations = self._equations_at(x, active, pushes, gradient, hessian)
             size = float(np.linalg.norm(equations.unbalanced(gradient))) / self.scale(pushes)
             if not np.isfinite(size):
                 break
@@ -167,9 +165,7 @@ class ActiveSet:
         pushes, repeated, count = np.zeros(active.size), False, 0
         while count < least or not (repeated or count == most):
             gradient, hessian = self.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses, way)
-            rows = np.flatnonzero(active)
-            gaps = self.touching.gaps(x, rows)
-            equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
+            equations = self._equations_at(x, active, pushes, gradient, hessian)
             direction, found = equations.solve()
             if way is None:
                 x, share, _, stresses = self.moved(x, hessian, direction, equations.frames.rows)
@@ -225,9 +221,13 @@ class ActiveSet:
     def equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""
         gradient, hessian = self.linearise(rest.point, geometric)
-        rows = np.flatnonzero(rest.active)
-        gaps = self.touching.gaps(rest.point, rows)
-        return Rotated(self.problem, self.touching, gradient, hessian, rows, rest.pushes[rows], gaps), gradient
+        return self._equations_at(rest.point, rest.active, rest.pushes, gradient, hessian), gradient
+
+    def _equations_at(self, x: Array, active: Mask, pushes: Array, gradient: Array, hessian: sps.csc_array) -> Rotated:
+        """The same at x (n, 3), with the gaps of ``active`` rows prescribed, on which forces ``pushes`` (r,) [N] act."""
+        rows = np.flatnonzero(active)
+        gaps = self.touching.gaps(x, rows)
+        return Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
 
     def settled(self, rest: Rest) -> Rest:
         """The end with its verdict, and the forces that balance the shell exactly where it is.
