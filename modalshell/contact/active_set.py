@@ -110,7 +110,7 @@ class ActiveSet:
 
     def iterate(self, start: Array, active: Mask, rules: method.Rules, stresses: list[Array] | None = None) -> Rest:
         """Full mixed Newton steps with active sets from ``start`` (n, 3) and the ``stresses`` predicted there."""
-        touching, x = self.touching, start.copy()
+        x = start.copy()
         pushes = np.zeros(active.size)
         best, stalled, allowed, repeated = np.inf, 0, 0.0, False
         seen: dict[bytes, int] = {}
