@@ -224,7 +224,7 @@ class ActiveSet:
         return self._equations_at(rest.point, rest.active, rest.pushes, gradient, hessian), gradient
 
     def _equations_at(self, x: Array, active: Mask, pushes: Array, gradient: Array, hessian: sps.csc_array) -> Rotated:
-        """The same at x (n, 3), with the gaps of ``active`` rows prescribed, on which forces ``pushes`` (r,) [N] act."""
+        """The same at x (n, 3), the gaps of ``active`` rows prescribed, on which forces ``pushes`` (r,) [N] act."""
         rows = np.flatnonzero(active)
         gaps = self.touching.gaps(x, rows)
         return Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
