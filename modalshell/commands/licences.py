@@ -57,24 +57,15 @@ _SHORT = {
 @short_repr
 @dataclass(frozen=True)
 class Licence:
-    """The licence of one package.
-
-    Attributes
-    ----------
-    package : str
-        Its name.
-    licence : str
-        An SPDX expression where the package gives one, else what its metadata say; "unknown" where they say nothing.
-    needed_by : tuple of str
-        "core", the extras that install it, or the packages that need it.
-    version : str
-        Of what is installed; empty where it is not.
-    """
+    """The licence of one package."""
 
     package: str
     licence: str
+    """An SPDX expression where the package gives one, else what its metadata say; "unknown" where they say nothing."""
     needed_by: tuple[str, ...]
+    """The extras that install it, or the packages that need it; "core" of what all installations have."""
     version: str
+    """Of what is installed; empty where it is not."""
 
     @property
     def copyleft(self) -> bool:

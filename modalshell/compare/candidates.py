@@ -22,24 +22,15 @@ MODES = (4, 8, 16)
 @final
 @dataclass(frozen=True)
 class Candidate:
-    """One rung at one size.
-
-    Attributes
-    ----------
-    spec : ModelSpec
-        Which model.
-    size : str
-        Mode count or coarse mesh; empty where there is only one size.
-    options : mapping
-        Keys of the ``[model]`` table that make it.
-    coarse : CoarseMesh or None
-        The coarse mesh, of a model that needs one.
-    """
+    """One rung at one size."""
 
     spec: ModelSpec
     size: str = ""
+    """Mode count or coarse mesh; empty where there is only one size."""
     options: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of the ``[model]`` table that make it."""
     coarse: CoarseMesh | None = None
+    """The coarse mesh, of a model that needs one."""
 
     @property
     def label(self) -> str:

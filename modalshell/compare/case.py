@@ -32,43 +32,29 @@ _FRAME = 1.0 / 60.0
 @short_repr
 @dataclass(frozen=True)
 class Case:
-    """What the rungs are compared on.
-
-    Attributes
-    ----------
-    name : str
-        For titles and files.
-    shell : Shell
-        The shell, held by its supports.
-    load : ndarray, shape (n, 3)
-        The whole load [N]; the load range is from zero to this.
-    dt : float
-        Time between frames [s].
-    damping : Damping
-        Of the motion whose frames are timed.
-    coarse : sequence of CoarseMesh
-        Coarser meshes to run discrete shells on.
-    note : str
-        Note on the origin of the load, if needed, in sentences.
-    integrator : str or None
-        Key of the integrator of modal models; by default their own.
-    live : sequence of Load
-        Those loads of ``load``, which holds them as they are at rest, that follow the shell, without their change in
-        time.
-    units : UnitSystem
-        Of its numbers, which texts name.
-    """
+    """What the rungs are compared on."""
 
     name: str
+    """For titles and files."""
     shell: Shell
+    """The shell, held by its supports."""
     load: Array = field(repr=False)
+    """The whole load [N]; the load range is from zero to this; shape (n, 3)."""
     dt: float = _FRAME
+    """Time between frames [s]."""
     damping: Damping = field(default_factory=Damping)
+    """Of the motion whose frames are timed."""
     coarse: Sequence[CoarseMesh] = ()
+    """Coarser meshes to run discrete shells on."""
     note: str = ""
+    """Note on the origin of the load, if needed, in sentences."""
     integrator: str | None = None
+    """Key of the integrator of modal models; by default their own."""
     live: Sequence[Load] = ()
+    """Those loads of ``load``, which holds them as they are at rest, that follow the shell, without their change in
+    time."""
     units: UnitSystem = SI
+    """Of its numbers, which texts name."""
 
     def __post_init__(self) -> None:
         if loose := rigid_motions(self.shell).shape[1]:

@@ -75,22 +75,15 @@ class Marks:
 @final
 @dataclass(frozen=True)
 class Snap:
-    """Where the shell leaves its branch.
-
-    Attributes
-    ----------
-    low, high : float
-        Shares of the load between which it happens; one and the same where it was located.
-    reason : str
-        What shows it.
-    marks : Marks
-        What happens along the path of equilibria there.
-    """
+    """Where the shell leaves its branch."""
 
     low: float
     high: float
+    """Shares of the load between which it happens; one and the same where it was located."""
     reason: str
+    """What shows it."""
     marks: Marks = field(default_factory=Marks)
+    """What happens along the path of equilibria there."""
     stable: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
     """Load factors (k,) and positions (k, n, 3) [m] of the stable states before it, where it was located."""
 
@@ -104,36 +97,24 @@ class Snap:
 @short_repr
 @dataclass(frozen=True)
 class LoadPath:
-    """Discrete shells over the load range.
-
-    Attributes
-    ----------
-    factors : tuple of float
-        Shares of the load.
-    answers : list of Equilibrium
-        DS at each; one that did not converge is no truth.
-    tangents : list of float or None
-        Lowest eigenvalue about each state over that at rest; None where DS or the eigensolver gave none.
-    lowest : float
-        Lowest eigenvalue at rest [1/s^2].
-    snaps : sequence of Snap
-        Where DS leaves its branch.
-    near : tuple of float
-        Shares of the load just below and just above the snaps that were located, as far as DS has answers there.
-    near_answers : list of Equilibrium
-        DS at these.
-    cost : float
-        Counted cost of all answers [reference microseconds].
-    """
+    """Discrete shells over the load range."""
 
     factors: tuple[float, ...]
+    """Shares of the load."""
     answers: list[Equilibrium] = field(repr=False)
+    """DS at each; one that did not converge is no truth."""
     tangents: list[float | None]
+    """Lowest eigenvalue about each state over that at rest; None where DS or the eigensolver gave none."""
     lowest: float
+    """Lowest eigenvalue at rest [1/s^2]."""
     snaps: Sequence[Snap] = ()
+    """Where DS leaves its branch."""
     near: tuple[float, ...] = ()
+    """Shares of the load just below and just above the snaps that were located, as far as DS has answers there."""
     near_answers: list[Equilibrium] = field(default_factory=list, repr=False)
+    """DS at these."""
     cost: float = 0.0
+    """Counted cost of all answers [reference microseconds]."""
 
     @property
     def snap(self) -> Snap | None:

@@ -31,21 +31,13 @@ from modalshell.statics.error_bar import ErrorBar, share_as_text
 @short_repr
 @dataclass(frozen=True)
 class BarRow:
-    """One rung and its bars.
-
-    Attributes
-    ----------
-    candidate : Candidate
-        Which rung.
-    bars : list of ErrorBar
-        One for each load; fewer where a bar was void, for the loads beyond are then void as well.
-    seconds : float
-        Time of its modes, answers and bars.
-    """
+    """One rung and its bars."""
 
     candidate: Candidate
     bars: list[ErrorBar] = field(repr=False)
+    """One for each load; fewer where a bar was void, for the loads beyond are then void as well."""
     seconds: float
+    """Time of its modes, answers and bars."""
 
     @property
     def largest(self) -> float:

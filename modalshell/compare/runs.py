@@ -37,62 +37,41 @@ ANSWER_FRAMES = 600
 @short_repr
 @dataclass(frozen=True)
 class Measurement:
-    """One rung at one size, measured.
-
-    Attributes
-    ----------
-    candidate : Candidate
-        Which one.
-    preprocessing : float
-        Time to build the model [s], its modes included.
-    frame_ms : float
-        Median time of a step and its positions [ms], in motion from rest under the whole load; without the time that
-        the process waits for a processor.
-    work : Work
-        Mean counted work of such a frame; its cost ranks the rungs.
-    statics : float
-        Time of all static answers [s].
-    errors : list of float or None
-        Relative displacement error against DS at each load; None where DS or the rung has no answer.
-    area_errors : list of float or None
-        Relative area less that of DS.
-    tip_turns : list of float or None
-        Turn [degrees] of the surface at the vertex that DS moves most.
-    statuses : list of str
-        Outcome of each static answer.
-    frequency : float or None
-        Lowest frequency about the last state that DS knows, over that of DS at rest; 0 where that state is unstable,
-        None for models without a tangent.
-    motion : str
-        Outcome of the timed motion, with its message.
-    missed : bool
-        Whether the rung has no answer at a load where DS has one, or its motion left the finite numbers.
-    positions : ndarray, shape (n, 3)
-        Under the whole load [m].
-    outside_error : float or None
-        Relative displacement error under the whole load against an external solution, if given.
-    near_errors : list of float or None
-        Errors against DS just below and just above a snap; None where the rung has no answer.
-    model : Model or None
-        What was measured.
-    """
+    """One rung at one size, measured."""
 
     candidate: Candidate
     preprocessing: float
+    """Time to build the model [s], its modes included."""
     frame_ms: float
+    """Median time of a step and its positions [ms], in motion from rest under the whole load; without the time that
+    the process waits for a processor."""
     work: Work
+    """Mean counted work of such a frame; its cost ranks the rungs."""
     statics: float
+    """Time of all static answers [s]."""
     errors: list[float | None]
+    """Relative displacement error against DS at each load; None where DS or the rung has no answer."""
     area_errors: list[float | None]
+    """Relative area less that of DS."""
     tip_turns: list[float | None]
+    """Turn [degrees] of the surface at the vertex that DS moves most."""
     statuses: list[str]
+    """Outcome of each static answer."""
     frequency: float | None
+    """Lowest frequency about the last state that DS knows, over that of DS at rest; 0 where that state is unstable,
+    None for models without a tangent."""
     motion: str
+    """Outcome of the timed motion, with its message."""
     missed: bool
+    """Whether the rung has no answer at a load where DS has one, or its motion left the finite numbers."""
     positions: Array = field(repr=False)
+    """Under the whole load [m]; shape (n, 3)."""
     outside_error: float | None = None
+    """Relative displacement error under the whole load against an external solution, if given."""
     near_errors: list[float | None] = field(default_factory=list)
+    """Errors against DS just below and just above a snap; None where the rung has no answer."""
     model: Model | None = field(default=None, repr=False, compare=False)
+    """What was measured."""
 
     @property
     def label(self) -> str:

@@ -46,52 +46,31 @@ Mask = NDArray[np.bool_]
 @final
 @dataclass(frozen=True)
 class Rest:
-    """Where a solve with contacts ended.
-
-    Attributes
-    ----------
-    point : ndarray, shape (n, 3)
-        Positions [m].
-    active : ndarray of bool, shape (r,)
-        Rows that touch.
-    pushes : ndarray, shape (r,)
-        Forces [N] along the normals.
-    residual : float
-        Out-of-balance force over the load and the contact forces.
-    iterations : int
-        Newton's.
-    converged : bool
-        Whether the residual met its goal, with sets that repeat.
-    stable : bool or None
-        Whether the exact Hessian is positive definite on the motions that keep the gaps.
-    limited : bool
-        Whether rounding keeps the residual up.
-    """
+    """Where a solve with contacts ended."""
 
     point: Array
+    """Positions [m]; shape (n, 3)."""
     active: Mask
+    """Rows that touch; shape (r,)."""
     pushes: Array
+    """Forces [N] along the normals; shape (r,)."""
     residual: float
+    """Out-of-balance force over the load and the contact forces."""
     iterations: int
+    """Newton's."""
     converged: bool
+    """Whether the residual met its goal, with sets that repeat."""
     stable: bool | None = None
+    """Whether the exact Hessian is positive definite on the motions that keep the gaps."""
     limited: bool = False
+    """Whether rounding keeps the residual up."""
 
 
 @final
 class ActiveSet:
-    """Solves for the minimum of a potential outside colliders.
+    """Solves for the minimum of a potential outside colliders, with the friction of a step in time if there is one.
 
-    Parameters
-    ----------
-    problem : Potential
-        The potential.
-    touching : Touching
-        The contacts.
-    scale : float
-        Size of the load [N]; contact forces count where they are larger.
-    friction : Friction, optional
-        That of a step in time.
+    ``scale`` is the size of the load [N]; contact forces count where they are larger.
     """
 
     def __init__(self, problem: Potential, touching: Touching, scale: float, friction: Friction | None = None) -> None:
@@ -131,7 +110,7 @@ class ActiveSet:
 
     def iterate(self, start: Array, active: Mask, rules: method.Rules, stresses: list[Array] | None = None) -> Rest:
         """Full mixed Newton steps with active sets from ``start`` (n, 3) and the ``stresses`` predicted there."""
-        touching, x = self.touching, start.copy()
+        x = start.copy()
         pushes = np.zeros(active.size)
         best, stalled, allowed, repeated = np.inf, 0, 0.0, False
         seen: dict[bytes, int] = {}
@@ -139,9 +118,7 @@ class ActiveSet:
         for iteration in range(rules.most + 1):
             geometric = GAUSS_NEWTON if stresses is None else MIXED
             gradient, hessian = self.linearise(x, geometric, stresses)
-            rows = np.flatnonzero(active)
-            gaps = touching.gaps(x, rows)
-            equations = Rotated(self.problem, touching, gradient, hessian, rows, pushes[rows], gaps)
+            equations = self._equations_at(x, active, pushes, gradient, hessian)
             size = float(np.linalg.norm(equations.unbalanced(gradient))) / self.scale(pushes)
             if not np.isfinite(size):
                 break
@@ -188,9 +165,7 @@ class ActiveSet:
         pushes, repeated, count = np.zeros(active.size), False, 0
         while count < least or not (repeated or count == most):
             gradient, hessian = self.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses, way)
-            rows = np.flatnonzero(active)
-            gaps = self.touching.gaps(x, rows)
-            equations = Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
+            equations = self._equations_at(x, active, pushes, gradient, hessian)
             direction, found = equations.solve()
             if way is None:
                 x, share, _, stresses = self.moved(x, hessian, direction, equations.frames.rows)
@@ -246,9 +221,13 @@ class ActiveSet:
     def equations(self, rest: Rest, geometric: int) -> tuple[Rotated, Array]:
         """Newton's equations at an end, and the gradient there."""
         gradient, hessian = self.linearise(rest.point, geometric)
-        rows = np.flatnonzero(rest.active)
-        gaps = self.touching.gaps(rest.point, rows)
-        return Rotated(self.problem, self.touching, gradient, hessian, rows, rest.pushes[rows], gaps), gradient
+        return self._equations_at(rest.point, rest.active, rest.pushes, gradient, hessian), gradient
+
+    def _equations_at(self, x: Array, active: Mask, pushes: Array, gradient: Array, hessian: sps.csc_array) -> Rotated:
+        """The same at x (n, 3), the gaps of ``active`` rows prescribed, on which forces ``pushes`` (r,) [N] act."""
+        rows = np.flatnonzero(active)
+        gaps = self.touching.gaps(x, rows)
+        return Rotated(self.problem, self.touching, gradient, hessian, rows, pushes[rows], gaps)
 
     def settled(self, rest: Rest) -> Rest:
         """The end with its verdict, and the forces that balance the shell exactly where it is.

@@ -106,16 +106,10 @@ def axis_of(a: Array, b: Array) -> tuple[Array, float]:
 
 
 def rounded_gap(offset: Array, free: Array, radius: float) -> Gap:
-    """Gap about a nearest feature: its distance less ``radius``.
+    """Gap about a nearest feature: its distance less ``radius`` [m].
 
-    Parameters
-    ----------
-    offset : ndarray, shape (n, 3)
-        From the nearest point of the feature [m].
-    free : ndarray, shape (n, 3, 3) or (3, 3)
-        Projections on the directions along which that point does not follow.
-    radius : float
-        Of the surface about the feature [m].
+    ``offset`` (n, 3) [m] leads from the nearest point of the feature; ``free`` (n, 3, 3) or (3, 3) projects on the
+    directions along which that point does not follow.
     """
     distance = np.linalg.norm(offset, axis=1)
     inside = distance == 0.0  # on the feature every direction leads out

@@ -19,15 +19,8 @@ def refuse_bodies(mesh: TriangleMesh, turned: Array, balls: tuple[Array, Array])
     """OptionError where the nearest triangle of a closed mesh does not tell inside from outside.
 
     Its surface crosses itself, a body's normals point inward though it is no hollow of another, or bodies overlap.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The closed surface, of one body or several.
-    turned : ndarray, shape (T, 3)
-        Normals of its triangles, of twice their areas [m^2].
-    balls : (ndarray, ndarray), shapes (T, 3) and (T,)
-        Centres and radii [m] of balls about the triangles.
+    ``turned`` (T, 3) are normals of its triangles, of twice their areas [m^2], and ``balls`` (T, 3) and (T,) the
+    centres and radii [m] of balls about these.
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     inner = vertices - vertices.mean(axis=0)

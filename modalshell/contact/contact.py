@@ -21,16 +21,8 @@ _LEAD = 1e-6
 
 
 @final
-class _Seen:
-    """The path of a collider as it is seen from a frame that moves.
-
-    Parameters
-    ----------
-    path : SupportPath or None
-        Of the collider in the world.
-    frame : SupportPath
-        Of the frame.
-    """
+class _RelativePath:
+    """The path of a collider in the world, or of one at rest there, as it is seen from a frame that moves."""
 
     def __init__(self, path: SupportPath | None, frame: SupportPath) -> None:
         self._path, self._frame = path, frame
@@ -107,7 +99,7 @@ class Contact(ReadOnlyArrays):
         self.sel = sel if isinstance(sel, str) and sel == "all" else checked_selection("sel", sel)
         self.friction = checked_number("friction", friction, at_least=0.0)
         self.restitution = checked_number("restitution", restitution, at_least=0.0, at_most=1.0)
-        self.motion: SupportPath | _Seen | _Stopped | None = None
+        self.motion: SupportPath | _RelativePath | _Stopped | None = None
         if motion is not None:
             self.motion = checked_kind("motion", motion, SupportPath)
         self.push_out = checked_number("push_out", push_out, at_least=0.0, unit="m/s")
@@ -125,7 +117,7 @@ class Contact(ReadOnlyArrays):
         if frame is None:
             return self
         seen = copy.copy(self)
-        seen.motion = _Seen(self.motion if isinstance(self.motion, SupportPath) else None, frame)
+        seen.motion = _RelativePath(self.motion if isinstance(self.motion, SupportPath) else None, frame)
         return seen
 
     def on(self, chosen: NDArray[np.bool_]) -> Self:

@@ -27,34 +27,14 @@ _LEAST, _MOST = 2, 8
 
 @final
 class ContactEstimator(Estimator):
-    """Finds error bars of answers under contacts.
+    """Finds error bars of answers under contacts, of a shell that its supports hold.
 
     What touches at the answer is prescribed in each of Newton's steps, as statics do, and what pulls or enters changes
     the set. Two steps are taken, or more until the set repeats; where it does not, there is no bar. The margin is that
     on the motions that keep the gaps, forces that turn with curved surfaces softening the shell there.
 
-    Parameters
-    ----------
-    shell : Shell
-        A shell that its supports hold.
-    contacts : sequence of Contact
-        Colliders, as they are at time 0, without friction.
-    led : LedVertices, optional
-        Further vertices that constraints lead; contacts do not push on these.
-    rubbed : bool
-        Whether loads have the friction of contacts in them.
-
-    Attributes
-    ----------
-    touching : Touching
-        The contacts.
-    unsettled : bool
-        Whether what touches did not settle at the last bar.
-
-    Raises
-    ------
-    OptionError
-        For contacts with friction, unless loads have it.
+    Colliders are as they are at time 0. On ``led`` vertices, which constraints lead, contacts do not push. Contacts
+    with friction raise OptionError, unless loads have it in them: ``rubbed``.
     """
 
     def __init__(

@@ -39,19 +39,13 @@ def creep_note(size: float, dt: float) -> str:
 
 
 def slip_limit(size: float, strengths: Array, masses: Array, dt: float, whole: float) -> float:
-    """Slip [m] in a step up to which friction has not reached its full size.
+    """Slip [m] in a step up to which friction has not reached its full size, on a shell of a ``size`` [m].
 
     At most that to which this size would take what it acts on, from rest: were it longer, friction would vanish as
     steps become short. Parts of a step have their share of it, and creep at the speed of the whole.
 
-    Parameters
-    ----------
-    size : float
-        Of the shell [m].
-    strengths, masses : ndarray
-        Largest forces [N] of friction, and the masses [kg] of the vertices that they act on.
-    dt, whole : float
-        How long the step of implicit Euler is [s], and how long one is that is not divided.
+    ``strengths`` are the largest forces [N] of friction, and ``masses`` [kg] those of the vertices that they act on.
+    The step of implicit Euler takes ``dt`` [s], one that is not divided ``whole``.
     """
     most, force, mass = SLIP * size, float(strengths.sum()), float(masses.sum())
     if force * whole**2 < most * mass:
@@ -64,15 +58,8 @@ def better_forces(pushes: Array, lagged: Array, *, settled: bool) -> Array | Non
 
     What touches for the first time has no force of the step before. Where forces change much, as in a strike, those of
     the step itself are taken, once: what strikes would be rubbed twice, by the force of its step and after it.
-
-    Parameters
-    ----------
-    pushes : ndarray, shape (r,)
-        Contact forces of the step by the ``lagged`` ones [N].
-    lagged : ndarray, shape (r,)
-        Those by which friction has acted [N].
-    settled : bool
-        Whether they have been replaced in this step.
+    ``pushes`` (r,) [N] are the forces of the step by the ``lagged`` ones; ``settled`` says that these have been
+    replaced in the step already.
     """
     largest = max(pushes.max(initial=0.0), lagged.max(initial=0.0))
     if not settled and (np.abs(pushes - lagged) > _STEADY * largest).any():
@@ -83,23 +70,9 @@ def better_forces(pushes: Array, lagged: Array, *, settled: bool) -> Array | Non
 
 @final
 class Friction:
-    """Friction of one step.
+    """Friction of one step of ``dt`` [s], by contact forces ``pushes`` (r,) [N]; it acts on ``vertices`` (k,).
 
-    Parameters
-    ----------
-    touching : Touching
-        The contacts as they are at the step's beginning.
-    pushes : ndarray, shape (r,)
-        Contact forces [N] by which it acts.
-    x : ndarray, shape (n, 3)
-        Positions [m] at its beginning.
-    dt, whole : float
-        The step [s], and one that is not divided.
-
-    Attributes
-    ----------
-    vertices : ndarray of int, shape (k,)
-        The vertices that it acts on.
+    Contacts and positions x (n, 3) [m] are those at the beginning; ``whole`` [s] is a step that is not divided.
     """
 
     def __init__(self, touching: Touching, pushes: Array, x: Array, dt: float, whole: float) -> None:

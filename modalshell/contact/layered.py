@@ -73,15 +73,7 @@ def pressure_of(force: Array, problem: Potential) -> float:
 class Patterns:
     """Patterns of Hessians with the blocks of pairs, the last one kept as long as it holds what is needed.
 
-    Parameters
-    ----------
-    backend : str, optional
-        That of factorisations.
-
-    Attributes
-    ----------
-    expected : ndarray of int, shape (p, 4)
-        Pairs that may come near in the step: a new pattern has their blocks, too.
+    A new one has the blocks of ``expected`` (p, 4), too: pairs that may come near in the step.
     """
 
     def __init__(self, backend: str | None) -> None:

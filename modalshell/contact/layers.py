@@ -31,26 +31,8 @@ _STRIDE, _PARTS = 2.0, 32
 class Layers:
     """Pairs of a shell's triangles and edges that share no vertex, and their barrier.
 
-    Parameters
-    ----------
-    contact : SelfContact
-        Gap, friction and vertices.
-    shell : Shell
-        The shell.
-
-    Attributes
-    ----------
-    gap : float
-        Distance [m] at which forces begin.
-    stiffness : float
-        kappa [Pa].
-    shell : Shell
-        The shell.
-
-    Raises
-    ------
-    OptionError
-        Where ipctk is missing, or parts of the shell at rest are nearer to each other than the gap.
+    ``gap`` [m] is the distance at which its forces begin, and ``stiffness`` kappa [Pa]. OptionError where ipctk is
+    missing, or parts of the shell at rest are nearer to each other than the gap.
     """
 
     def __init__(self, contact: SelfContact, shell: Shell) -> None:

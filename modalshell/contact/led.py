@@ -33,18 +33,8 @@ _MOST = 40
 class Led:
     """A shell with contacts whose patches are led.
 
-    Parameters
-    ----------
-    problem : Potential
-        On the shell with the patches' vertices held.
-    shell : Shell
-        The shell without, about ``origin``.
-    touching : Touching
-        The contacts of the held shell.
-    patches : sequence of HeldPatch
-        The patches, with targets in the world.
-    origin : ndarray, shape (3,)
-        Where the shell's origin lies in the world [m].
+    ``problem`` and ``touching`` are those of the shell with the patches' vertices held; ``shell``, about its ``origin``
+    (3,) [m] in the world, is without. Targets of patches are in the world.
     """
 
     problem: Potential

@@ -30,16 +30,9 @@ _MOST = 512
 class LocalShapes:
     """Shapes ``(K^-1 - Phi Lambda^-1 Phi^T) e`` of the shell at rest under unit forces on some vertices.
 
-    Where supports leave rigid motions, inertial forces balance the unit ones, and shapes have no share in them.
-
-    Parameters
-    ----------
-    basis : Basis
-        The modes.
-    least : int
-        Vertices that there is room for at least.
-    patches : sequence of ndarray
-        Vertices of patches that are led: shapes leave the mean of each where it is.
+    Where supports leave rigid motions, inertial forces balance the unit ones, and shapes have no share in them. There
+    is room for ``least`` vertices at least. Shapes leave the mean of each of the ``patches``, which are led, where it
+    is.
 
     Attributes
     ----------
@@ -49,10 +42,8 @@ class LocalShapes:
         Slot of each vertex, less than 0 for none.
     blocks : ndarray, shape (s, s, 3, 3)
         Those at the vertices of all slots: ``blocks[a, b] = store[a]`` at the vertex of b.
-    most : int
-        Shapes that are kept at most.
-    begun : int
-        How often all were dropped.
+    most, begun : int
+        Shapes that are kept at most, and how often all were dropped.
     """
 
     def __init__(self, basis: Basis, least: int, patches: Sequence[Index] = ()) -> None:

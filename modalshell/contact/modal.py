@@ -49,30 +49,23 @@ class ModalContacts:
     Parameters
     ----------
     contacts : sequence of Contact
-        The contacts.
-    basis : Basis
-        Its modes.
-    positions : callable
-        Positions (n, 3) [m] at coordinates (m,).
-    rows : callable
-        Their derivatives at some vertices.
+        Those of the model, whose modes are the ``basis``.
+    positions, rows : callable
+        Positions (n, 3) [m] at coordinates (m,), and their derivatives at some vertices.
     near : callable, optional
         Both at some vertices; by default made of those two.
     turns : bool or callable
         Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates (m,).
-    shape : tuple, optional
-        Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations.
-    tiles : tuple, optional
-        Of the same: what :func:`~modalshell.contact.warp_kernels.warp_ended` reads of the shape.
+    shape, tiles : tuple, optional
+        Of warps in closed form, whose frames are compiled: positions at rest, modes, and rotations; and what
+        :func:`~modalshell.contact.warp_kernels.warp_ended` reads of the shape.
 
     Attributes
     ----------
     touching : Touching
         The contacts at the time that is looked at.
-    moving : bool
-        Whether a collider moves.
-    rubs : bool
-        Whether a contact has friction.
+    moving, rubs : bool
+        Whether a collider moves, and whether a contact has friction.
     shapes : LocalShapes
         What the shell gives way beyond its modes.
     spins : Turning
@@ -222,8 +215,6 @@ class ModalContacts:
 
         Parameters
         ----------
-        free, compliance : ndarray, shape (m,)
-            As above.
         begin : tuple
             The guess (m,), the coordinates (m,) before, and the positions (n, 3) [m] there without what is beyond the
             modes.

@@ -54,15 +54,7 @@ class Pressing(Protocol):
 
 @final
 class RowFrames:
-    """Problems of the rows of contacts, of vertices whose positions and derivatives are asked for.
-
-    Parameters
-    ----------
-    pressing : Pressing
-        The contacts.
-    near : callable, optional
-        Positions and derivatives of some vertices; by default those of all.
-    """
+    """Problems of the rows of contacts, of vertices whose positions and derivatives ``near`` gives, or those of all."""
 
     def __init__(self, pressing: Pressing, near: Near | None) -> None:
         self._pressing, self._near = pressing, near

@@ -26,25 +26,9 @@ _STRIKE = 0.01
 class TouchingFrames:
     """Finds the bars of frames of a motion with contacts, each with the colliders where they are then.
 
-    Friction is a load of the frame: the motion up to then has made it.
-
-    Parameters
-    ----------
-    shell : Shell
-        What moves, held by its supports.
-    contacts : sequence of Contact
-        Its contacts.
-    supports : SupportPath, optional
-        How its supports move: positions are seen from there.
-    part : float, optional
-        Time [s] of the parts of steps in which friction acts; None without friction.
-    led : LedVertices, optional
-        Vertices that constraints lead, in the frame of the supports.
-
-    Raises
-    ------
-    OptionError
-        For what is no contact.
+    Friction is a load of the frame: the motion up to then has made it. It acts in parts of steps of a length ``part``
+    [s], None without friction. Supports hold the shell: positions, and the vertices that constraints lead, are seen
+    from there.
     """
 
     def __init__(

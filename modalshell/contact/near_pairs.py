@@ -18,54 +18,37 @@ _ROOM = 4096
 
 
 class Barrier(NamedTuple):
-    """The barrier at one place, over its stiffness.
-
-    Attributes
-    ----------
-    energy : float
-        Its energy, over the stiffness [m^3].
-    gradient : ndarray, shape (n, 3)
-        The derivatives [m^2].
-    least : float
-        Least distance [m] of pairs nearer than the gap; infinite without one.
-    active : ndarray of int, shape (a,)
-        Those pairs.
-    pairs, faced, areas, limits
-        Of all pairs: see :class:`NearPairs`.
-    """
+    """The barrier at one place, over its stiffness."""
 
     energy: float
+    """Its energy, over the stiffness [m^3]."""
     gradient: Array
+    """The derivatives [m^2]; shape (n, 3)."""
     least: float
+    """Least distance [m] of pairs nearer than the gap; infinite without one."""
     active: Index
+    """Those pairs; shape (a,)."""
     pairs: Index
     faced: int
     areas: Array
     limits: Array
+    """Of all pairs: see :class:`NearPairs`."""
 
 
 @final
 @dataclass(frozen=True)
 class Rubbing:
-    """Friction of pairs by their forces at one place, smoothed [li2020].
-
-    Attributes
-    ----------
-    begin : ndarray, shape (n, 3)
-        That place [m].
-    pairs : ndarray of int, shape (a, 4)
-        Their vertices.
-    weights, normals : ndarray, shape (a, 4), (a, 3)
-        Weights of these at the nearest points, and unit normals there.
-    strengths : ndarray, shape (a,)
-        Coulomb's coefficients times the forces [N].
-    """
+    """Friction of pairs by their forces at one place, smoothed [li2020]."""
 
     begin: Array
+    """That place [m]; shape (n, 3)."""
     pairs: Index
+    """Their vertices; shape (a, 4)."""
     weights: Array
     normals: Array
+    """Weights of these at the nearest points, and unit normals there; shape (a, 4), (a, 3)."""
     strengths: Array
+    """Coulomb's coefficients times the forces [N]; shape (a,)."""
 
     def energy_gradient(self, x: Array, limit: float) -> tuple[float, Array]:
         """Energy [J] and its gradient (n, 3) [N] at x (n, 3), fully smoothed up to slips of ``limit`` [m]."""
@@ -107,14 +90,7 @@ def _tree(centres: Array, count: int) -> tuple[Index, Index, Index]:
 class NearPairs:
     """The pairs of some triangles, their edges and vertices, that may come nearer than a gap about a straight way.
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (f, 3)
-        The triangles.
-    rest : ndarray, shape (n, 3)
-        Positions [m] that give areas and lengths.
-    gap, margin : float
-        The gap, and how far positions may be off the way [m].
+    Areas and lengths are those of positions ``rest`` (n, 3) [m]; others may be off the way by a ``margin`` [m].
 
     Attributes
     ----------
@@ -122,8 +98,6 @@ class NearPairs:
         Edges of the triangles.
     pairs : ndarray of int, shape (p, 4)
         Vertices of the pairs, the first ``faced`` of a vertex and a triangle, the others of two edges.
-    faced : int
-        How many are of a vertex and a triangle.
     areas : ndarray, shape (p,)
         Area [m^2] that each stands for: a quarter of that of the vertex, or of the edges.
     limits : ndarray, shape (p,)

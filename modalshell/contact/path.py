@@ -27,35 +27,19 @@ _EASY = 6
 
 
 class TouchingPoint(NamedTuple):
-    """A point of a path, and what touches there.
-
-    Attributes
-    ----------
-    point : PathPoint
-        The point.
-    rest : Rest
-        Where its solve ended, with the rows that touch and their forces.
-    """
+    """A point of a path, and what touches there."""
 
     point: PathPoint
     rest: Rest
+    """Where its solve ended, with the rows that touch and their forces."""
 
 
 @final
 class LoadSteps:
-    """Follows the equilibria of a shell with contacts under a load that grows by steps.
+    """Follows the equilibria of a shell with contacts under a load that grows by steps, of ``longest`` at most.
 
     Each begins at the one before, with what touched there. A step is halved where Newton's method does not converge,
-    leads a vertex through a collider, or far away.
-
-    Parameters
-    ----------
-    problem : Potential
-        The shell's potential under the whole load.
-    touching : Touching
-        The contacts.
-    longest : float
-        Longest step of the load factor.
+    leads a vertex through a collider, or far away. ``problem`` is the potential under the whole load.
     """
 
     def __init__(self, problem: Potential, touching: Touching, longest: float) -> None:

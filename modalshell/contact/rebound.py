@@ -28,19 +28,7 @@ _SLOWER = 1e-9
 
 @final
 class Rebound:
-    """Impulses at the end of a step of implicit Euler.
-
-    Parameters
-    ----------
-    problem : Potential
-        Of the step.
-    touching : Touching
-        The contacts at its end.
-    x : ndarray, shape (n, 3)
-        Positions [m] there.
-    dt : float
-        How long it is [s].
-    """
+    """Impulses at the end of a step of implicit Euler of ``dt`` [s], with contacts and positions (n, 3) [m] there."""
 
     def __init__(self, problem: Potential, touching: Touching, x: Array, dt: float) -> None:
         self._problem, self._touching, self._dt = problem, touching, dt
@@ -50,19 +38,9 @@ class Rebound:
     def along(self, rows: Index, normals: Array, needed: Array, first: Index) -> tuple[Array, Array, Index]:
         """Change (n, 3) [m/s] of the rates by the least impulses that make rows faster along their normals.
 
-        Parameters
-        ----------
-        rows, normals : ndarray, shape (k,), (k, 3)
-            What touches, and the normals there.
-        needed : ndarray, shape (k,)
-            By how much they are to be faster, at least [m/s].
-        first : ndarray of int
-            Which of them are sure to get an impulse, or nearly.
-
-        Returns
-        -------
-        change, impulses, chosen : ndarray, shape (n, 3), (k,), (c,)
-            The change, the impulses [N s], and which of the rows got any.
+        The ``rows`` (k,) that touch have ``normals`` (k, 3) and are to be faster by ``needed`` (k,) [m/s] at least;
+        ``first`` are those sure to get an impulse, or nearly. Also returns the impulses (k,) [N s], and which of the
+        rows got any.
         """
         goal, chosen = _SLOWER * float(np.abs(needed).max()), np.asarray(first)
         vertices = self._touching.vertices[rows]

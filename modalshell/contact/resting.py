@@ -28,22 +28,11 @@ _ACCURACY = 1e-12
 
 @final
 class Resting:
-    """The problem about one frame at rest.
+    """The problem about one frame at rest, on colliders at rest.
 
-    Parameters
-    ----------
-    pressing : ModalContacts
-        The contacts, whose colliders rest.
-    about : tuple of ndarray
-        Coordinates (m,), forces (r,) [N] and displacements (n, 3) [m] beyond the modes of that frame; and coordinates
-        (m,) at which it took derivatives.
-    compliance, eigenvalues : ndarray, shape (m,)
-        Change of the coordinates [s^2] in a step of implicit Euler per modal force, and stiffness of the modes [1/s^2].
-
-    Attributes
-    ----------
-    about, compliance : tuple of ndarray, and ndarray
-        As given: another frame, or step, has another problem.
+    It is ``about`` the coordinates (m,), forces (r,) [N] and displacements (n, 3) [m] beyond the modes of that frame,
+    and the coordinates (m,) at which it took derivatives; ``compliance`` (m,) is the change of the coordinates [s^2] in
+    a step of implicit Euler per modal force. Another frame, or step, has another problem.
     """
 
     def __init__(

@@ -137,20 +137,8 @@ def _independent(along: Array, most: int) -> list[int]:
 class Rotated:
     """Newton's equations at an iterate, with the gaps of some rows prescribed.
 
-    Parameters
-    ----------
-    problem : Potential
-        The potential.
-    touching : Touching
-        The contacts.
-    gradient : ndarray, shape (N,)
-        Of the potential.
-    hessian : csc_array
-        With internal unknowns after the others; it is changed.
-    rows, pushes : ndarray, shape (a,)
-        Rows that touch, and the forces [N] there, whose turning with the normals stiffens or softens the shell.
-    gaps : tuple of ndarray
-        Gaps, normals and curvatures of these rows.
+    The Hessian has internal unknowns after the others, and is changed. ``rows`` (a,) touch; the turning of the forces
+    ``pushes`` (a,) [N] with the normals stiffens or softens the shell. ``gaps`` has gaps, normals and curvatures.
     """
 
     def __init__(

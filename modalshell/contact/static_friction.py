@@ -63,24 +63,16 @@ class _Sets:
 
 
 class Rubbed(NamedTuple):
-    """Where a solve ended.
-
-    Attributes
-    ----------
-    rest : Rest
-        Positions, what touches, and the forces along the normals.
-    friction : ndarray, shape (n, 3)
-        Forces [N] along the surfaces.
-    message : str
-        Why there is no answer; "" where there is one.
-    sets : _Sets
-        What sticks and slips.
-    """
+    """Where a solve ended."""
 
     rest: Rest
+    """Positions, what touches, and the forces along the normals."""
     friction: Array
+    """Forces [N] along the surfaces; shape (n, 3)."""
     message: str
+    """Why there is no answer; "" where there is one."""
     sets: _Sets
+    """What sticks and slips."""
 
 
 def rest_with_friction(problem: Potential, touching: Touching, start: Array, steps: int) -> Rubbed:

@@ -43,22 +43,10 @@ _SAMPLES = 20_000
 
 @final
 class TouchingSteps:
-    """Contacts of one motion.
+    """Contacts of one motion of a shell about its ``origin`` (3,) [m] in the world, and ``layers`` of self-contact.
 
-    Parameters
-    ----------
-    contacts : sequence of Contact
-        The contacts.
-    shell : Shell
-        The shell about its origin.
-    origin : ndarray, shape (3,)
-        Where that is in the world [m].
-    dt : float
-        Step [s].
-    stand_ins : int
-        Steps of implicit Euler that stand in for one.
-    layers : Layers, optional
-        Those of self-contact.
+    For a step of ``dt`` [s] ``stand_ins`` steps of implicit Euler stand in. OptionError for a collider that moves by
+    more than its smallest radius in a step.
 
     Attributes
     ----------
@@ -70,11 +58,6 @@ class TouchingSteps:
         Whether a contact has friction.
     whole : float
         How long a step of implicit Euler is that is not divided [s].
-
-    Raises
-    ------
-    OptionError
-        For a collider that moves by more than its smallest radius in a step.
     """
 
     def __init__(
@@ -347,14 +330,8 @@ class TouchingSteps:
     def struck(self, x: Array, rates: Array, before: tuple[Array, Array, float], loads: Array) -> Array:
         """Rates (n, 3) [m/s] after restitution and its friction, and without those of vertices that were pushed out.
 
-        Parameters
-        ----------
-        x, rates : ndarray, shape (n, 3)
-            At the end of a step.
-        before : tuple
-            Positions and rates at its beginning, and when that was [s].
-        loads : ndarray, shape (n, 3)
-            What the load pushes with [N].
+        ``x`` and ``rates`` (n, 3) are those at the end of a step, ``before`` those at its beginning and when that was
+        [s], and ``loads`` (n, 3) [N] what the load pushes with.
         """
         touching, rows, (_, _, time) = self.now, np.flatnonzero(self.pushes), before
         if self._last is not None and touching.restitution[rows].any():

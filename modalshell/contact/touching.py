@@ -79,23 +79,14 @@ def refuse_friction(contacts: Sequence[Contact], name: str) -> None:
 class Touching:
     """Contacts on a shell, as rows: one for each pair of a contact and a vertex that may touch its collider.
 
-    Parameters
-    ----------
-    contacts : sequence of Contact
-        The contacts.
-    shell : Shell
-        The shell, about ``origin``.
-    origin : ndarray, shape (3,)
-        Where the shell's origin lies in the world [m].
+    The shell is about ``origin`` (3,) [m] in the world.
 
     Attributes
     ----------
     time : float
         Time at which the colliders stand [s].
-    vertices : ndarray, shape (r,)
-        Vertex of each row.
-    contact_of : ndarray, shape (r,)
-        Contact of each row.
+    vertices, contact_of : ndarray, shape (r,)
+        Vertex and contact of each row.
     friction, restitution : ndarray, shape (r,)
         Coefficients of each row.
     size : float

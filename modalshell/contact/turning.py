@@ -16,17 +16,8 @@ _NONE = np.empty((0, 3))
 class Turning:
     """Rotation vectors of vertices at coordinates (m,); what was asked for last is kept.
 
-    Parameters
-    ----------
-    turns : bool or callable
-        Whether vertices turn with the modal rotations, or their rotation vectors (n, 3) [rad] at coordinates.
-    rotations : ndarray, shape (3n, m)
-        Modal rotations.
-
-    Attributes
-    ----------
-    spin : ndarray, shape (m, 3n)
-        Turns of all vertices in each mode; (0, 3n) where they do not turn by these.
+    Vertices turn with the modal ``rotations`` (3n, m), or not, or ``turns`` gives their rotation vectors (n, 3) [rad].
+    ``spin`` (m, 3n) are the turns of all in each mode; (0, 3n) where they do not turn by these.
     """
 
     def __init__(self, turns: bool | Callable[[Array], Array], rotations: Array) -> None:

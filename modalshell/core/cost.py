@@ -24,27 +24,19 @@ _SOLVED = 0.003
 @final
 @dataclass
 class Work:
-    """Counted work.
-
-    Attributes
-    ----------
-    elements : float
-        Evaluations of an element's energy, with or without its derivatives.
-    factorisations, solves : float
-        Sparse factorisations, and right sides that were solved for with one, or with the dense Hessian of a reduced
-        energy.
-    bytes_read : float
-        Bytes of model data (modes, modal rotations, turns and strains of triangles, reduced energies, prolongations)
-        that were read.
-    cost : float
-        All of it in time on a reference machine [microseconds], from the constants of this module: for ranking only.
-    """
+    """Counted work."""
 
     elements: float = 0.0
+    """Evaluations of an element's energy, with or without its derivatives."""
     factorisations: float = 0.0
     solves: float = 0.0
+    """Sparse factorisations, and right sides that were solved for with one, or with the dense Hessian of a reduced
+    energy."""
     bytes_read: float = 0.0
+    """Bytes of model data (modes, modal rotations, turns and strains of triangles, reduced energies, prolongations)
+    that were read."""
     cost: float = 0.0
+    """All of it in time on a reference machine [microseconds], from the constants of this module: for ranking only."""
 
     def per(self, count: int) -> Work:
         """The mean over ``count`` repetitions."""

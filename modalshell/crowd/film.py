@@ -18,48 +18,31 @@ from modalshell.models import RotationStrain
 
 @dataclass(frozen=True)
 class FlightReport:
-    """What a flight cost, and what its levels of detail show.
-
-    Attributes
-    ----------
-    birds, vertices : int
-        Number of birds, and of vertices of one.
-    shares : dict of float
-        Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too.
-    allowed_pixels : float
-        Largest distance allowed between a vertex as drawn and its position by MWTS.
-    largest_error : float
-        That distance, largest over all frames [m].
-    largest_pixels : float
-        The same as it is seen: over the distance of its bird times the focal length [pixels].
-    strains_jump_pixels : float
-        Largest motion that a change of RSW's share caused between two frames [pixels].
-    switches : int
-        How often a bird changed its level.
-    seconds_steps : float
-        Time spent in stepping boids and shells [s].
-    """
+    """What a flight cost, and what its levels of detail show."""
 
     birds: int
     vertices: int
+    """Number of birds, and of vertices of one."""
     shares: dict[str, float]
+    """Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too."""
     allowed_pixels: float
+    """Largest distance allowed between a vertex as drawn and its position by MWTS."""
     largest_error: float
+    """That distance, largest over all frames [m]."""
     largest_pixels: float
+    """The same as it is seen: over the distance of its bird times the focal length [pixels]."""
     strains_jump_pixels: float
+    """Largest motion that a change of RSW's share caused between two frames [pixels]."""
     switches: int
+    """How often a bird changed its level."""
     seconds_steps: float
+    """Time spent in stepping boids and shells [s]."""
 
 
 class FlightFilm:
     """Frames of a flight as a camera sees them: levels of detail, positions, and what these cost.
 
-    Parameters
-    ----------
-    table : FlockTable
-        Of the scene: its camera and its levels of detail.
-    flight : Flight
-        Its birds; their state is overwritten.
+    The flight's state is overwritten.
     """
 
     def __init__(self, table: FlockTable, flight: Flight) -> None:

@@ -28,18 +28,8 @@ _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
 class FlightStage:
     """Sky, ground and shadows as a camera sees them that goes along with the flock.
 
-    All positions are as such a camera sees them: what does not go along with it is moved the other way.
-
-    Parameters
-    ----------
-    camera : Camera
-        Where it stands at the start, its view horizontal or down a little.
-    ground : float
-        Height of the ground [m].
-    rest : ndarray, shape (n, 3)
-        A bird at rest, x forward [m].
-    birds : int
-        How many.
+    All positions are as such a camera sees them: what does not go along with it is moved the other way. Its view is
+    horizontal at the start, or down a little. ``rest`` (n, 3) [m] is a bird, x forward, ``ground`` a height [m].
     """
 
     def __init__(self, camera: Camera, ground: float, rest: Array, birds: int) -> None:

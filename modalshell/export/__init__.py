@@ -1,7 +1,7 @@
 """Trajectory files: NumPy archives, clips, VTK files, and formats of animation programs."""
 
 from modalshell.export.archive import load_trajectory
-from modalshell.export.clip import load_clip, read_clip
+from modalshell.export.clip import load_clip
 from modalshell.export.compression import compress
 from modalshell.export.gltf import save_modes_gltf
 from modalshell.export.modal_exchange import save_modal_body
@@ -12,7 +12,6 @@ __all__ = [
     "compress",
     "load_clip",
     "load_trajectory",
-    "read_clip",
     "save_modal_body",
     "save_modes_gltf",
     "save_trajectory",

@@ -18,22 +18,15 @@ _COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {"von_mises_faces": (
 @final
 @dataclass(frozen=True)
 class FrameArray:
-    """Values (n,) or (n, k) of a frame.
-
-    Attributes
-    ----------
-    name, unit : str
-        What they are; a number without a dimension has the unit "".
-    values : ndarray, shape (n,) or (n, k)
-        One row for each vertex or triangle.
-    components : tuple of str
-        Names of the columns; empty for scalars.
-    """
+    """Values (n,) or (n, k) of a frame."""
 
     name: str
     unit: str
+    """What they are; a number without a dimension has the unit ""."""
     values: NDArray[Any]
+    """One row for each vertex or triangle; shape (n,)."""
     components: tuple[str, ...] = ()
+    """Names of the columns; empty for scalars."""
 
 
 def of_vertices(run: Trajectory, index: int) -> list[FrameArray]:

@@ -22,16 +22,7 @@ Frames of the motion lie between whole time codes, where they have their own tim
 def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: Literal["y", "z"] = "z") -> Path:
     """Write a USD stage (``.usdc`` binary, ``.usda`` text) with the mesh ``/Shell``, at real speed.
 
-    Parameters
-    ----------
-    run : Trajectory
-        Times and positions in its units.
-    path : Path
-        The file.
-    on_frame : callable, optional
-        Called with the frames done and their total.
-    up : {"y", "z"}
-        Axis of the file that points up; positions of the run, whose z is up, are turned to it.
+    Positions of the run, whose z is up, are turned so that its axis ``up`` is.
     """
     from pxr import Tf
 

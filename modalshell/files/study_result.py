@@ -21,24 +21,15 @@ _ARRAYS = "arrays"
 
 @dataclass(frozen=True)
 class StudyResult:
-    """Result of a study.
-
-    Attributes
-    ----------
-    name : str
-        Name of the study.
-    findings : dict
-        Tables and numbers, ready for JSON.
-    arrays : dict of ndarray
-        Positions, faces and other arrays that figures draw.
-    record : dict
-        See :func:`modalshell.files.provenance.run_record`.
-    """
+    """Result of a study."""
 
     name: str
     findings: dict[str, Any]
+    """Tables and numbers, ready for JSON."""
     arrays: dict[str, NDArray[Any]] = field(repr=False)
+    """Positions, faces and other arrays that figures draw."""
     record: dict[str, Any] = field(repr=False)
+    """See :func:`modalshell.files.provenance.run_record`."""
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths. OptionError for files of others."""

@@ -144,18 +144,10 @@ def supernodes(parent: Index, counts: Index, block: int) -> Index:
 
 @njit
 def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index) -> tuple[Index, Index, Index]:
-    """Rows of every supernode, sorted, its own columns first; and the tree of supernodes.
+    """Where the rows of each supernode begin (s + 1,), the rows, sorted, its own columns first, and its parent (s,).
 
-    Row i is in every supernode on the way from those of its neighbours before it up to its own.
-
-    Returns
-    -------
-    row_starts : ndarray, shape (s + 1,)
-        Where the rows of each supernode begin in ``rows``.
-    rows : ndarray of int
-        The rows.
-    above : ndarray, shape (s,)
-        The supernode that takes the update of each, -1 at roots.
+    Row i is in every supernode on the way from those of its neighbours before it up to its own. The parent takes the
+    update of a supernode; that of roots is -1.
     """
     count, n = len(first) - 1, len(starts) - 1
     of = np.empty(n, np.int64)

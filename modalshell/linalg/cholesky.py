@@ -50,23 +50,16 @@ class NotPositiveDefiniteError(SolverError):
 
 @final
 class CholeskyAnalysis:
-    """Elimination order, supernodes and storage of a symmetric pattern.
+    """Elimination order, supernodes and storage of a symmetric pattern (N, N), both of whose triangles are stored.
 
-    Parameters
-    ----------
-    matrix : csc_array, shape (N, N)
-        A matrix with the pattern, both triangles stored.
-    once : bool
-        Whether a single factor is wanted, so that the best order is worth less.
+    Where a factor is wanted ``once`` alone the best order is worth less.
 
     Attributes
     ----------
     block : int
         3 where the pattern consists of 3 x 3 blocks, else 1.
-    entries : int
-        Stored numbers of a factor.
-    panels : Panels
-        Where they are.
+    entries, panels : int, Panels
+        Stored numbers of a factor, and where they are.
     height : int
         Rows of the highest panel.
     solves_a_factorisation : float
@@ -149,15 +142,7 @@ class CholeskyAnalysis:
 
 @final
 class BlockCholesky:
-    """A factor ``A = P^T L S L^T P``; S is the identity but where pivots are negative.
-
-    Attributes
-    ----------
-    analysis : CholeskyAnalysis
-        Analysis of the pattern.
-    negative : int
-        Number of negative pivots, that of negative eigenvalues.
-    """
+    """A factor ``A = P^T L S L^T P``; S is the identity but where pivots, and so as many eigenvalues, are negative."""
 
     def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
         self.analysis = analysis

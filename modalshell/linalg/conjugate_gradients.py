@@ -63,14 +63,8 @@ class Preconditioner(NamedTuple):
 def solve_near(factor: Preconditioner, matrix: Rows, right: Any, stop: Stop) -> Any:
     """Solve ``A x = right`` with the factor of a matrix near A.
 
-    Returns
-    -------
-    found : ndarray, shape (N,)
-        Solution.
-    iterations : int
-        Solves with the factor.
-    served : bool
-        Whether the accuracy is met; not where a direction has no or negative curvature.
+    Returns the solution (N,), the number of solves with the factor, and whether the accuracy is met: not where a
+    direction has no or negative curvature.
     """
     values, size = factor.values, right.size
     found, direction, image, residual = np.zeros(size), np.zeros(size), np.empty(size), right.copy()

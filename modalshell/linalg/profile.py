@@ -182,21 +182,12 @@ def add_product(values, first, starts, vector, out):  # type: ignore[no-untyped-
 
 @final
 class Profile:
-    """Storage of a symmetric pattern in an order of elimination.
+    """Storage of a symmetric pattern in an ``order`` (k,) of elimination of blocks of 3 unknowns or 1.
 
-    Parameters
-    ----------
-    order : ndarray of int64, shape (k,)
-        The blocks in the order of elimination.
-    rows, columns : ndarray of int, shape (e,)
-        Where the pattern has entries, by blocks; there may be several of one place.
-    block : int
-        Unknowns of a block, 3 or 1.
+    ``rows`` and ``columns`` (e,) are where the pattern has entries, by blocks; there may be several of one place.
 
     Attributes
     ----------
-    block, order : int, ndarray
-        The same.
     size : int
         Number of unknowns.
     first, starts : ndarray of int64, shape (b,) and (b + 1,)
@@ -230,20 +221,10 @@ class Profile:
 
 @final
 class ProfileAnalysis:
-    """Elimination order and storage of a matrix: the order of least profile among a few.
+    """Elimination order and storage of a matrix (N, N), both triangles stored: the order of least profile among a few.
 
-    Parameters
-    ----------
-    matrix : csc_array, shape (N, N)
-        A matrix with the pattern, both triangles stored.
-    points : ndarray, shape (N / 3, d), optional
-        Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
-        4.3].
-
-    Attributes
-    ----------
-    profile : Profile
-        The storage.
+    With ``points`` (N / 3, d), where the 3 x 3 blocks are, orders along each axis are tried in addition to reverse
+    Cuthill-McKee [george1981, 4.3].
     """
 
     def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
@@ -307,13 +288,7 @@ class ProfileAnalysis:
 
 @final
 class ProfileFactor:
-    """A factor ``A = P^T L D L^T P`` in profile storage.
-
-    Attributes
-    ----------
-    negative : int
-        Number of negative eigenvalues, that of negative pivots.
-    """
+    """A factor ``A = P^T L D L^T P`` in profile storage, with as many negative pivots as A has negative eigenvalues."""
 
     def __init__(self, analysis: ProfileAnalysis, factor: tuple[Array, Array, Array], negative: int) -> None:
         self.negative = negative

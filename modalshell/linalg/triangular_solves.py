@@ -98,7 +98,7 @@ def _negate(x: Any, flips: Any, sides: int) -> None:
 
 
 @njit(inline="always", **_options)
-def _down(values: Any, at: int, stride: int, x: Any) -> Any:
+def _solve_four(values: Any, at: int, stride: int, x: Any) -> Any:
     """Solve for four unknowns, the triangle of whose columns begins at ``at``."""
     one, (x0, x1, x2, x3) = values.dtype.type(1.0), x
     c1, c2, c3 = at + stride, at + 2 * stride, at + 3 * stride
@@ -110,8 +110,8 @@ def _down(values: Any, at: int, stride: int, x: Any) -> Any:
 
 
 @njit(inline="always", **_options)
-def _up(values: Any, at: int, stride: int, x: Any) -> Any:
-    """As :func:`_down`, by the transpose."""
+def _solve_four_back(values: Any, at: int, stride: int, x: Any) -> Any:
+    """As :func:`_solve_four`, by the transpose."""
     one, (x0, x1, x2, x3) = values.dtype.type(1.0), x
     c1, c2, c3 = at + stride, at + 2 * stride, at + 3 * stride
     x3 = x3 * (one / values[c3 + 3])
@@ -122,7 +122,7 @@ def _up(values: Any, at: int, stride: int, x: Any) -> Any:
 
 
 @njit(inline="always", **_options)
-def _less(values: Any, at: int, stride: int, start: Any, x: Any) -> Any:
+def _subtracted(values: Any, at: int, stride: int, start: Any, x: Any) -> Any:
     """``start`` less the products of four numbers, ``stride`` apart, with x."""
     left = start - values[at] * x[0] - values[at + stride] * x[1]
     return left - values[at + 2 * stride] * x[2] - values[at + 3 * stride] * x[3]
@@ -130,13 +130,13 @@ def _less(values: Any, at: int, stride: int, start: Any, x: Any) -> Any:
 
 @njit(inline="always", **_options)
 def _rows_less(values: Any, at: int, stride: int, start: Any, x: Any) -> Any:
-    """:func:`_less` for as many rows as a register holds."""
+    """:func:`_subtracted` for as many rows as a register holds."""
     left = start - load(values, at) * x[0] - load(values, at + stride) * x[1]
     return left - load(values, at + 2 * stride) * x[2] - load(values, at + 3 * stride) * x[3]
 
 
 @njit(inline="always", **_options)
-def _more(values: Any, at: int, stride: int, known: Any, s: Any) -> Any:
+def _four_sums(values: Any, at: int, stride: int, known: Any, s: Any) -> Any:
     """Sums of four columns, and the products of as many rows as a register holds with what is ``known`` of these."""
     s0, s1 = s[0] + load(values, at) * known, s[1] + load(values, at + stride) * known
     return s0, s1, s[2] + load(values, at + 2 * stride) * known, s[3] + load(values, at + 3 * stride) * known
@@ -147,10 +147,10 @@ def _eliminate_one(values: Any, begin: int, width: int, height: int, work: Any) 
     """Solve for the columns of a panel, and subtract their products from the rows below."""
     k, at, lanes = 0, begin, lane_count(values)
     while k + 8 <= width:
-        x = _down(values, at, 8, (work[k], work[k + 1], work[k + 2], work[k + 3]))
+        x = _solve_four(values, at, 8, (work[k], work[k + 1], work[k + 2], work[k + 3]))
         for j in range(4, 8):
-            work[k + j] = _less(values, at + j, 8, work[k + j], x)
-        y = _down(values, at + 36, 8, (work[k + 4], work[k + 5], work[k + 6], work[k + 7]))
+            work[k + j] = _subtracted(values, at + j, 8, work[k + j], x)
+        y = _solve_four(values, at + 36, 8, (work[k + 4], work[k + 5], work[k + 6], work[k + 7]))
         work[k], work[k + 1], work[k + 2], work[k + 3] = x
         work[k + 4], work[k + 5], work[k + 6], work[k + 7] = y
         f = (spread(x[0]), spread(x[1]), spread(x[2]), spread(x[3]))
@@ -167,7 +167,7 @@ def _eliminate_one(values: Any, begin: int, width: int, height: int, work: Any) 
             at += 8 * rest
         k += 8
     if k + 4 <= width:
-        x = _down(values, at, 4, (work[k], work[k + 1], work[k + 2], work[k + 3]))
+        x = _solve_four(values, at, 4, (work[k], work[k + 1], work[k + 2], work[k + 3]))
         work[k], work[k + 1], work[k + 2], work[k + 3] = x
         f = (spread(x[0]), spread(x[1]), spread(x[2]), spread(x[3]))
         at, rest = at + 16, (height - k - 4) % lanes
@@ -205,12 +205,12 @@ def _substitute_one(values: Any, begin: int, width: int, height: int, work: Any)
         s = (zero, zero, zero, zero)
         c0, rest = at + 16, (height - k - 4) % lanes
         for i in range(k + 4, height - rest, lanes):
-            s = _more(values, c0, lanes, load(work, i), s)
+            s = _four_sums(values, c0, lanes, load(work, i), s)
             c0 += 4 * lanes
         if rest > 0:
-            s = _more(values, c0, rest, load(work, height - rest), s)
+            s = _four_sums(values, c0, rest, load(work, height - rest), s)
         x = (work[k] - total(s[0]), work[k + 1] - total(s[1]), work[k + 2] - total(s[2]), work[k + 3] - total(s[3]))
-        work[k], work[k + 1], work[k + 2], work[k + 3] = _up(values, at, 4, x)
+        work[k], work[k + 1], work[k + 2], work[k + 3] = _solve_four_back(values, at, 4, x)
     while k > 0:
         k -= 8
         at = begin_of(begin, k, height)
@@ -218,16 +218,16 @@ def _substitute_one(values: Any, begin: int, width: int, height: int, work: Any)
         c0, rest = at + 64, (height - k - 8) % lanes
         for i in range(k + 8, height - rest, lanes):
             known = load(work, i)
-            s, t = _more(values, c0, lanes, known, s), _more(values, c0 + 4 * lanes, lanes, known, t)
+            s, t = _four_sums(values, c0, lanes, known, s), _four_sums(values, c0 + 4 * lanes, lanes, known, t)
             c0 += 8 * lanes
         if rest > 0:
             known = load(work, height - rest)
-            s, t = _more(values, c0, rest, known, s), _more(values, c0 + 4 * rest, rest, known, t)
+            s, t = _four_sums(values, c0, rest, known, s), _four_sums(values, c0 + 4 * rest, rest, known, t)
         y = (work[k + 4] - total(t[0]), work[k + 5] - total(t[1]), work[k + 6] - total(t[2]), work[k + 7] - total(t[3]))
-        y = _up(values, at + 36, 8, y)
-        x0 = _less(values, at + 4, 1, work[k] - total(s[0]), y)
-        x1 = _less(values, at + 12, 1, work[k + 1] - total(s[1]), y)
-        x2 = _less(values, at + 20, 1, work[k + 2] - total(s[2]), y)
-        x3 = _less(values, at + 28, 1, work[k + 3] - total(s[3]), y)
-        work[k], work[k + 1], work[k + 2], work[k + 3] = _up(values, at, 8, (x0, x1, x2, x3))
+        y = _solve_four_back(values, at + 36, 8, y)
+        x0 = _subtracted(values, at + 4, 1, work[k] - total(s[0]), y)
+        x1 = _subtracted(values, at + 12, 1, work[k + 1] - total(s[1]), y)
+        x2 = _subtracted(values, at + 20, 1, work[k + 2] - total(s[2]), y)
+        x3 = _subtracted(values, at + 28, 1, work[k + 3] - total(s[3]), y)
+        work[k], work[k + 1], work[k + 2], work[k + 3] = _solve_four_back(values, at, 8, (x0, x1, x2, x3))
         work[k + 4], work[k + 5], work[k + 6], work[k + 7] = y

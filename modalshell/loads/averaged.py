@@ -27,18 +27,10 @@ _NONE = 0.0, 0.0
 def averaged(
     factor: Callable[[float], float], bends: Sequence[float], dt: float, *, within: bool = False
 ) -> Callable[[float], float]:
-    """The factor as steps take it at their ends, or at those of their parts.
+    """The factor as steps of ``dt`` [s], from time 0 on, take it at their ends, or at those of their parts.
 
-    Parameters
-    ----------
-    factor : callable
-        Of the time [s].
-    bends : sequence of float
-        Times [s] at which it bends or jumps.
-    dt : float
-        The step [s], from time 0 on.
-    within : bool
-        Take plain means over the steps that end there, for rules of order one.
+    It is a function of the time [s] that ``bends`` or jumps at some. For rules of order one it is the plain mean over
+    the steps that end there, ``within``.
     """
     places, near = sorted(set(bends)), _NEAR * dt
     return _means(factor, places, dt, near) if within else _lines(factor, places, dt, near)

@@ -111,13 +111,7 @@ def shell_of(model_or_shell: Model | Shell) -> Shell:
 
 
 class CoarseBars:
-    """Error bars of answers of a fine shell, found on a coarse one.
-
-    Parameters
-    ----------
-    coarse : CoarseDiscreteShell
-        The coarse shell, and the way to it and back.
-    """
+    """Error bars of answers of a fine shell, found on a coarse one."""
 
     def __init__(self, coarse: CoarseDiscreteShell) -> None:
         self.coarse = coarse

@@ -182,20 +182,20 @@ class MotionCheck:
         """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
         x, load = self.own(float(times[1]), frames[1]), self.load_under(times, frames, dead)
         if self._touching is not None:
-            own = self._seen(times, frames)
+            own = self._in_frame_of_supports(times, frames)
             if forces is not None:
-                load = load + self._touching.friction(times, own, self._turned(times, forces))
+                load = load + self._touching.friction(times, own, self._forces_in_frame(times, forces))
             bar, self.unjudged = self._touching.bar(times, own, load)
             return bar, load
         if self._coarse is None:
             return self._estimator.bar(x, load, time=float(times[1])), load
         return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
 
-    def _seen(self, times: Array, frames: Array) -> Array:
+    def _in_frame_of_supports(self, times: Array, frames: Array) -> Array:
         """Frames (F, n, 3) [m] of the world at ``times`` (F,) [s] in the frame of the supports."""
         return np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
 
-    def _turned(self, times: Array, forces: Array) -> Array:
+    def _forces_in_frame(self, times: Array, forces: Array) -> Array:
         """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
         if self._frame is None:
             return forces
@@ -203,7 +203,7 @@ class MotionCheck:
 
     def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
         """That load (n, 3) [N] alone, without friction."""
-        now = instant_of(times, self._seen(times, frames))
+        now = instant_of(times, self._in_frame_of_supports(times, frames))
         return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
 
     def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:

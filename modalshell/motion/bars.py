@@ -26,32 +26,23 @@ def check_text(error: float, valid: bool, unjudged: str = "") -> str:
 @short_repr
 @dataclass(frozen=True)
 class Bars:
-    """Error bars of a motion: at each checked frame that of the balance with d'Alembert's inertial loads.
-
-    Attributes
-    ----------
-    times : ndarray, shape (B,)
-        Times of the checked frames [s]; that of an equilibrium is 0.
-    displacement : ndarray, shape (B,)
-        Estimated distance from DS, over the largest displacement of the motion up to then, in the norm of the mass.
-    margin : ndarray, shape (B,)
-        Stability margin; see :class:`modalshell.ErrorBar`.
-    valid : ndarray of bool, shape (B,)
-        Whether the bar holds. Of models that do not know which branch DS has taken, none holds once one was void: bars
-        tell of branches, not of histories.
-    on : str
-        "shell", or "coarse" where they were found on a coarse shell, whose own error is a floor to them.
-    unjudged : tuple of str
-        Why each frame could not be judged, as something strikes a collider there, say; "" where it could. Such bars are
-        void, and those after them hold. Empty without contacts.
-    """
+    """Error bars of a motion: at each checked frame that of the balance with d'Alembert's inertial loads."""
 
     times: Array
+    """Times of the checked frames [s]; that of an equilibrium is 0; shape (B,)."""
     displacement: Array
+    """Estimated distance from DS, over the largest displacement of the motion up to then, in the norm of the mass;
+    shape (B,)."""
     margin: Array
+    """Stability margin; see :class:`modalshell.ErrorBar`; shape (B,)."""
     valid: NDArray[np.bool_]
+    """Whether the bar holds; shape (B,). Of models that do not know which branch DS has taken, none holds once one
+    was void: bars tell of branches, not of histories."""
     on: str = "shell"
+    """Where they were found: on the "shell", or on a "coarse" one, whose own error is a floor to them."""
     unjudged: tuple[str, ...] = ()
+    """Why each frame could not be judged, as something strikes a collider there, say; "" where it could. Such bars
+    are void, and those after them hold. Empty without contacts."""
 
     @classmethod
     def of(cls, times: Array, displacement: Array, margin: Array, valid: NDArray[np.bool_]) -> Bars:

@@ -172,17 +172,17 @@ class Recorder:
         """
         motion = self.motion
         if not self.times:
-            self._look()
+            self._record_frame()
             yield
         if self.colliders.torn:
             motion.finite = False
             return
         for _ in take_steps(motion, self.total, self.patience):
             if motion.count % self.store_every == 0 or motion.count == self.total:
-                if not self._stores():
+                if not self._fits_precision():
                     motion.finite = False
                     return
-                self._look()
+                self._record_frame()
                 yield
                 if self.colliders.torn:
                     motion.finite = False
@@ -190,12 +190,12 @@ class Recorder:
             if on_step is not None:
                 on_step(motion.count, self.total)
 
-    def _stores(self) -> bool:
+    def _fits_precision(self) -> bool:
         """Whether positions fit the precision in which they are stored; looked at where coordinates are huge."""
         near = float(np.abs(self.motion.state.coordinates).max(initial=0.0)) < _HUGE
         return near or float(np.abs(self.motion.positions()).max()) <= self._largest
 
-    def _look(self) -> None:
+    def _record_frame(self) -> None:
         """Take note of the present state."""
         motion = self.motion
         self.times.append(motion.time)
@@ -272,7 +272,7 @@ class Recorder:
                 found[Outcome.RUNS_AWAY] = words
             else:
                 notes.append(words)
-        elif self._cycles():
+        elif self._never_settles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
         units = {"position": motion.shell.size, "orientation": 1.0}  # [m], [rad]
         most = [CONSTRAINT_MET * units[constraint.kind] for constraint in motion.setup.constraints]
@@ -284,17 +284,17 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
-        if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
+        if self._has_died_away() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         said = [motion.errors.remark(motion.state), motion.errors.undersampled()]
-        said = said if any(said) or found else [self._lost()]
+        said = said if any(said) or found else [self._lost_energy_note()]
         if Outcome.CYCLING in found or Outcome.RUNS_AWAY in found:
             said.append(motion.errors.unresolved())
-        said += [motion.model.account(motion.state), self._inside() or self._dips()]
+        said += [motion.model.account(motion.state), self._inside_note() or self._dip_note()]
         notes += [note for note in said if note]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *notes, *motion.remarks])
 
-    def _inside(self) -> str:
+    def _inside_note(self) -> str:
         """What is said of vertices inside colliders that do not push them out; "" of none."""
         deepest = [touched.deepest for touched in self.touched]
         if self._pushes_out or self.colliders.crowded or max(deepest, default=0.0) <= _INSIDE * self.motion.shell.size:
@@ -309,7 +309,7 @@ class Recorder:
     def _pushes_out(self) -> bool:
         return any(getattr(contact, "push_out", 0.0) for contact in self.motion.setup.contacts)
 
-    def _dips(self) -> str:
+    def _dip_note(self) -> str:
         """What is said of edges that dip into colliders at the end; "" of none."""
         touched = self.motion.touched()
         if touched is None or self._pushes_out or self.colliders.crowded or not touched.touches.any():
@@ -317,7 +317,7 @@ class Recorder:
         return self.colliders.dips(self.motion.positions(), self.motion.time, touched)
 
     @property
-    def _steady(self) -> bool:
+    def _keeps_energy(self) -> bool:
         """Whether loads with a potential that stays alone do work."""
         return self._by_load_alone and not self.motion.setup.contacts
 
@@ -342,10 +342,10 @@ class Recorder:
         rise = float(np.max(energies.sum(axis=1) - energies[0].sum())) - worked
         return rise / put_in if put_in > 0.0 else 0.0
 
-    def _lost(self) -> str:
+    def _lost_energy_note(self) -> str:
         """What is said of energy that steps have taken from motion that keeps it; "" of little."""
         motion = self.motion
-        if not self._steady or motion.setup.damping.any or CREASES in motion.state.memory or len(self.times) < 2:
+        if not self._keeps_energy or motion.setup.damping.any or CREASES in motion.state.memory or len(self.times) < 2:
             return ""
         energies = np.array(self.energies)
         put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2]))
@@ -358,16 +358,16 @@ class Recorder:
         share = f"{lost / put_in:.2g} of the energy that start and load put in"
         return f"steps have taken {share}: take shorter ones{other}"
 
-    def _rests(self) -> bool:
+    def _has_died_away(self) -> bool:
         """Whether motion has died away under a load that does not change."""
-        if not self._steady or len(self.times) < 2:
+        if not self._keeps_energy or len(self.times) < 2:
             return False
         energies = np.array(self.energies)
         return bool(energies[:, 0].max() > 0.0 and energies[-1, 0] <= _AT_REST * np.abs(energies).max())
 
     def _runs_away(self) -> bool:
         """Whether there is far more energy than the load has put in, most of it new in the last quarter."""
-        if not self._steady or len(self.times) < 8:
+        if not self._keeps_energy or len(self.times) < 8:
             return False
         energies = np.array(self.energies)
         stored = energies[:, 0] + energies[:, 1]
@@ -375,11 +375,11 @@ class Recorder:
         before, late = stored[: 3 * len(stored) // 4].max(), stored[3 * len(stored) // 4 :].max()
         return bool(late > max(_RUN_AWAY * put_in, 2.0 * before))
 
-    def _cycles(self) -> bool:
+    def _never_settles(self) -> bool:
         """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
         motion = self.motion
         damped = motion.setup.damping.any
-        if not self._steady or not damped or len(self.times) < 40:
+        if not self._keeps_energy or not damped or len(self.times) < 40:
             return False
         rate = motion.model.decay_rate(motion.setup.dt, motion.setup.damping)
         if np.exp(-rate * self.times[-1] / 4.0) > _QUARTER_DECAY:

@@ -29,15 +29,10 @@ MOST_SHAPES = 100
 @final
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page; a notebook shows it live.
-
-    Attributes
-    ----------
-    text : str
-        The HTML.
-    """
+    """A self-contained HTML page; a notebook shows it live."""
 
     text: str = field(repr=False)
+    """The HTML."""
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page to an ``.html`` file."""

@@ -25,46 +25,30 @@ DEFAULT_CAMERA = (0.6, -1.0, 0.9)
 
 @dataclass
 class ShadedSurface:
-    """
-    One triangle surface and how it is painted.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Positions [m].
-    faces : ndarray of int, shape (T, 3)
-        Vertex indices of each triangle.
-    color : str or tuple of float
-        A matplotlib colour: a name, ``"#rrggbb"`` or three numbers in [0, 1].
-    opacity : float
-        In (0, 1]; 1 is opaque.
-    scalars : ndarray, shape (n,), optional
-        Values that colour the surface in place of `color`.
-    label : str, optional
-        Entry in the legend; with scalars, the title of the colour bar.
-    edges : bool
-        Draw the sides of every triangle.
-    smooth : bool
-        Shade with averaged vertex normals; leave off for folded shells, whose ridges it would blur.
-    style : str
-        ``"surface"``, or ``"outline"`` (border, creases and contour only).
-    lined : bool
-        Draw border, creases and contour over the style ``"surface"``; leave off for small things and shadows.
-    framed_in : ndarray, shape (2, 3), optional
-        Lower and upper corner of a box [m]: what lies beyond it does not widen the picture.
-    """
+    """One triangle surface and how it is painted."""
 
     vertices: ArrayLike
+    """Positions [m]; shape (n, 3)."""
     faces: ArrayLike
+    """Vertex indices of each triangle; shape (T, 3)."""
     color: Color = "#8fb3d9"
+    """A matplotlib colour: a name, ``"#rrggbb"`` or three numbers in [0, 1]."""
     opacity: float = 1.0
+    """In (0, 1]; 1 is opaque."""
     scalars: ArrayLike | None = None
+    """Values that colour the surface in place of `color`; shape (n,)."""
     label: str | None = None
+    """Entry in the legend; with scalars, the title of the colour bar."""
     edges: bool = False
+    """Draw the sides of every triangle."""
     smooth: bool = False
+    """Shade with averaged vertex normals; leave off for folded shells, whose ridges it would blur."""
     style: Style = "surface"
+    """``"surface"``, or ``"outline"`` (border, creases and contour only)."""
     lined: bool = True
+    """Draw border, creases and contour over the style ``"surface"``; leave off for small things and shadows."""
     framed_in: NDArray[np.float64] | None = None
+    """Lower and upper corner of a box [m]: what lies beyond it does not widen the picture; shape (2, 3)."""
 
     def framed(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the camera is to show of ``positions`` (..., n, 3) [m] of its vertices, as points (k, 3)."""
@@ -91,23 +75,15 @@ class ShadedSurface:
 
 @dataclass
 class View:
-    """
-    One cell of a picture.
-
-    Attributes
-    ----------
-    surfaces : sequence of ShadedSurface
-        What is drawn, at least one surface.
-    title, subtitle : str, optional
-        Text above the cell.
-    camera : tuple of float
-        Direction from the target to the camera, of any length; z points up in the picture.
-    """
+    """One cell of a picture."""
 
     surfaces: Sequence[ShadedSurface]
+    """What is drawn, at least one surface."""
     title: str | None = None
     subtitle: str | None = None
+    """Text above the cell."""
     camera: tuple[float, float, float] = DEFAULT_CAMERA
+    """Direction from the target to the camera, of any length; z points up in the picture."""
 
     def __post_init__(self) -> None:
         """Check the cell."""

@@ -22,15 +22,10 @@ SMALL = (480, 300)
 @final
 @dataclass(frozen=True)
 class Picture:
-    """A PNG picture; a notebook shows it.
-
-    Attributes
-    ----------
-    data : bytes
-        The PNG file.
-    """
+    """A PNG picture; a notebook shows it."""
 
     data: bytes = field(repr=False)
+    """The PNG file."""
 
     @classmethod
     def of(cls, draw: Callable[[Path], object]) -> Picture:

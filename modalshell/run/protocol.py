@@ -30,18 +30,11 @@ _WITH = {"pvd": "_frames/*", "csv": "_triangles.csv"}
 
 @dataclass(frozen=True)
 class RunResult(ABC):
-    """What running a scene gave.
-
-    Attributes
-    ----------
-    files : list of Path
-        The results' files.
-    resumed : int
-        Frames that an earlier, stopped run had left.
-    """
+    """What running a scene gave."""
 
     files: list[Path]
     resumed: int
+    """Frames that an earlier, stopped run had left."""
 
     @property
     @abstractmethod

@@ -13,18 +13,12 @@ if TYPE_CHECKING:
 
 
 class SceneKind(NamedTuple):
-    """A kind of scene.
-
-    Attributes
-    ----------
-    table : type
-        What its own table must be.
-    builder : callable
-        Makes the scene of its declared tables, ``constraints`` a tuple of tables; refuses those it does not take.
-    """
+    """A kind of scene."""
 
     table: type[Table]
+    """What its own table must be."""
     builder: Callable[[dict[str, Any]], Scene]
+    """Makes the scene of its declared tables, ``constraints`` a tuple of tables; refuses those it does not take."""
 
 
 KINDS: Registry[SceneKind] = Registry("kind of scene")

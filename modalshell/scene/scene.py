@@ -327,35 +327,17 @@ class ShellScene(Scene):
 @short_repr
 @dataclass(frozen=True)
 class BuiltScene:
-    """A scene's parts.
-
-    Attributes
-    ----------
-    scene : ShellScene
-        What was declared.
-    shell : Shell
-        The shell.
-    model : Model
-        The model on it.
-    force : ndarray, shape (n, 3), or None
-        Dead forces on the vertices, without gravity [N].
-    loads : sequence of Load
-        Further loads.
-    path : SupportPath or None
-        How the supports move.
-    constraints : sequence of Constraint
-        On patches of vertices.
-    contacts : sequence of Contact
-        Colliders.
-    """
+    """A scene's parts."""
 
     scene: ShellScene
     shell: Shell
     model: Model
     force: Array | None
+    """Dead forces on the vertices, without gravity [N]; shape (n, 3)."""
     loads: Sequence[Load]
     path: SupportPath | None
     constraints: Sequence[Constraint]
+    """On patches of vertices."""
     contacts: Sequence[Any] = ()
 
     @property

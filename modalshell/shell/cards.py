@@ -22,52 +22,31 @@ GRAVITY = 9.81
 
 @final
 class Measurement(NamedTuple):
-    """A measurement that a card is compared with.
-
-    Attributes
-    ----------
-    what : str
-        What was measured.
-    value : float
-        Its value.
-    unit : str
-        The unit.
-    spread : float
-        Relative difference within which the card meets it.
-    source : str
-        Where it is from.
-    fitted : bool
-        Whether a constant of the card was fitted to it.
-    """
+    """A measurement that a card is compared with."""
 
     what: str
     value: float
     unit: str
     spread: float
+    """Relative difference within which the card meets it."""
     source: str
+    """Where it is from."""
     fitted: bool = False
+    """Whether a constant of the card was fitted to it."""
 
 
 @final
 class Card(NamedTuple):
-    """A sheet with the record of where its constants are from.
-
-    Attributes
-    ----------
-    material : Sheet
-        The sheet; its ``source`` is the card's.
-    what : str
-        What the sheet is.
-    source : str
-        Publication, with its key in the references.
-    measured : tuple of Measurement
-        Measurements to compare it with, one of them at least not fitted.
-    """
+    """A sheet with the record of where its constants are from."""
 
     material: Sheet
+    """The sheet; its ``source`` is the card's."""
     what: str
+    """What the sheet is."""
     source: str
+    """Publication, with its key in the references."""
     measured: tuple[Measurement, ...]
+    """Measurements to compare it with, one of them at least not fitted."""
 
     @property
     def bending(self) -> float:

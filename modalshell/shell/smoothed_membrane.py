@@ -103,24 +103,17 @@ def plane_stress(stiffness: Array, poisson: Array) -> Array:
 
 @final
 class Strained(NamedTuple):
-    """Elements of one kind by their strains: ``s . B^T C B s / 2`` of half squared lengths s of their edges.
-
-    Attributes
-    ----------
-    stencils, pairs, edges, faces
-        As of :class:`MembraneElements`.
-    strain : ndarray, shape (elements, 3, edges)
-        B, to (E11, E22, 2 E12).
-    areas : ndarray, shape (elements, triangles)
-        Part of each triangle's area in the element [m^2].
-    """
+    """Elements of one kind by their strains: ``s . B^T C B s / 2`` of half squared lengths s of their edges."""
 
     stencils: Index
     pairs: Index
     edges: Index
     strain: Array
+    """B, to (E11, E22, 2 E12); shape (elements, 3, edges)."""
     areas: Array
+    """Part of each triangle's area in the element [m^2]; shape (elements, triangles)."""
     faces: Index
+    """As ``stencils``, ``pairs`` and ``edges``, those of :class:`MembraneElements`."""
 
     def in_tables(self) -> Strained:
         """The elements with their places in a list of :func:`turned_elasticity` for faces."""

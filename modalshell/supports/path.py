@@ -27,31 +27,21 @@ Side = Literal["before", "after"]
 @short_repr
 @dataclass(frozen=True)
 class Pose:
-    """Where the supports are at one time, and how they move.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-        From the shell's frame to the world's.
-    translation : ndarray, shape (3,)
-        Of the pivot [m].
-    pivot : ndarray, shape (3,)
-        Point of the rest shape about which it rotates [m].
-    acceleration : ndarray, shape (3,)
-        Of the pivot, in the shell's frame [m/s^2].
-    turn_rate, turn_acceleration : ndarray, shape (3,)
-        Angular velocity [rad/s] and acceleration [rad/s^2], in the shell's frame.
-    velocity : ndarray, shape (3,)
-        Of the pivot, in the world [m/s].
-    """
+    """Where the supports are at one time, and how they move."""
 
     rotation: Array
+    """From the shell's frame to the world's; shape (3, 3)."""
     translation: Array
+    """Of the pivot [m]; shape (3,)."""
     pivot: Array
+    """Point of the rest shape about which it rotates [m]; shape (3,)."""
     acceleration: Array
+    """Of the pivot, in the shell's frame [m/s^2]; shape (3,)."""
     turn_rate: Array
     turn_acceleration: Array
+    """Angular velocity [rad/s] and acceleration [rad/s^2], in the shell's frame; shape (3,)."""
     velocity: Array
+    """Of the pivot, in the world [m/s]; shape (3,)."""
 
     def to_world(self, positions: Array) -> Array:
         """Positions (n, 3) [m] of the shell's frame in the world."""

@@ -48,35 +48,25 @@ class Task(Struct, frozen=True):
 
 
 class Measures(Struct, frozen=True, kw_only=True):
-    """Numbers of a result; None where they do not apply or are not finite.
-
-    Attributes
-    ----------
-    converged : bool
-        Whether the solver converged: of an equilibrium, or in every step of a motion that stayed finite.
-    frames, unconverged_steps : int
-        Stored frames, and steps (or equilibria) that did not converge.
-    iterations, residual : int, float
-        Of an equilibrium.
-    displacement, peak_displacement : float
-        Largest of any vertex [m]: in the last frame, and in any frame.
-    area_change : float
-        Relative, in the last frame.
-    kinetic_energy, elastic_energy, load_potential : float
-        In the last frame [J].
-    """
+    """Numbers of a result; None where they do not apply or are not finite."""
 
     converged: bool
+    """Whether the solver converged: of an equilibrium, or in every step of a motion that stayed finite."""
     frames: int
     unconverged_steps: int
+    """Stored frames, and steps (or equilibria) that did not converge."""
     iterations: int | None
     residual: float | None
+    """Of an equilibrium."""
     displacement: float | None
     peak_displacement: float | None
+    """Largest of any vertex [m]: in the last frame, and in any frame."""
     area_change: float | None
+    """Relative, in the last frame."""
     kinetic_energy: float | None
     elastic_energy: float | None
     load_potential: float | None
+    """In the last frame [J]."""
 
 
 class RunInfo(Struct, frozen=True):
@@ -91,31 +81,21 @@ class RunInfo(Struct, frozen=True):
 
 
 class CaseResult(Struct, frozen=True):
-    """What became of a case.
-
-    Attributes
-    ----------
-    digest : str
-        Of the case.
-    outcome : Outcome
-        The solver's; or "refused" by an error that the package raises on purpose, "failed" by another one or because
-        the process died each time, "stopped" by the time limit.
-    message : str
-        The solver's sentence, or the error's.
-    measures : Measures or None
-        None where the solver gave no answer.
-    positions : bytes
-        Vertex positions of the last frame [m], (n, 3) little-endian float64.
-    info : RunInfo
-        What differs from run to run.
-    """
+    """What became of a case."""
 
     digest: str
+    """Of the case."""
     outcome: Outcome
+    """The solver's; or "refused" by an error that the package raises on purpose, "failed" by another one or because
+    the process died each time, "stopped" by the time limit."""
     message: str
+    """The solver's sentence, or the error's."""
     measures: Measures | None = None
+    """None where the solver gave no answer."""
     positions: bytes = b""
+    """Vertex positions of the last frame [m], (n, 3) little-endian float64."""
     info: RunInfo = RunInfo()
+    """What differs from run to run."""
 
     def final_positions(self) -> Array:
         """Positions of the last frame (n, 3) [m]."""

@@ -69,31 +69,21 @@ class Axis:
 @short_repr
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep file declares.
-
-    Attributes
-    ----------
-    name : str
-        Name of the results' files: ``name`` in the file, or the file's own.
-    file, scene_file : Path
-        Where the sweep and its scene were read from; the same for a scene written in the sweep file.
-    scene : dict
-        The scene's plain tables.
-    axes : tuple of Axis
-        In the file's order; the last one's values change first.
-    truth : dict or None
-        ``[model]`` table of the model whose displacements are the reference of the error.
-    output : SweepOutput
-        Folder and formats.
-    """
+    """What a sweep file declares."""
 
     name: str
+    """Name of the results' files: ``name`` in the file, or the file's own."""
     file: Path
     scene_file: Path
+    """Where the sweep and its scene were read from; the same for a scene written in the sweep file."""
     scene: dict[str, Any]
+    """The scene's plain tables."""
     axes: tuple[Axis, ...]
+    """In the file's order; the last one's values change first."""
     truth: dict[str, Any] | None
+    """``[model]`` table of the model whose displacements are the reference of the error."""
     output: SweepOutput
+    """Folder and formats."""
 
     @property
     def count(self) -> int:

@@ -21,23 +21,14 @@ from modalshell.sweep.grid import Sweep
 
 @dataclass(frozen=True)
 class GridCase:
-    """A point of the grid.
-
-    Attributes
-    ----------
-    values : tuple
-        Values of the axes.
-    digest : str
-        Digest of the scene and its mesh; identical cases share it and are computed once.
-    truth : str or None
-        Digest of the same scene under the reference's model.
-    mesh : TriangleMesh
-        The mesh.
-    """
+    """A point of the grid."""
 
     values: tuple[Any, ...]
+    """Values of the axes."""
     digest: str
+    """Digest of the scene and its mesh; identical cases share it and are computed once."""
     truth: str | None
+    """Digest of the same scene under the reference's model."""
     mesh: TriangleMesh
 
 

@@ -17,7 +17,8 @@ from scenes import cantilever
 
 import modalshell as ms
 from modalshell.commands.cli import main
-from modalshell.export import compress, read_clip
+from modalshell.export import compress
+from modalshell.export.clip import read_clip
 
 ADD_ON = Path(ms.__file__).parent / "export" / "blender_clip.py"
 

@@ -18,18 +18,12 @@ _ALIKE = 0.05
 
 
 class Answer(NamedTuple):
-    """Lengths of the linear answer to a load in the norm of the mass [kg^(1/2) m].
-
-    Attributes
-    ----------
-    whole : float
-        Of all of it.
-    missing : float
-        Of what the modes lack.
-    """
+    """Lengths of the linear answer to a load in the norm of the mass [kg^(1/2) m]."""
 
     whole: float
+    """Of all of it."""
     missing: float
+    """Of what the modes lack."""
 
 
 def along(force: Array, memory: dict[str, Array]) -> float | None:
@@ -47,15 +41,11 @@ def along(force: Array, memory: dict[str, Array]) -> float | None:
 
 
 class SumAnswers(NamedTuple):
-    """Linear answers to sums of forces.
-
-    Attributes
-    ----------
-    products : ndarray, shape (2, k, k)
-        Products of the answers to k forces in the norm of the mass, and of what the modes lack of them [kg m^2].
-    """
+    """Linear answers to sums of forces."""
 
     products: Array
+    """Products of the answers to k forces in the norm of the mass, and of what the modes lack of them [kg m^2];
+    shape (2, k, k)."""
 
     def of(self, factors: Array) -> Answer | None:
         """The answer to the forces times factors (k,); None where that is none."""
@@ -69,15 +59,7 @@ class LinearAnswers:
 
     The answer ``u = K^-1 f`` at rest has the modal part ``Phi Lambda^-1 Phi^T f = Phi Phi^T M u`` (theory 14, eq. 8).
     The factorisation that the modes were found with serves all loads, and one solve all that are multiples of each
-    other.
-
-    Parameters
-    ----------
-    basis : Basis
-        Modes of a shell. Of parts without supports the balanced share of loads counts, and displacements without
-        rigid ones.
-    at_rest : callable
-        Gives the solver of the stiffness at rest; see :func:`solver_at_rest`.
+    other. Of parts without supports the balanced share of loads counts, and displacements without rigid ones.
     """
 
     def __init__(self, basis: Basis, at_rest: Callable[[], RigidFreeSolver]) -> None:

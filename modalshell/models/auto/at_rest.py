@@ -36,15 +36,6 @@ class AtRest:
     How right that is for statics the first level tells once, under the largest load that is known to come, and not what
     fine checks have found on the way: a motion that resumes does not know which answers were kept. For the motion each
     fine bar of statics tells, which its state remembers.
-
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    check : Check
-        What sees its motion.
-    loads : LoadsAhead
-        The loads.
     """
 
     def __init__(self, model: Any, check: Check, loads: LoadsAhead) -> None:

@@ -36,15 +36,7 @@ _SEEN = 2.0
 
 @final
 class Drift:
-    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and that and the coordinates of a check.
-
-    Parameters
-    ----------
-    basis : Basis
-        Modes of the shell.
-    damping : Damping
-        Damping of the motion.
-    """
+    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and a check's s and coordinates."""
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)

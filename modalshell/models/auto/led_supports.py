@@ -17,20 +17,10 @@ _LITTLE = 1e-9
 
 @final
 class LedSupports:
-    """Numbers that say what a path of supports does to a shell at rest in their frame.
+    """Numbers, ``count`` of them, that say what a path of supports does to a shell at rest in their frame.
 
     Those are the acceleration of the supports, and of a path that turns the angular velocity and acceleration, and how
     far the world has turned, in which loads act: each over its largest length on the path.
-
-    Parameters
-    ----------
-    path : SupportPath
-        How the supports move.
-
-    Attributes
-    ----------
-    count : int
-        How many numbers there are.
     """
 
     def __init__(self, path: SupportPath) -> None:

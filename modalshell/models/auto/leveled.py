@@ -23,7 +23,7 @@ from modalshell.models.base.stepper import Stepper
 
 TRY_EVERY = 6
 """Steps of a full rung from one attempt to hand back to the next."""
-MOST_TOLD = 24
+MOST_LOGGED = 24
 """Switches that are remembered with their reasons; all are counted."""
 _SHORT, _SLACKENED, _MOST_SLACKENED, _SLACK = 0.125, 3, 8, 0.05
 """Length, in steps, and least and largest number of the steps from rest by which DS sheds the stretch of modes, too
@@ -37,21 +37,9 @@ _INSIDE = 1e-8
 
 
 class LeveledStepper(Stepper):
-    """Steps each of which one of some levels takes.
+    """Steps each of which one of some levels, the cheapest first, takes.
 
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    levels : sequence of Level
-        Cheapest first.
-    setup : MotionSetup
-        What decides the motion.
-
-    Raises
-    ------
-    OptionError
-        For contacts of free parts without constraints, and for self-contact.
+    OptionError for contacts of free parts without constraints, and for self-contact.
     """
 
     takes_contacts = True
@@ -126,7 +114,7 @@ class LeveledStepper(Stepper):
             "answer": np.zeros(2),
             "ahead": np.zeros(1),
             "felt": np.zeros(1),
-            "log": np.zeros((MOST_TOLD, 6)),
+            "log": np.zeros((MOST_LOGGED, 6)),
             "switches": np.zeros(1),
         }
 
@@ -169,7 +157,7 @@ class LeveledStepper(Stepper):
         level, inner = self.model.inner(state)
         return self._stepper(level).further_energy(inner)
 
-    def _near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
+    def _stands_near(self, level: int, inner: MotionState, x: Array, time: float, allowed: float) -> bool:
         """Whether a level's state on contacts is outside the colliders, and within what is allowed of x (n, 3) [m]."""
         stepper = self._stepper(level)
         found, off = stepper.touched(inner, time), self._length(stepper.local_positions(inner) - x)
@@ -181,7 +169,7 @@ class LeveledStepper(Stepper):
         frames = step.frames[1], x, x + step.dt * v
         return not any(self._check.touches_rough(x, time) for x, time in zip(frames, times, strict=True))
 
-    def _gained(
+    def _energy_gain(
         self,
         levels: tuple[int, int],
         states: tuple[MotionState, MotionState],
@@ -214,7 +202,7 @@ class LeveledStepper(Stepper):
         alike = self._length(bent) <= _STRAIGHT * self._allowed(memory)
         return alike and not self._errs_alike(0, seen, memory)
 
-    def _swells(self, state: MotionState, x: Array) -> float:
+    def _error_growth(self, state: MotionState, x: Array) -> float:
         """How much more the modes will lack than at x (n, 3) [m], to which a state of the lowest level is fitted.
 
         That grows with the square of the displacement: a swing that is wrong at its ends looks right in its middle.
@@ -227,7 +215,7 @@ class LeveledStepper(Stepper):
     def _length(self, displacement: Array) -> float:
         return float(np.sqrt(np.sum(self._mass * displacement**2)))
 
-    def _slack(self, level: int, inner: MotionState, time: float) -> MotionState:
+    def _without_stretch(self, level: int, inner: MotionState, time: float) -> MotionState:
         """A full level's state after short steps from rest, with its rates: without the stretch that others have.
 
         No load pushes in these steps.

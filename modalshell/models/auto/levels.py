@@ -29,21 +29,12 @@ _FITS = 12
 
 
 class Level(ABC):
-    """A model, and states of it made of the positions and velocities of every vertex in the frame of the supports.
-
-    Attributes
-    ----------
-    model : Model
-        The model.
-    name : str
-        Its name.
-    quadratic : bool
-        Whether its elastic energy is quadratic about rest, so that it knows no snap.
-    """
+    """A model, and states of it made of the positions and velocities of every vertex in the frame of the supports."""
 
     model: Model
     name: str
     quadratic: ClassVar[bool] = False
+    """Whether its elastic energy is quadratic about rest, so that it knows no snap."""
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Raise OptionError if the model cannot step by ``dt``, or with this ``damping``."""
@@ -148,14 +139,7 @@ class CoarseLevel(Level):
 class ModalLevel(Level):
     """A modal model: coordinates are fitted to the positions, rates to the velocities, in the norm of the mass.
 
-    Parameters
-    ----------
-    basis : Basis
-        Its modes.
-    make : callable
-        Makes the model of them, at first use.
-    name : str
-        The model's name.
+    ``make`` makes the model of its modes, at first use.
     """
 
     quadratic = True

@@ -22,42 +22,21 @@ _MOST_TOGETHER = 2
 
 
 class Coming(NamedTuple):
-    """A load that is known to come.
-
-    Attributes
-    ----------
-    force : ndarray, shape (n, 3)
-        The load [N].
-    whole : float
-        Length of the linear answer to it in the norm of the mass [kg^(1/2) m].
-    factors : ndarray, shape (k,)
-        Factors of the loads that change.
-    """
+    """A load that is known to come."""
 
     force: Array
+    """The load [N]; shape (n, 3)."""
     whole: float
+    """Length of the linear answer to it in the norm of the mass [kg^(1/2) m]."""
     factors: Array
+    """Factors of the loads that change; shape (k,)."""
 
 
 @final
 class LoadsAhead:
     """The loads of one motion of the model that switches itself.
 
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    check : Check
-        What sees it.
-
-    Attributes
-    ----------
-    change, dear : bool
-        Whether any load changes, and by more than a factor.
-    count : int
-        Numbers that say how loads have changed.
+    ``change`` and ``dear`` say whether any load changes, and by more than a factor; ``count`` numbers, how they have.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:

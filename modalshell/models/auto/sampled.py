@@ -73,15 +73,7 @@ class SampledCheck:
 
     What fine checks have found of the coarse ones are three numbers: the displacement [kg^(1/2) m] of the last, the
     difference of the corrections there over the fine one, and how many coarse ones have followed. Zeros are none.
-
-    Parameters
-    ----------
-    coarse : CoarseDiscreteShell
-        The coarse shell.
-    gaps : ndarray, shape (k, 3, m)
-        See :func:`linear_gaps`.
-    quick : callable, optional
-        The coarse shell's compiled check.
+    ``gaps`` (k, 3, m) are those of :func:`linear_gaps`, and ``quick`` is the coarse shell's compiled check.
     """
 
     def __init__(self, coarse: CoarseDiscreteShell, gaps: Array, quick: QuickCheck | None) -> None:

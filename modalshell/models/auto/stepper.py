@@ -22,7 +22,7 @@ from modalshell.models.auto.account import (
     TOUCHES,
     cost_of,
 )
-from modalshell.models.auto.leveled import MOST_TOLD, TRY_EVERY, LeveledStepper
+from modalshell.models.auto.leveled import MOST_LOGGED, TRY_EVERY, LeveledStepper
 from modalshell.models.auto.levels import Level, ModalLevel
 from modalshell.models.auto.loads_ahead import Coming
 from modalshell.models.auto.watching import FRAMES, SWITCH, Seen, Step
@@ -91,7 +91,7 @@ class AutoStepper(LeveledStepper):
             return self._initial_state(last, self._stepper(last).local_state_at(positions, 0.0), (0.0, 1.0, TOUCHES))
         for number in self._watch.first_levels:
             inner = self._levels[number].entered(self._stepper(number), positions, np.zeros_like(positions), 0.0)
-            off, stable = self._lost(number, inner, positions)
+            off, stable = self._start_miss(number, inner, positions)
             if number == 0:
                 missed, margin = off, stable
             if off <= 1.0:
@@ -110,7 +110,7 @@ class AutoStepper(LeveledStepper):
             self._note(state.memory, (0.0, level, _BACK * self.model.error * missed, margin, mark))
         return state
 
-    def _lost(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
+    def _start_miss(self, number: int, inner: MotionState, start: Array) -> tuple[float, float]:
         """What a level's state lacks of a start (n, 3) [m] over what it may, and the stability margin there."""
         level, stepper = self._levels[number], self._stepper(number)
         x, allowed = stepper.local_positions(inner), _BACK * self.model.error * self._check.moved(start)
@@ -135,13 +135,13 @@ class AutoStepper(LeveledStepper):
             switch = self._predicted_switch(level, state, memory, (begin, time, load))
             if switch is None:
                 break
-            level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
+            level, inner = self._hand_over(inner, (state.coordinates, state.rates), memory, (begin, load), switch)
         stepper = self._stepper(level)
         after, solved = stepper.advance(begin, dt, inner, load)
         rough = self._check.contacts and self._levels[level].quadratic
         if rough and self._check.touches_rough(stepper.local_positions(after), time):
-            leaves = begin, self._above(level, memory, snapping=True), 0.0, 1.0, TOUCHES
-            level, inner = self._taken_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
+            leaves = begin, self._successor(level, memory, to_full=True), 0.0, 1.0, TOUCHES
+            level, inner = self._hand_over(inner, (state.coordinates, state.rates), memory, (begin, load), leaves)
             stepper = self._stepper(level)
             after, solved = stepper.advance(begin, dt, inner, load)
         memory[COST] = cost_of(stepper, inner, after, dt)
@@ -158,23 +158,23 @@ class AutoStepper(LeveledStepper):
         if moved_before and math.isfinite(largest) and not self.setup.constraints:
             frames = memory["before"], state.coordinates, x
             step = Step(level, inner, after, frames, rates, moved, time, dt, load)
-            drifts = self._drifts(step, memory)
+            drifts = self._drift_switch(step, memory)
             if drifts is None:
                 level, after = self._switched(step, memory)
             else:
                 motion = self._watch.undrifted((x, rates()), memory)
-                level, after = self._taken_over(after, motion, memory, (time, load), drifts)
+                level, after = self._hand_over(after, motion, memory, (time, load), drifts)
         memory["before"] = state.coordinates
         if memory["step"].item() != dt:
             memory["step"] = np.array([dt])
         if not moved_before:
             memory["frames"] = np.ones(1)
-        moving = MotionState.late(x, memory, partial(self._found, rates, level, after))
+        moving = MotionState.late(x, memory, partial(self._late_parts, rates, level, after))
         self.model.keep(moving, level, after)
         self._last = (moving, *ended) if self.setup.contacts else None
         return moving, solved
 
-    def _found(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
+    def _late_parts(self, rates: Callable[[], Array], level: int, inner: MotionState) -> tuple[Array, dict[str, Array]]:
         """Velocities (n, 3) [m/s], and a level's own state in the memory."""
         return rates(), {"inner": self.model.packed(level, inner)}
 
@@ -209,9 +209,9 @@ class AutoStepper(LeveledStepper):
                     self._watch.learn(step, seen, memory)
                 if fails and not stays:
                     alike = not seen.alarm and self._errs_alike(level + 1, seen, memory)
-                    wanted = self._above(level, memory, snapping=seen.alarm or back, deaf=alike)
+                    wanted = self._successor(level, memory, to_full=seen.alarm or back, no_modes=alike)
                 elif not fails and level > 0:
-                    wanted = self._below(step, seen, memory)
+                    wanted = self._cheaper_level(step, seen, memory)
         elif since % TRY_EVERY == 0:
             if level + 1 < len(self._levels):
                 seen = self._watch.seen(step, memory)
@@ -222,7 +222,7 @@ class AutoStepper(LeveledStepper):
                     memory["barred"][level] = 1.0
                     wanted = level + 1
             if wanted == level and since >= memory["wait"][0]:
-                seen = self._returning(step, seen, memory)
+                seen = self._return_check(step, seen, memory)
                 memory["ready"] = np.zeros(1) if seen is None else memory["ready"] + 1.0
                 if seen is None:
                     memory["wait"] = np.maximum(memory["wait"], _RARER * since)
@@ -232,17 +232,17 @@ class AutoStepper(LeveledStepper):
             return level, step.after
         switch = (step.time, wanted, seen.bar, seen.margin, 0.0)
         motion = self._watch.corrected(step, seen, memory, wanted), step.velocities()
-        return self._taken_over(step.after, motion, memory, (step.time, step.load), switch)
+        return self._hand_over(step.after, motion, memory, (step.time, step.load), switch)
 
-    def _drifts(self, step: Step, memory: dict[str, Array]) -> Switch | None:
+    def _drift_switch(self, step: Step, memory: dict[str, Array]) -> Switch | None:
         """The switch to DS where errors that add up are as large as those of a check may be."""
         off = self._watch.drifted(step, memory)
         if off <= self._allowed(memory) or step.level + 1 == len(self._levels):
             return None
         share = off / float(memory["largest"][0])
-        return step.time, self._above(step.level, memory, snapping=True), share, 1.0, DRIFTS
+        return step.time, self._successor(step.level, memory, to_full=True), share, 1.0, DRIFTS
 
-    def _taken_over(
+    def _hand_over(
         self,
         inner: MotionState,
         motion: tuple[Array, Array],
@@ -258,20 +258,20 @@ class AutoStepper(LeveledStepper):
         """
         (x, v), time, new, far = motion, now[0], switch[1], self._allowed(memory)
         after = self._levels[new].entered(self._stepper(new), x, v, time)
-        while self._check.contacts and self._levels[new].quadratic and not self._near(new, after, x, time, far):
+        while self._check.contacts and self._levels[new].quadratic and not self._stands_near(new, after, x, time, far):
             new += 1
             after = self._levels[new].entered(self._stepper(new), x, v, time)
         full = not (self._levels[new].quadratic or self._check.least)
         if full and float(memory["largest"][0]) > 0.0:
-            after = self._slack(new, after, time)
+            after = self._without_stretch(new, after, time)
         switch = (switch[0], new, *switch[2:])
-        self._note(memory, switch, self._gained((int(memory["level"][0]), new), (inner, after), (x, v), now))
+        self._note(memory, switch, self._energy_gain((int(memory["level"][0]), new), (inner, after), (x, v), now))
         return new, after
 
     def _note(self, memory: dict[str, Array], switch: Switch, gained: float = 0.0) -> None:
         """Remember a switch: its time, level, bar and margin, the mark of what the modes lack or 0, and what energy."""
         place = int(memory["switches"][0])
-        if place < MOST_TOLD:
+        if place < MOST_LOGGED:
             memory["log"] = memory["log"].copy()
             memory["log"][place] = np.clip((*switch, gained), -_LARGE, _LARGE)
         memory["switches"], memory["level"] = memory["switches"] + 1.0, np.array([float(switch[1])])
@@ -286,7 +286,7 @@ class AutoStepper(LeveledStepper):
         if self._check.contacts:
             lost = self._check.strike_ahead(state.coordinates, state.rates, begin, time - begin)
             if lost * float(self.model.periods[0]) > _STRIKING * self._allowed(memory):
-                return begin, self._above(level, memory, snapping=True), 0.0, 1.0, STRIKES
+                return begin, self._successor(level, memory, to_full=True), 0.0, 1.0, STRIKES
         return self._load_switch(level, state, memory, now)
 
     def _load_switch(
@@ -311,7 +311,7 @@ class AutoStepper(LeveledStepper):
         memory["felt"] = np.array([answer.whole])
         missed = answer.missing / max(answer.whole, largest, self._check.least)
         if missed > SWITCH * self.model.error:
-            return begin, self._above(level, memory, deaf=True), missed, 0.0, LACKS_LOAD
+            return begin, self._successor(level, memory, no_modes=True), missed, 0.0, LACKS_LOAD
         if not (self._loads.change or self._check.least):
             self._calmed = dead, memory["felt"], math.inf
         elif answer.missing <= SWITCH * self.model.error * answer.whole:
@@ -325,26 +325,26 @@ class AutoStepper(LeveledStepper):
         bar = self._watch.first_bar(self._levels[level], dead, load, memory, time)
         if bar is None:
             return None
-        return begin, self._above(level, memory, snapping=not bar.valid), bar.displacement, bar.margin, 0.0
+        return begin, self._successor(level, memory, to_full=not bar.valid), bar.displacement, bar.margin, 0.0
 
-    def _above(self, level: int, memory: dict[str, Array], *, snapping: bool = False, deaf: bool = False) -> int:
+    def _successor(self, level: int, memory: dict[str, Array], *, to_full: bool = False, no_modes: bool = False) -> int:
         """The level that takes over.
 
-        That is DS where a branch ends, as others snap under another load or not at all; and none of modes where these
-        do not answer the load.
+        That is DS (``to_full``) where a branch ends, as others snap under another load or not at all; and none of modes
+        (``no_modes``) where these do not answer the load.
         """
         last = len(self._levels) - 1
         fitting = (
             k
             for k in range(level + 1, last + 1)
-            if k == last or not (snapping or memory["barred"][k] or (deaf and self._levels[k].quadratic))
+            if k == last or not (to_full or memory["barred"][k] or (no_modes and self._levels[k].quadratic))
         )
         again = memory["switches"][0] > 0.0 and int(memory["since"][0]) <= _SOON * self._watch.every
         wait = _PATIENCE * max(memory["again"][0], TRY_EVERY) if again else float(TRY_EVERY)
         memory["wait"] = memory["again"] = np.array([wait])
         return next(fitting)
 
-    def _below(self, step: Step, seen: Seen, memory: dict[str, Array]) -> int:
+    def _cheaper_level(self, step: Step, seen: Seen, memory: dict[str, Array]) -> int:
         """The level after a check of a modal one above the first that has found it right: the first if it serves, too.
 
         It does where its shape at the same coordinates is near where the check's steps lead to, and it would rest near
@@ -364,7 +364,7 @@ class AutoStepper(LeveledStepper):
         answer = self._watch.rests.near(first, seen.load, step.frames[1], seen.time)
         return 0 if answer is not None and answer.converged and near(answer.positions) else step.level
 
-    def _returning(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
+    def _return_check(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
 
         It comes near, its rates and its energy as well, the margin holds, the level would rest near under d'Alembert's
@@ -377,10 +377,10 @@ class AutoStepper(LeveledStepper):
         state = lowest.entered(self._stepper(0), x, v, step.time)
         fitted, rates = lowest.left(self._stepper(0), state, step.dt)
         lost = self._length(rates - v) / self.model.highest  # amplitude at most of vibrations that the modes lack
-        if not max(self._length(fitted - x) * self._swells(state, x), lost) <= allowed:
+        if not max(self._length(fitted - x) * self._error_growth(state, x), lost) <= allowed:
             return None
         # Of energy an amplitude takes twice its share: a fold that looks near may have another one.
-        gained = self._gained((step.level, 0), (step.after, state), (x, v), (step.time, step.load))
+        gained = self._energy_gain((step.level, 0), (step.after, state), (x, v), (step.time, step.load))
         if not abs(gained) <= 2.0 * _BACK * self.model.error:
             return None
         seen = seen or self._watch.seen(step, memory)

@@ -85,14 +85,9 @@ class _Looked(NamedTuple):
 class KnownStates:
     """The states z (k,) in the ellipsoid ``z . A^-1 z <= 1`` that no component of is too large.
 
-    A state is made of coordinates and rates, both [kg^(1/2) m], and factors of loads. What is known are rows
-    (2k + 3, k): the matrix A, the inverse by which it is looked up, the least and the largest components checked, not
-    above and below rest, and the noise that they may have beyond.
-
-    Parameters
-    ----------
-    factors : int
-        Number of factors of loads, the last ones of a state.
+    A state is made of coordinates and rates, both [kg^(1/2) m], and, last, some ``factors`` of loads. What is known are
+    rows (2k + 3, k): the matrix A, the inverse by which it is looked up, the least and the largest components checked,
+    not above and below rest, and the noise that they may have beyond.
     """
 
     def __init__(self, factors: int) -> None:

@@ -70,26 +70,7 @@ class Seen(NamedTuple):
 
 @final
 class Watch:
-    """Checks the states of one motion of the model that switches itself.
-
-    Parameters
-    ----------
-    model : Auto
-        The model.
-    setup : MotionSetup
-        What decides the motion.
-    check : Check
-        What sees it.
-    loads : LoadsAhead
-        Its loads.
-
-    Attributes
-    ----------
-    every : int
-        Steps from one check to the next where states are new.
-    rests : AtRest
-        What finds where levels rest.
-    """
+    """Checks the states of one motion of the model that switches itself, in new states each ``every`` steps."""
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check, loads: LoadsAhead) -> None:
         self._model, self._check, self._loads = model, check, loads

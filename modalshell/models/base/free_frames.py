@@ -46,29 +46,18 @@ Patch = Callable[[Array, Index], tuple[Array, Array]]
 
 @final
 class FreeFrames:
-    """Frames of all free parts of a shell; see the module.
-
-    Parameters
-    ----------
-    rest : ndarray, shape (n, 3)
-        Positions of the shell at rest [m].
-    parts : FreeParts
-        The free parts.
-    to_poses : ndarray, shape (6 P, r)
-        What takes the coordinates of all rigid modes to displacements and rotation vectors of the P frames.
+    """Frames of all free parts of a shell at ``rest`` (n, 3) [m]; see the module.
 
     Attributes
     ----------
-    parts : tuple of FreePart
-        The parts.
     count : int
         Number r of rigid modes.
+    to_poses, from_poses : ndarray, shape (6 P, r), (r, 6 P)
+        What takes the coordinates of all rigid modes to displacements and rotation vectors of the P frames, and back.
     centres : list of ndarray, shape (3,)
         The parts' centres at rest [m].
     labels : ndarray, shape (n,)
         Number of every vertex' part, -1 where it has none.
-    from_poses : ndarray, shape (r, 6 P)
-        The inverse of ``to_poses``.
     others : ndarray, shape (r, r)
         Projection of the rigid coordinates on motions that parts with supports are left.
     """

@@ -31,16 +31,8 @@ _NO_GAIN, _STILL = 1e-12, 1e-15
 class KeptSteps(EulerSteps):
     """Solves of one step of a rule, which fail where the contacts do not stay as they were at its beginning.
 
-    Parameters
-    ----------
-    make : callable
-        Makes the shell's steps from what finds their minima.
-    steps : TouchingSteps
-        The contacts.
-    state : MotionState
-        Where the step begins, with what contacts have given in the step before.
-    begin, dt : float
-        When that is, and how long the step is [s].
+    ``make`` makes the shell's steps from what finds their minima. The step of ``dt`` [s] begins at ``begin`` [s] in a
+    state with what contacts have given in the step before.
     """
 
     def __init__(

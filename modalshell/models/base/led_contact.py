@@ -36,17 +36,7 @@ _PASSES = 20
 class LedTargets:
     """Targets of constraints, as :class:`PatchTargets` has them, with what contacts press in at the patches.
 
-    Parameters
-    ----------
-    targets : PatchTargets
-        The targets.
-    start : ndarray, shape (m,), optional
-        Where statics leads the patches from.
-
-    Attributes
-    ----------
-    first : float
-        First part of their way that statics takes.
+    Statics leads the patches from ``start`` (m,); ``first`` is the first part of their way that it takes.
     """
 
     def __init__(self, targets: PatchTargets, start: Array | None = None) -> None:

@@ -114,25 +114,8 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     to hard, where each pass is a Gauss-Newton step with a line search; a harder constraint that brings its target no
     nearer is not followed: the stiff modes would be shaken for nothing.
 
-    Parameters
-    ----------
-    evaluate : callable
-        Residual and Jacobian at q.
-    free : ndarray, shape (m,)
-        Coordinates without the constraints.
-    compliance : ndarray, shape (m,)
-        Diagonal of G: response of the coordinates to modal forces, by the time step or in statics.
-    start : ndarray, shape (m,)
-        Starting point, on the branch to be kept.
-
-    Returns
-    -------
-    q : ndarray, shape (m,)
-        Modal coordinates.
-    residual : ndarray, shape (k,)
-        What is left of target less value.
-    jacobian : ndarray, shape (k, m)
-        Derivatives of the constrained values there.
+    ``compliance`` (m,) is the diagonal of G, the response of the coordinates to modal forces, by the time step or in
+    statics; ``start`` (m,) is on the branch to be kept. Returns q (m,), residual (k,) and Jacobian (k, m) there.
     """
     root = np.sqrt(compliance)
     z: Array = (start - free) / root

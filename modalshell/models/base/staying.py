@@ -27,60 +27,38 @@ _NONE = np.empty((0, 3))
 
 
 class Whole(NamedTuple):
-    """The end of a step of SDIRK2.
-
-    Attributes
-    ----------
-    pressed : Pressed
-        Where contacts leave the shell.
-    rates, force : ndarray, shape (m,)
-        Rates, and modal force of the second part.
-    bent : float
-        Square of the change of the rates' derivative in the step.
-    """
+    """The end of a step of SDIRK2."""
 
     pressed: Pressed
+    """Where contacts leave the shell."""
     rates: Array
     force: Array
+    """Rates, and modal force of the second part; shape (m,)."""
     bent: float
+    """Square of the change of the rates' derivative in the step."""
 
 
 class Parts(NamedTuple):
-    """Both parts of a step of SDIRK2.
-
-    Attributes
-    ----------
-    rates : ndarray, shape (m,)
-        At its end.
-    force : ndarray, shape (m,)
-        Modal force of the second part.
-    given : float
-        Work [J] of moving colliders.
-    bent : float
-        Square of the change of the rates' derivative in the step.
-    after, before : tuple of float
-        Kinetic and elastic energies [J] of the modes at its end and its beginning.
-    """
+    """Both parts of a step of SDIRK2."""
 
     rates: Array
+    """At its end; shape (m,)."""
     force: Array
+    """Modal force of the second part; shape (m,)."""
     given: float
+    """Work [J] of moving colliders."""
     bent: float
+    """Square of the change of the rates' derivative in the step."""
     after: tuple[float, float]
     before: tuple[float, float]
+    """Kinetic and elastic energies [J] of the modes at its end and its beginning."""
 
 
 class Staying(ABC):
     """Steps of implicit Euler on what stays pushed, one after the other.
 
-    Parameters
-    ----------
-    pressing : ModalContacts
-        The contacts.
-    eigenvalues : ndarray, shape (m,)
-        Stiffness of the modes [1/s^2].
-    conservative : bool
-        Whether the modal force has a potential, so that a step is to gain no more than its load's work.
+    ``eigenvalues`` (m,) are the stiffness of the modes [1/s^2]. Of a ``conservative`` modal force, one with a
+    potential, a step is to gain no more than its load's work.
     """
 
     def __init__(self, pressing: ModalContacts, eigenvalues: Array, conservative: bool) -> None:

@@ -43,18 +43,9 @@ class Moving(Protocol):
 class Stepper(ABC):
     """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
 
-    ``patches`` are held vertices that are moved; with ``in_frame`` states are in the frame of the supports.
-
-    Attributes
-    ----------
-    shell : Shell
-        The shell in the world.
-    model : Model
-        The model about the origin, where coordinates have the smallest rounding.
-    origin : ndarray, shape (3,)
-        Where that lies in the world [m].
-    residuals : ndarray, shape (k,)
-        What is left to each constraint's target, [m] or [rad].
+    ``patches`` are held vertices that are moved; with ``in_frame`` states are in the frame of the supports. The shell
+    is that in the world, the model that about ``origin`` (3,) [m], where coordinates have the smallest rounding;
+    ``residuals`` (k,) are what is left to each constraint's target, [m] or [rad].
     """
 
     takes_contacts: ClassVar[bool] = False

@@ -49,25 +49,15 @@ _ROUNDS, _MET = 12, 1e-4
 @short_repr
 @dataclass(frozen=True)
 class CoarseMesh:
-    """A coarser mesh of the same surface.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-        The mesh.
-    name : str
-        Short name.
-    material : Material, Isotropic or None
-        Where that is another than the fine shell's.
-    options : mapping
-        Keys of a scene's ``[model]`` table that make it: ``cells`` of a generated shape, or ``triangles``; empty if no
-        scene can name it.
-    """
+    """A coarser mesh of the same surface."""
 
     mesh: TriangleMesh
     name: str
     material: Material | Sheet | None = None
+    """Where that is another than the fine shell's."""
     options: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of a scene's ``[model]`` table that make it: ``cells`` of a generated shape, or ``triangles``; empty if
+    no scene can name it."""
 
 
 def remeshed(shell: Shell, triangles: int) -> CoarseMesh:

@@ -191,14 +191,8 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     where the step is short and the margin large; what the latter takes from 1 was then within 0.022 and 9 % of that
     after the step, in some 400 checks of motions drawn by a seed.
 
-    Returns
-    -------
-    margin : float
-        Not a number where a pivot vanishes or the first part is not definite.
-    products : int
-        Lanczos iterations, and those of the second step.
-    factors : int
-        Factorisations.
+    Returns the margin, not a number where a pivot vanishes or the first part is not definite; the Lanczos iterations,
+    those of the second step with them; and the factorisations.
     """
     room = rooms[0]
     x, elastic, products, factors, negative = room.x, body.elastic, 0, 0, 0

@@ -325,14 +325,8 @@ def implicit_step(body, room, start, load, dt, drag, tolerance):  # type: ignore
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
     ``drag`` is damping by the mass [1/s]. ``room.x`` is left at the positions after the step, or where the solver gave
-    up.
-
-    Returns
-    -------
-    iterations : int
-        Factorisations.
-    solved : bool
-        Whether the residual met the tolerance and the last Hessian was positive definite.
+    up. Returns the number of factorisations, and whether the residual met the tolerance and the last Hessian was
+    positive definite.
     """
     numbers = room.numbers
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0

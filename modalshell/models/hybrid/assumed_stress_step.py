@@ -269,16 +269,8 @@ def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance, kept): 
     ``kept`` (m + K,) are coordinates and their membrane strains, those of the step before: mostly
     they are the state without false strains. The end's are written there.
 
-    Returns
-    -------
-    z : ndarray, shape (m,)
-        Coordinates after the step, or where the solver gave up.
-    solved : bool
-        Whether the residual met the tolerance at a minimum.
-    energy, seen : float
-        Elastic energy, and its share in the assumed stresses [J].
-    iterations : int
-        Iterations.
+    Returns the coordinates (m,) after the step, or where the solver gave up, whether the residual met the tolerance at
+    a minimum, elastic energy and its share in the assumed stresses [J], and the number of iterations.
     """
     z, rates, near, viscous_at, begin, begun = start
     count, width, modes, rows = z.size, width_of(z.size), reduced.membrane.modes, reduced.membrane.linear.shape[1]

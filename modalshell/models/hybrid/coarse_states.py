@@ -143,11 +143,11 @@ class FlownStates:
 
     def as_coarse(self, state: MotionState) -> MotionState:
         """A state of coordinates (r + m,) in positions (k, 3) [m] of the coarse vertices."""
-        return _with_memory(state, self._up)
+        return _with_memory(state, self._at_coarse_vertices)
 
     def reduced(self, state: MotionState) -> MotionState:
         """The nearest state of coordinates (r + m,) to one of coarse positions (k, 3) [m]."""
-        return _with_memory(state, self._down)
+        return _with_memory(state, self._nearest_coordinates)
 
     def local(self, x: Array) -> Array:
         """Coarse positions (k, 3) [m] in the frames, those of free parts as they fit the shape at rest best."""
@@ -190,7 +190,7 @@ class FlownStates:
             memory |= no_middle(x)
         return MotionState(x, v, memory)
 
-    def _up(self, q: Array, rates: Array) -> tuple[Array, Array]:
+    def _at_coarse_vertices(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Positions and velocities (k, 3) of coordinates and rates (r + m,)."""
         shape, frames, r = self._shape, self.flight.frames, self.flight.count
         z, flow = q[r:], rates[r:]
@@ -207,7 +207,7 @@ class FlownStates:
             x[at] = arms @ turn.T + frames.centres[number] + poses[number, 0]
         return x, v
 
-    def _down(self, x: Array, v: Array) -> tuple[Array, Array]:
+    def _nearest_coordinates(self, x: Array, v: Array) -> tuple[Array, Array]:
         """Coordinates and rates (r + m,) nearest to positions and velocities (k, 3)."""
         shape, frames, rest = self._shape, self.flight.frames, self._shape.rest
         local, own = x.copy(), v.copy()

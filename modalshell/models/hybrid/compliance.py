@@ -23,17 +23,9 @@ _MISSED, _OFF = 0.02, 0.05
 class LinearCompliance:
     """Judges loads on a coarse shell by their linear compliance; see :meth:`refusal`.
 
-    Parameters
-    ----------
-    coarse : Shell
-        The shell.
-    basis : ndarray, shape (3k, m)
-        V.
-    own : ndarray, shape (m, m)
-        Hessian of the reduced energy at rest.
-    little : float or None
-        Compliance [J] of loads that hardly bend a shell with free parts, such as those of a spin within its surface,
-        that of balanced loads being looked at; None where all parts are held.
+    ``basis`` (3k, m) is V, and ``own`` (m, m) the Hessian of the reduced energy at rest. ``little`` [J] is the
+    compliance of loads that hardly bend a shell with free parts, such as those of a spin within its surface, that of
+    balanced loads being looked at; None where all parts are held.
     """
 
     def __init__(self, coarse: Shell, basis: Array, own: Array, little: float | None) -> None:

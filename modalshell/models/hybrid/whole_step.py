@@ -242,14 +242,9 @@ def whole_step(record, state, force, rule, limits, kept, ends):  # type: ignore[
     ``rule`` the step and the one before [s], 0 of none, and Rayleigh's factors. ``limits`` are the tolerance of the
     residual, a small energy [J], and the unseen share of the membrane's. For ``kept`` see :func:`implicit_step`.
 
-    Returns
-    -------
-    order : int
-        That of the step; 0 where it failed, or where it takes more than one solve and no edges tell what is seen.
-    iterations : int
-        Of all its solves.
-    energy, seen : float
-        Elastic energy at the end of the last of them, and its share in the assumed stresses [J].
+    Returns the order of the step, 0 where it failed, or where it takes more than one solve and no edges tell what is
+    seen; the iterations of all its solves; and elastic energy at the end of the last of them, and its share in the
+    assumed stresses [J].
     """
     (reduced, surface), (dt, before, drag, viscosity) = records_of(record), rule
     result = np.zeros(3)

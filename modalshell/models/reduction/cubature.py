@@ -47,32 +47,22 @@ _LOADS = 24
 @short_repr
 @dataclass(frozen=True)
 class Cubature:
-    """A trained cubature.
-
-    Attributes
-    ----------
-    energy : ReducedEnergy
-        The weighted sum over the chosen elements.
-    chosen : list of ndarray of int
-        The chosen elements of each kind; see :mod:`modalshell.models.reduction.candidates`.
-    factors : ndarray
-        Their positive factors, in that order.
-    share : float
-        Chosen elements as a share of all that there are to choose from.
-    training_errors, held_out_errors : ndarray
-        Relative displacement error (norm of the mass matrix) of the nearest equilibrium to that of the sum over all
-        elements, for each load; infinite if there is no solution.
-    seconds : float
-        Wall time of the training.
-    """
+    """A trained cubature."""
 
     energy: ReducedEnergy
+    """The weighted sum over the chosen elements."""
     chosen: list[Index]
+    """The chosen elements of each kind; see :mod:`modalshell.models.reduction.candidates`."""
     factors: Array
+    """Their positive factors, in that order."""
     share: float
+    """Chosen elements as a share of all that there are to choose from."""
     training_errors: Array
     held_out_errors: Array
+    """Relative displacement error (norm of the mass matrix) of the nearest equilibrium to that of the sum over all
+    elements, for each load; infinite if there is no solution."""
     seconds: float
+    """Wall time of the training."""
 
     @property
     def held_out_error(self) -> float:

@@ -122,12 +122,7 @@ class Anchored:
 class ReducedFlight:
     """Coordinates (r + s,) of a shell with free parts: those of rigid modes, as in :class:`FreeFrames`, and z (s,).
 
-    Parameters
-    ----------
-    shape : ReducedShape
-        What z, which has no rigid motions, makes of the shell.
-    frames : FreeFrames
-        Frames of the free parts.
+    ``shape`` is what z, which has no rigid motions, makes of the shell.
     """
 
     def __init__(self, shape: ReducedShape, frames: FreeFrames) -> None:

@@ -68,14 +68,7 @@ def _constant(load: AppliedLoad, rest: Array) -> Array:
 class LoadQuadrature:
     """The loads that change, as modal forces: those on the shell at rest in full, what they change by at points.
 
-    Parameters
-    ----------
-    basis : Basis
-        Modes and modal rotations.
-    loads : tuple of AppliedLoad
-        The loads: those that change by a factor alone, or are of a form.
-    push : callable
-        How a model is pushed at given points.
+    They change by a factor alone, or are of a form; ``push`` says how a model is pushed at given points.
     """
 
     def __init__(self, basis: Basis, loads: tuple[AppliedLoad, ...], push: Callable[[LoadPoints], ModalPush]) -> None:

@@ -17,25 +17,10 @@ from modalshell.supports import VertexUnknowns
 
 
 class ReducedEnergy:
-    """``E(z) = W(X + U z)`` of an elastic energy W, or of a part of it, with its derivatives [barbic2005; an2008].
+    """``E(z) = W(X + U z)`` of an elastic energy W, or of a weighted part of it [barbic2005; an2008]; theory 10, eq. 2.
 
-    See theory 10, eq. 2.
-
-    Parameters
-    ----------
-    shell : Shell
-        Gives the energy, and X.
-    vectors : ndarray, shape (3n, r)
-        U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
-    part : Part, optional
-        A weighted part of the energy; by default all of it.
-
-    Attributes
-    ----------
-    energy : ElasticEnergy
-        W.
-    vertices : ndarray of int
-        Vertices of the shell that it touches, in its order.
+    The shell gives W and X; U is ``vectors`` (3n, r), displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
+    ``vertices`` are those of the shell that W touches, in its order.
     """
 
     def __init__(self, shell: Shell, vectors: Array, part: Part | None = None) -> None:
