@@ -46,8 +46,12 @@ class FullStepper(Stepper):
         return CreaseMotion(known, self.setup.damping)
 
     def start(self, positions: Array | None) -> MotionState:
-        """State at rest, moved with the supports to where these are at time 0."""
+        """State at rest, moved with the supports to where these are at time 0; patches begin where they are told."""
         state = super().start(positions)
+        if positions is not None and self._patches:
+            x, led = state.coordinates.copy(), np.concatenate([patch.vertices for patch in self._patches])
+            x[led] = (positions - self.origin)[led]
+            state = self.model.integrator.start(self.model, x)
         state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
         return self._begun(state if self.contacts is None else self.contacts.begin(state))
 
