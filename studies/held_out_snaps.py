@@ -22,7 +22,7 @@ from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
-from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
+from modalshell.models.hybrid.training import LOADED, RELEASED, random_damping, random_load
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.snap import v_beam
 
@@ -30,6 +30,8 @@ FIGURES = ("held_out_snaps",)
 
 SEED = 24
 LOADS = 24
+DT = 1.0 / 30.0
+"""Frames [s]."""
 GRAVITY = 70.0
 """Gravity [m/s^2] about which the hybrid is trained; the fold flattens below 0.7 of it."""
 DAMPINGS = {"by the mass": ms.Damping(2.0), "by the stiffness": ms.Damping(0.5, 1e-3)}
@@ -65,7 +67,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         for model in (ms.DiscreteShell(shell, step_tolerance=1e-4, integrator="bdf2"), hybrid.coarse, hybrid)
     }
     rng, weight = np.random.default_rng(SEED), np.array(shell.gravity_force((0, 0, -GRAVITY)))
-    drawn = [(random_load(shell, weight, rng), random_damping(rng)) for _ in range(count)]
+    drawn = [(random_load(shell, weight, rng), random_damping(rng, DT)) for _ in range(count)]
     named = {
         f"{name}, damped {kind}": (load, damping)
         for name, load in named_loads(shell).items()

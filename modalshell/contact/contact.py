@@ -17,7 +17,7 @@ from modalshell.mesh.selection import Selection, checked_selection, selected
 from modalshell.supports import Pose, SupportPath
 
 _LEAD = 1e-6
-"""Time [s] over which the velocity of a collider on a path is a difference."""
+"""Share of the time of its path over which the velocity of a collider is a difference."""
 
 
 @final
@@ -156,7 +156,7 @@ class Contact(ReadOnlyArrays):
         """Velocity (n, 3) [m/s] of the collider at points (n, 3) [m]."""
         if self.motion is None:
             return self.collider.velocity(x, t)
-        pose, lead = self.motion.at(t), min(_LEAD, 0.5 * float(self.motion.times[-1] - self.motion.times[0]))
+        pose, lead = self.motion.at(t), _LEAD * float(self.motion.times[-1] - self.motion.times[0])
         own = pose.to_shell(x)
         before, after = (self.motion.at(t + side * lead).to_world(own) for side in (-1.0, 1.0))
         return np.asarray((after - before) / (2.0 * lead) + self.collider.velocity(own, t) @ pose.rotation.T)

@@ -258,6 +258,12 @@ class CoarseDiscreteShell(OnCoarse):
         fine[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped]
         return fine
 
+    def flow(self, positions: Array, rates: Array) -> Array:
+        """Fine velocities (n, 3) [m/s] by coarse positions (k, 3) [m] and their rates (k, 3) [m/s]."""
+        fine = self._prolongation.flow(positions, rates)
+        fine[self.shell.clamped] = 0.0
+        return fine
+
     def sampled(self, positions: Array) -> Array:
         """Coarse positions (k, 3) [m] where the fine surface has its displacement there."""
         return self.sampled_from(positions - self.shell.rest_positions)

@@ -21,6 +21,7 @@ from modalshell.models.base.setup import MotionSetup
 from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
+from modalshell.statics.error_bar import share_as_text
 from modalshell.supports import SupportPath
 from modalshell.supports.constraints import Constraint, checked_constraints, jumps
 
@@ -33,6 +34,8 @@ _PARTS = 1 << 12
 """Parts of a step, the shortest that a tolerance asks for."""
 _JUMP = 1e-3
 """Jump of a constraint's target, in the shell's sizes or [rad], of which a motion says something."""
+_FAR_OFF, _THERE = 0.05, 1e-9
+"""Distance from a start, over its displacement, from which it is reported, and over the shell's size that is none."""
 _EASY = 0.1
 """Share of the allowed error below which the next step is twice as long."""
 _FIRST = 4
@@ -99,7 +102,8 @@ class Motion:
         self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or (), divided)
         self._load = loading.dead.copy()
         self.stepper = model.stepper(self.setup)
-        self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
+        given = None if start is None else shell.checked_positions(start)
+        self.state = self.stepper.start(given)
         self.errors = StepErrors(self.stepper, self.state)
         self._tolerance = tolerance
         if tolerance is not None:
@@ -108,6 +112,7 @@ class Motion:
                 raise OptionError(f"{model.name} by this integrator {fault}")
             self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
+        self._start_missed = "" if given is None else self._missed(given)
         self.remarked: dict[str, int] = {}
 
     @property
@@ -152,6 +157,16 @@ class Motion:
     def touched(self) -> TouchedFrame | None:
         """What touches now, with contacts; else None."""
         return self.stepper.touched(self.state, self.time)
+
+    def _missed(self, start: Array) -> str:
+        """What is said of a start (n, 3) [m], supports in their rest pose, that the model does not come near to."""
+        mass, path, x = self.shell.mass, self.setup.supports, self.positions()
+        x = x if path is None else path.at(0.0).to_shell(x)
+        off, moved = (float(mass @ np.sum((start - one) ** 2, axis=1)) for one in (x, self.shell.rest_positions))
+        if off <= _FAR_OFF**2 * moved + float(mass.sum()) * (_THERE * self.shell.size) ** 2:
+            return ""
+        share = share_as_text(float(np.sqrt(off / (moved or off))))
+        return f"the motion starts {share} off the start, as near as {self.model.name} comes"
 
     def place(self, positions: Array) -> None:
         """Put every vertex at ``positions`` (n, 3) [m] at rest, as far as the model can."""
@@ -239,7 +254,7 @@ class Motion:
     @property
     def remarks(self) -> list[str]:
         """What the model says of its states, each sentence once, with the time from which it holds."""
-        notes = [self.stepper.note] if self.stepper.note else []
+        notes = [note for note in (self._start_missed, self.stepper.note) if note]
         if self._tolerance is not None:
             notes += filter(None, [self.errors.excess_note(self._tolerance), self.errors.many(self.count)])
         return notes + [

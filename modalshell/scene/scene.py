@@ -55,6 +55,8 @@ from modalshell.supports.constraints import Constraint, checked_constraints
 
 BARS_EVERY = 15
 """Frames from one error bar of a scene in motion to the next."""
+_LOOKS = 256
+"""Times of a path of which that of the largest load is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,12 +275,11 @@ class ShellScene(Scene):
         path = build_path(self.supports)
         if path is None:
             return load, note
-        still = np.zeros_like(load)
-        lasts, unit = path.times[-1] - path.times[0], self.unit_system
-        times = np.linspace(path.times[0], path.times[-1], 1 + int(min(np.ceil(lasts * unit.seconds * 120.0), 1e4)))
-        felt = ((path.at(t).shell_load(load, shell.mass, shell.rest_positions, still), t) for t in times.tolist())
+        still, times, unit = np.zeros_like(load), path.samples(_LOOKS).tolist(), self.unit_system.time
+        poses = ((path.at(time, "before" if time == times[-1] else "after"), time) for time in times)
+        felt = ((pose.shell_load(load, shell.mass, shell.rest_positions, still), time) for pose, time in poses)
         worst, at = max(felt, key=lambda one: np.sum(one[0][shell.free] ** 2 / shell.mass[shell.free, None]))
-        moved = f"The load is that of the moving supports when it is largest, at {at:.3g} {unit.time}."
+        moved = f"The load is that of the moving supports when it is largest, at {at:.3g} {unit}."
         return worst, " ".join(filter(None, (moved, note)))
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:

@@ -234,6 +234,12 @@ class SupportPath:
         """Whether the supports turn, too."""
         return self._rotation is not None
 
+    def samples(self, count: int) -> Array:
+        """Times [s] from its beginning to its end, at least some ``count``: keyframes, and as many between any two."""
+        intervals = self.times.size - 1
+        between = np.linspace(0.0, intervals, 1 + intervals * -(-count // intervals))
+        return np.interp(between, np.arange(intervals + 1), self.times)
+
     def about(self, origin: Array) -> SupportPath:
         """The same path in coordinates about ``origin`` (3,) [m]."""
         path = copy.copy(self)

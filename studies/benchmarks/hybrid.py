@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
+from modalshell.models.hybrid.training import LOADED, RELEASED, random_damping, random_load
 from studies.benchmarks.timing import one_blas_thread
 
 SEED = 24
+DT = 1.0 / 30.0
+"""Frames [s]."""
 
 
 def folded(fold: float) -> ms.Shell:
@@ -60,7 +62,7 @@ def measured(name: str, vectors: int, motions: int, loads: int, repeats: int) ->
         training = time.process_time() - began
         times: dict[str, list[float]] = {"without": [], "with": [], "coarse": []}
         for _ in range(loads):
-            load, damping = random_load(shell, weight, rng), random_damping(rng)
+            load, damping = random_load(shell, weight, rng), random_damping(rng, DT)
             found = [timed(model, load, damping) for _ in range(repeats)]
             if not found[0][1]:
                 least = float(np.mean(np.min([frame for frame, _ in found], axis=0)))

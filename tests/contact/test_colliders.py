@@ -231,7 +231,8 @@ def test_a_point_on_the_feature_is_led_out(key):
 
 
 def test_a_moving_contact_carries_its_collider():
-    path = ms.SupportPath([0.0, 1.0], [(0.0, 0.0, 0.0), (0.0, 0.0, 2.0)], [(0.0, 0.0, 0.0), (0.3, 0.2, 0.1)])
+    keys = [(0.0, 0.0, 0.0), (0.0, 0.0, 2.0)], [(0.0, 0.0, 0.0), (0.3, 0.2, 0.1)]
+    path, slow = ms.SupportPath([0.0, 1.0], *keys), ms.SupportPath([0.0, 1e8], *keys)
     still, moving = ms.Contact(EXAMPLES["box"]), ms.Contact(EXAMPLES["box"], motion=path)
     x, pose = points(), path.at(0.4)
     for here, there in zip(still.gap(pose.to_shell(x)), moving.gap(x, 0.4), strict=True):
@@ -243,6 +244,7 @@ def test_a_moving_contact_carries_its_collider():
     own = pose.to_shell(x)
     speed = (path.at(0.4 + 1e-4).to_world(own) - path.at(0.4 - 1e-4).to_world(own)) / 2e-4
     np.testing.assert_allclose(moving.velocity(x, 0.4), speed, atol=1e-6)
+    np.testing.assert_allclose(ms.Contact(still.collider, motion=slow).velocity(x, 0.4e8), 1e-8 * speed, atol=1e-14)
     assert moving.largest_move(x, 0.0, 1.0) > 1.9
 
 

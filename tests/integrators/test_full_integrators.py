@@ -124,6 +124,19 @@ def test_a_wind_carries_a_free_sheet_along_to_the_order_of_the_rule(rule):
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(order, abs=0.25)
 
 
+@pytest.mark.parametrize(("rule", "order"), [("verlet", 2.0), ("explicit", 1.0)])
+def test_a_load_that_changes_in_time_moves_a_free_sheet_to_the_order_of_an_explicit_rule(rule, order):
+    """Both half kicks of Verlet felt the load of the step's end: it was of order one."""
+    mesh, time, turn, push = ms.sheet(length=0.3, width=0.2, cells=(3, 2)), 0.1, 21.0, 0.3
+    shell = ms.Shell(mesh, ms.Material(2.0, 2.0, 0.005, 2.0))
+    load = ms.Scaled(ms.SelfWeight((0.0, 0.0, push)), lambda t: np.sin(turn * t))
+    way, errors = push * (time / turn - np.sin(turn * time) / turn**2), []
+    for steps in (100, 200, 400):
+        run = ms.simulate(ms.SpringSheet(shell, integrator=rule), duration=time, dt=time / steps, loads=[load])
+        errors.append(abs(shell.mass @ (run.positions[-1] - mesh.vertices)[:, 2] / shell.mass.sum() - way))
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(order, abs=0.1)
+
+
 @pytest.mark.slow
 def test_a_hanging_sheet_that_buckles_within_a_step_does_not_creep(monkeypatch):
     """The valley that its fold goes down to is flat within the step's tolerance: it took 1661 iterations."""

@@ -408,3 +408,20 @@ def test_moving_and_turning_the_scene_changes_nothing(shape, material):
     for first, second in shapes:
         assert np.abs(first - fine.vertices).max() > 1e-2 * fine.size
         np.testing.assert_allclose(second, first @ turn.T + way, rtol=0, atol=1e-9 * fine.size)
+
+
+def test_a_free_motion_does_not_depend_on_the_unit_of_time():
+    """Its momenta were differences over 1e-6 of that unit."""
+    found = []
+    for unit in (1.0, 1e-7):
+        material = ms.Isotropic(young=9e6 * unit**2, poisson=0.3, thickness=0.012, density=17.0)
+        fine, few = (
+            ms.Shell(ms.cylinder_panel(length=1.0, radius=0.6, angle=60.0, cells=cells), material)
+            for cells in ((6, 4), (3, 2))
+        )
+        force = np.zeros((len(fine.mass), 3))
+        force[:12, 2], force[18:, 0] = 0.04 * unit**2, 0.02 * unit**2
+        model = CoarseDiscreteShell(fine, few)
+        found.append(ms.simulate(model, duration=0.24 / unit, dt=0.02 / unit, force=force).positions)
+    moved = np.abs(found[0][-1] - found[0][0]).max()
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-6 * moved)

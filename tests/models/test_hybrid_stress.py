@@ -209,9 +209,9 @@ def test_training_counts_and_repeats_itself():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no basis of up to 24 vectors")
-@pytest.mark.parametrize("rates", [(20.0, 60.0), (0.01, 0.003)])
-def test_training_of_far_faster_and_slower_shells_is_similar(rates):
-    """A shell of steel moves through many periods in frames of 1/30 s: training motions failed, or saw nothing."""
+@pytest.mark.parametrize("rates", [(1.0, 60.0), (1.0, 1e-3)])
+def test_training_depends_neither_on_how_fast_a_shell_is_nor_on_the_unit_of_time(rates):
+    """In frames of 1/30 s a shell of steel, or one in milliseconds, was trained on other motions."""
     mesh, found = stiff_beam((8, 2)).mesh, []
     for rate in rates:
         stiffness = np.array([2000.0, 2000.0, 0.05]) * rate**2

@@ -42,6 +42,17 @@ def test_held_vertices_stay(beam, basis):
         )
 
 
+@pytest.mark.parametrize("make", [ms.RigidShell, lambda beam: ms.ModalDerivatives(beam, 1), ms.DiscreteShell])
+def test_a_start_that_a_model_does_not_come_near_to_is_told(beam, make):
+    """A rigid shell rested, and modes with derivatives began elsewhere, without a word."""
+    model, bent = make(beam), np.array(beam.rest_positions)
+    bent[beam.free, 2] += 0.02 * np.sin(9.0 * bent[beam.free, 0])
+    run = ms.simulate(model, duration=0.02, dt=0.01, start=bent)
+    off = ms.measure.displacement_error(run.positions[0], bent, beam)
+    told = f" % off the start, as near as {model.name} comes"
+    assert (told in run.message) == (off > 0.05) == (model.name != "DS")
+
+
 def test_damped_motion_comes_to_rest_at_the_equilibrium(basis):
     gravity = (0.0, 0.0, -4.0)
     for model in (ms.LinearModal(basis), ms.ModalWarping(basis)):

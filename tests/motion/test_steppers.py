@@ -43,7 +43,7 @@ def models():
 @pytest.mark.parametrize("loads", [[], [ms.Wind((0.5, 1.0, 0.3))]], ids=["dead", "wind"])
 def test_a_model_of_four_methods_moves_as_its_full_model(models, further, loads):
     dt = 0.5 * models[1].stable_step()
-    run = {"duration": 60 * dt, "dt": dt, "gravity": (0.0, 0.0, -3.0), "loads": loads} | further
+    run = {"duration": 60 * dt, "dt": dt, "gravity": (0.0, 0.0, -3.0), "loads": loads, "damping": (3.0, 0.0)} | further
     found, exact = (ms.simulate(model, **run) for model in models)
     moved = np.abs(exact.positions[-1] - exact.positions[0]).max()
     assert found.outcome is exact.outcome

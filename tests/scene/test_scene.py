@@ -174,6 +174,18 @@ def test_supports_move_through_their_keyframes(load):
     assert not turning.build().path.at(0.7).translation.any()
 
 
+def test_the_largest_load_of_a_short_path_is_that_between_its_ends(load):
+    """It was looked for 120 times a second: of a path of some milliseconds at its ends alone, at one by half."""
+    path = (
+        "times = [0, 1e-3, 2e-3, 3e-3, 4e-3]\ntranslations = [[0, 0, 0], [0, 0, 0], [0, 0, 1e-4], [0, 0, 0], [0, 0, 0]]"
+    )
+    scene = load('clamped = "x < 0.1"', f'clamped = "x < 0.1"\n{path}')
+    built = scene.build()
+    felt = scene.largest_load(built.shell)[0] / built.shell.mass[:, None]
+    largest = max(abs(9.81 + built.path.at(time).acceleration[2]) for time in (1e-3, 2e-3, 3e-3))
+    np.testing.assert_allclose(np.abs(felt[:, 2]), largest, rtol=1e-12)
+
+
 def test_targets_pass_through_their_keyframes(load):
     frames = "times = [0, 1, 3]\ntargets = [[0, 0, 0], [1, 1, 1], [3, 0, 0]]\n"
     turn = '[[constraints]]\nkind = "orientation"\nvertices = 64\npath = "linear"\n'

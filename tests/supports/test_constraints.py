@@ -198,6 +198,15 @@ def test_constraints_and_moving_supports_are_both_in_the_world(basis, tip):
     assert turned.constraint_residuals.max() < RADIANS
 
 
+def test_a_motion_of_discrete_shells_that_starts_where_constraints_hold_it_stays_there(shell, end):
+    """Its patches began at rest, and were thrown to their targets in the first step."""
+    model, middle = ms.DiscreteShell(shell), shell.rest_positions[end].mean(axis=0)
+    led = [ms.PositionConstraint(end, middle - [0.02, 0.0, 0.1])]
+    still = model.equilibrium(constraints=led)
+    run = ms.simulate(model, duration=0.1, dt=0.02, constraints=led, start=still.positions, damping=(1.0, 1e-2))
+    np.testing.assert_allclose(run.positions, np.broadcast_to(still.positions, run.positions.shape), atol=1e-6)
+
+
 @pytest.mark.slow
 def test_discrete_shells_move_patches_as_boundaries(shell, tip, end):
     model = ms.DiscreteShell(shell)

@@ -54,7 +54,7 @@ class FullIntegrator(Integrator):
     explicit: ClassVar[bool] = False
     """Whether it has a longest stable step, which :meth:`stable_step` returns."""
     takes_live: ClassVar[bool] = False
-    """Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning."""
+    """Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds those expected in its middle."""
     joins: ClassVar[bool] = False
     """Whether it answers forces that are joined by straight lines between its steps' ends with an error of order
     two."""

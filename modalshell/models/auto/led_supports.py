@@ -25,7 +25,7 @@ class LedSupports:
 
     def __init__(self, path: SupportPath) -> None:
         self._path = path
-        looked = [self._parts(float(time)) for time in np.linspace(path.times[0], path.times[-1], _LOOKS)]
+        looked = [self._parts(time) for time in path.samples(_LOOKS).tolist()]
         sizes = np.max([[np.linalg.norm(part) for part in parts] for parts in looked], axis=0)
         self._sizes = np.where(sizes > 0.0, sizes, 1.0).tolist()
         self.count = sum(part.size for part in looked[0])

@@ -13,7 +13,7 @@ from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.crease_motion import CreaseMotion
-from modalshell.models.base.stepper import Stepper
+from modalshell.models.base.stepper import Stepper, halfway
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -46,8 +46,12 @@ class FullStepper(Stepper):
         return CreaseMotion(known, self.setup.damping)
 
     def start(self, positions: Array | None) -> MotionState:
-        """State at rest, moved with the supports to where these are at time 0."""
+        """State at rest, moved with the supports to where these are at time 0; patches begin where positions are."""
         state = super().start(positions)
+        if positions is not None and self._patches:
+            x, led = state.coordinates.copy(), np.concatenate([patch.vertices for patch in self._patches])
+            x[led] = (positions - self.origin)[led]
+            state = self.model.integrator.start(self.model, x)
         state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
         return self._begun(state if self.contacts is None else self.contacts.begin(state))
 
@@ -124,27 +128,27 @@ class FullStepper(Stepper):
             return rule.march(steps_of(steps, model.free_parts, damping), state, dt)
         x, rates = state.coordinates, state.rates
         whole = EulerStart(x, rates, dt, 1.0, rates, x, 0.0, x)
-        body, load, held = self._at(begin, dt, whole, load, begins=not rule.takes_live, model=model)
+        body, load, held = self._at(begin, dt, whole, load, explicit=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
         if self.contacts is not None:
             after = self.contacts.after_explicit(body, after, begin + dt, dt)
         return after, solved
 
     def _at(
-        self, begin: float, dt: float, start: EulerStart, load: Array, *, begins: bool = False, model: Any = None
+        self, begin: float, dt: float, start: EulerStart, load: Array, *, explicit: bool = False, model: Any = None
     ) -> tuple[Any, Array, Array | None]:
-        """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
+        """Model, dead load and held places of a step of implicit Euler; ``explicit`` ones take loads of the middle."""
         model, loading = self.model if model is None else model, self.setup.loading
         time, path = begin + start.end * dt, self._path or self._frame
+        when, state = (begin + 0.5 * dt, halfway(start.origin, start.rates, dt)) if explicit else (time, start.guess)
         if self._path is not None:
             model = model.carried(self._path, (begin, dt), start.near_time, start.end)
-            load = load + self.drag_along(self._path, time, start.guess.coordinates)
+            load = load + self.drag_along(self._path, when, state.coordinates)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
-            state = MotionState(start.origin, start.rates) if begins else start.guess
-            load, _ = self.load_in_frame(time, load, state, start.side)
-        elif loading.live and begins:
-            load = load + loading.live_force(start.origin + self.origin, start.rates, time)
+            load, _ = self.load_in_frame(when, load, state, start.side)
+        elif loading.live and explicit:
+            load = load + loading.live_force(state.coordinates + self.origin, state.rates, when)
         elif loading.live:
             model = model.under(LiveLoads(loading, time, self.origin), start.origin, start.dt)
         return model, load, held

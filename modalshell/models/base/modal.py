@@ -29,7 +29,6 @@ from modalshell.models.base.stepper import ContactStepper, Stepper
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
-from modalshell.statics.error_bar import share_as_text
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable, least_potential
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
@@ -39,8 +38,6 @@ _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
-_FAR_OFF = 0.05
-"""Distance from a start, as a share of its displacement, from which it is reported."""
 _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
@@ -247,8 +244,6 @@ class ModalStepper(ContactStepper):
     _seen: Array | None = None
     _dead: DeadForce | None = None
     """The modal force of the dead load that was seen last, if no other force acts."""
-    _off_start = 0.0
-    """Distance of the state at the start from what was asked for, over the displacement there."""
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
@@ -271,22 +266,14 @@ class ModalStepper(ContactStepper):
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m], as near as its shapes come, refused inside a collider."""
         state = super().start(positions)
-        if positions is not None:
-            own, mass = positions - self.origin, self.model.shell.mass[:, None]
-            off, moved = (mass * (own - x) ** 2 for x in (self.own_positions(state), self.model.shell.rest_positions))
-            self._off_start = float(np.sqrt(off.sum() / max(moved.sum(), 1e-300)))
         if self._contacts is None:
             return state
         return self._contacts.begin(state, None if positions is None else positions - self.origin)
 
     @property
     def note(self) -> str:
-        """What a message says of a start that the modes do not hold, and of the contacts' friction."""
-        note = "" if self._contacts is None else str(self._contacts.note)
-        if self._off_start <= _FAR_OFF:
-            return note
-        off = f"the motion starts {share_as_text(self._off_start)} off the start, as near as its modes come"
-        return f"{off}; {note}" if note else off
+        """What a message says of the contacts' friction."""
+        return "" if self._contacts is None else str(self._contacts.note)
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""

@@ -40,6 +40,11 @@ class Moving(Protocol):
         """The error of a model that takes no contacts."""
 
 
+def halfway(coordinates: Array, rates: Array, dt: float) -> MotionState:
+    """State expected in the middle of a step of ``dt`` [s]: loads there are of order two in it."""
+    return MotionState(coordinates + 0.5 * dt * rates, rates)
+
+
 class Stepper(ABC):
     """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
 
@@ -262,7 +267,7 @@ class ContactStepper(Stepper):
 
 @final
 class DeadLoadStepper(Stepper):
-    """Steps under loads as they are at the beginning of each, without constraints."""
+    """Steps under loads as they are expected in the middle of each, without constraints."""
 
     def __init__(self, model: Moving, setup: MotionSetup, *, in_frame: bool = False) -> None:
         if setup.constraints:
@@ -272,7 +277,9 @@ class DeadLoadStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
         damping, time = self.setup.damping, begin + dt
-        load, drag = self.load_in_frame(time, load, state)
-        pose = None if self._path is None else self._path.at(time)
+        when, middle, pose = begin + 0.5 * dt, halfway(state.coordinates, state.rates, dt), None
+        load, drag = self.load_in_frame(when, load, middle)
+        if self._path is not None:
+            pose, load = self._path.at(time), load + self.drag_along(self._path, when, self.own_positions(middle))
         after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
         return (after if drag is None else self.model.dragged(after, state, dt, damping, *drag)), solved

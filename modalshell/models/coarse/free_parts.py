@@ -12,9 +12,6 @@ from modalshell.integrators.state import MotionState
 from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.shell import Shell
 
-_LEAD = 1e-6
-"""Time [s] about a state over which velocities of the fine surface are differences."""
-
 
 @final
 class ProlongedParts:
@@ -66,7 +63,7 @@ class ProlongedParts:
 
     def momenta(self, x: Array, rates: Array) -> Array:
         """Momenta at coarse positions (k, 3) [m] and velocities (k, 3) [m/s]."""
-        return self._fine.momenta(self._surface.prolong(x), self._velocities(x, rates))
+        return self._fine.momenta(self._surface.prolong(x), self._surface.flow(x, rates))
 
     def wrenches(self, x: Array, load: Array) -> Array:
         """Forces and torques of a load (n, 3) [N] at coarse positions (k, 3) [m]."""
@@ -75,10 +72,6 @@ class ProlongedParts:
     def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
         """``after`` a step from ``before``, brought to its momenta."""
         x = after.coordinates
-        above = MotionState(self._surface.prolong(x), self._velocities(x, after.rates))
+        above = MotionState(self._surface.prolong(x), self._surface.flow(x, after.rates))
         moves = self._fine.moves(self._surface.prolong(before.coordinates), above, first, last, dt)
         return self._coarse.moved(after, moves)
-
-    def _velocities(self, x: Array, rates: Array) -> Array:
-        prolong = self._surface.prolong
-        return np.asarray((prolong(x + _LEAD * rates) - prolong(x - _LEAD * rates)) / (2.0 * _LEAD))

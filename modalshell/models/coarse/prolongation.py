@@ -35,6 +35,8 @@ _INDEPENDENT = 1e-6
 """Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
 _AT = 1e-4
 """Distance, as a share of the farthest neighbour's, within which a coarse vertex alone decides."""
+_LEAD = 1e-6
+"""Longest way of a coarse vertex, in sizes of the surface, over which velocities of the fine one are differences."""
 
 
 def own_triangles(mesh: TriangleMesh) -> tuple[Index, Array]:
@@ -65,7 +67,7 @@ class Prolongation(ReadOnlyArrays):
     """
 
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh, folds: Index | None = None) -> None:
-        self._shape = len(fine.vertices), len(coarse.vertices)
+        self._shape, self._size = (len(fine.vertices), len(coarse.vertices)), coarse.size
         if fine is coarse:  # vertices at one place are still several
             self.distance, self._heights = np.zeros(len(fine.vertices)), np.empty(0)
             self.torn = np.empty(0, dtype=np.int64)
@@ -120,6 +122,14 @@ class Prolongation(ReadOnlyArrays):
         positions = read_only_view(positions)
         _prolong(positions, self._starts, self._columns, self._weights, self._faces, self._under, self._heights, fine)
         return fine
+
+    def flow(self, positions: Array, rates: Array) -> Array:
+        """Fine velocities (n, 3) [m/s] by coarse positions (k, 3) [m] and their rates (k, 3) [m/s]."""
+        largest = float(np.abs(rates).max())
+        if not self._heights.size or largest == 0.0:  # linear
+            return self.prolong(rates)
+        lead = _LEAD * self._size / largest
+        return (self.prolong(positions + lead * rates) - self.prolong(positions - lead * rates)) / (2.0 * lead)
 
     def restrict(self, load: Array) -> Array:
         """Load (n, 3) [N] on the coarse vertices (k, 3): the same force and, on a flat rest shape, torque."""

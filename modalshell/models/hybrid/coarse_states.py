@@ -31,8 +31,6 @@ from modalshell.shell import Shell
 
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_LEAD = 1e-6
-"""Time [s] about a shape over which its velocities are differences."""
 
 
 @final
@@ -71,7 +69,7 @@ class CoarseShape:
 
     def flow(self, z: Array, rates: Array) -> Array:
         """Velocities (n, 3) [m/s]."""
-        return (self.at(z + _LEAD * rates) - self.at(z - _LEAD * rates)) / (2.0 * _LEAD)
+        return self.coarse.flow(self.under(z), self.moved(rates))
 
     def of_moved(self, moved: Array) -> Array:
         """Coordinates (m,) of displacements (k, 3) of the coarse vertices."""

@@ -31,17 +31,17 @@ from modalshell.models.hybrid.training_loads import TrainingLoads
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
-LOADED, RELEASED, DT = 30, 15, 1.0 / 30.0
-"""Frames under the load and after it, and their length [s], but of shells that are far faster or slower."""
-_IN_A_PERIOD = 1.0, 128.0
-"""Frames in a period of the lowest mode, at least and at most."""
+LOADED, RELEASED = 30, 15
+"""Frames under the load and after it."""
+IN_A_PERIOD = 8.0
+"""Frames in a period of the lowest mode."""
 _SIZES = (0.5, 1.2)
 _AROUND = np.radians(30.0)
 """Sizes of the loads over the given one, and largest angle between half of them and it."""
 _POINT = 0.1
 """Size of the additional point force of a third of the loads, relative to the load."""
-_DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
-"""Mass damping [1/s], and stiffness damping [s] of half of the motions."""
+_DRAG, _VISCOSITY = (0.0, 0.1), (9e-3, 0.18)
+"""Damping by the mass over a frame, and by the stiffness in half of the motions, in frames."""
 _HELD_OUT = 10
 """Motions on loads that are not in training, at least."""
 _MOST_FAILED = 0.1
@@ -268,20 +268,15 @@ def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
 
 
 def frame_length(eigenvalue: float) -> float:
-    """Length of a frame [s] of a shell by its lowest eigenvalue [1/s^2].
-
-    Of a shell of steel a frame may be several periods, in which it snaps to and fro; of a huge one they all may be less
-    than the time that the load takes to bend it. There training does not depend on the unit of time.
-    """
+    """Length of a frame [s] of a shell by its lowest eigenvalue [1/s^2]: whatever its size, and the unit of time."""
     period = 2.0 * np.pi / np.sqrt(max(eigenvalue, np.finfo(np.float64).tiny))
-    fewest, most = _IN_A_PERIOD
-    return float(min(max(DT, period / most), period / fewest))
+    return float(period / IN_A_PERIOD)
 
 
-def random_damping(rng: np.random.Generator, dt: float = DT) -> Damping:
+def random_damping(rng: np.random.Generator, dt: float) -> Damping:
     """Damping by the mass and, half of the time, by the stiffness, for frames of ``dt`` [s]."""
     drag, viscosity = rng.uniform(*_DRAG), np.exp(rng.uniform(*np.log(_VISCOSITY)))
-    return Damping(drag * (DT / dt), viscosity * (dt / DT) if rng.random() < 0.5 else 0.0)
+    return Damping(drag / dt, viscosity * dt if rng.random() < 0.5 else 0.0)
 
 
 def motion_under(
