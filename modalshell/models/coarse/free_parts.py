@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -13,7 +14,16 @@ from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.shell import Shell
 
 _LEAD = 1e-6
-"""Time [s] about a state over which velocities of the fine surface are differences."""
+"""Move about a state, as a share of the shell's size, over which velocities of the fine surface are differences."""
+
+
+def flow(shape: Callable[[Array], Array], at: Array, rates: Array, speed: float, size: float) -> Array:
+    """Velocities (n, 3) [m/s] of the positions of a ``shape`` at coordinates that change by ``rates``.
+
+    ``speed`` [m/s] is the largest of the coarse vertices, and ``size`` [m] that of the shell.
+    """
+    lead = _LEAD * size / (speed or 1.0)
+    return np.asarray((shape(at + lead * rates) - shape(at - lead * rates)) / (2.0 * lead))
 
 
 @final
@@ -23,8 +33,10 @@ class ProlongedParts:
     The fine surface moves rigidly where the coarse one does, so that rigid moves of the one are those of the other.
     """
 
-    def __init__(self, fine: FreeParts, coarse: FreeParts, surface: Prolongation, masses: tuple[Array, Array]) -> None:
-        self._fine, self._coarse, self._surface = fine, coarse, surface
+    def __init__(
+        self, fine: FreeParts, coarse: FreeParts, surface: Prolongation, masses: tuple[Array, Array], size: float
+    ) -> None:
+        self._fine, self._coarse, self._surface, self._size = fine, coarse, surface, size
         own, spread = masses
         self._missing = np.zeros_like(own)
         """What the coarse shell's mass, scaled to that of the fine one, is above the weights of a load by mass [kg]."""
@@ -46,7 +58,8 @@ class ProlongedParts:
         if sorted(order) != list(range(len(order))):
             return None
         matched = FreeParts(tuple(under.parts[number] for number in order))
-        return cls(fine, matched, surface, (np.asarray(coarse.mass), np.asarray(weights.T @ shell.mass)))
+        masses = np.asarray(coarse.mass), np.asarray(weights.T @ shell.mass)
+        return cls(fine, matched, surface, masses, shell.mesh.moment_length)
 
     @property
     def under(self) -> FreeParts:
@@ -80,5 +93,4 @@ class ProlongedParts:
         return self._coarse.moved(after, moves)
 
     def _velocities(self, x: Array, rates: Array) -> Array:
-        prolong = self._surface.prolong
-        return np.asarray((prolong(x + _LEAD * rates) - prolong(x - _LEAD * rates)) / (2.0 * _LEAD))
+        return flow(self._surface.prolong, x, rates, float(np.abs(rates).max()), self._size)

@@ -23,7 +23,7 @@ from modalshell.integrators.full.composite import no_middle
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.coarse.free_parts import ProlongedParts
+from modalshell.models.coarse.free_parts import ProlongedParts, flow
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.reduction.free_flight import Anchored, ReducedFlight, frames_of
 from modalshell.modes.rigid import left_free, rigid_motions
@@ -31,8 +31,6 @@ from modalshell.shell import Shell
 
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_LEAD = 1e-6
-"""Time [s] about a shape over which its velocities are differences."""
 
 
 @final
@@ -71,7 +69,8 @@ class CoarseShape:
 
     def flow(self, z: Array, rates: Array) -> Array:
         """Velocities (n, 3) [m/s]."""
-        return (self.at(z + _LEAD * rates) - self.at(z - _LEAD * rates)) / (2.0 * _LEAD)
+        speed, size = float(np.abs(self.moved(rates)).max()), self.shell.mesh.moment_length
+        return flow(self.at, z, rates, speed, size)
 
     def of_moved(self, moved: Array) -> Array:
         """Coordinates (m,) of displacements (k, 3) of the coarse vertices."""
