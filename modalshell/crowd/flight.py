@@ -91,7 +91,7 @@ class Flight:
         self.crowd.step(dt, felt=felt, forcing=forcing)
 
     def count_from(self, time: float) -> None:
-        """Let a ``time`` [s] of the flight be 0: noise and wing beats go on from there, the target begins."""
+        """Let a ``time`` [s] of the flight be 0: its noise and wing beats continue, and its target begins."""
         self.flock.noise_offsets = self.flock.noise_offsets + self.flock.noise_frequency * time
         self.phases = self.phases + 2.0 * np.pi * self.flap.frequency * time
         self.flock.time = 0.0
