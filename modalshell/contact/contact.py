@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
@@ -15,9 +16,6 @@ from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 from modalshell.supports import Pose, SupportPath
-
-_LEAD = 1e-6
-"""Share of the time of its path over which the velocity of a collider is a difference."""
 
 
 @final
@@ -36,6 +34,14 @@ class _RelativePath:
             turn, place = pose.rotation, pose.to_world(place)
         return Pose(frame.rotation.T @ turn, frame.to_shell(place)[0], none, none, none, none, none)
 
+    def velocities(self, own: Array, time: float) -> Array:
+        """Velocities (n, 3) [m/s] in the frame of what rests in the collider at points (n, 3) [m] of its own axes."""
+        frame, place, speed = self._frame.at(time), own, np.zeros_like(own)
+        if self._path is not None:
+            pose = self._path.at(time)
+            place, speed = pose.to_world(own), pose.world_velocities(own, speed)
+        return (speed - frame.world_velocities(frame.to_shell(place), np.zeros_like(own))) @ frame.rotation
+
 
 @final
 class _Stopped:
@@ -44,7 +50,7 @@ class _Stopped:
     times = np.array([0.0, 1.0])
 
     def __init__(self, pose: Pose) -> None:
-        self._pose = pose
+        self._pose = replace(pose, turn_rate=np.zeros(3), velocity=np.zeros(3))
 
     def at(self, time: float) -> Pose:  # noqa: ARG002 (it is always there)
         """Where it is."""
@@ -156,10 +162,12 @@ class Contact(ReadOnlyArrays):
         """Velocity (n, 3) [m/s] of the collider at points (n, 3) [m]."""
         if self.motion is None:
             return self.collider.velocity(x, t)
-        pose, lead = self.motion.at(t), _LEAD * float(self.motion.times[-1] - self.motion.times[0])
+        pose = self.motion.at(t)
         own = pose.to_shell(x)
-        before, after = (self.motion.at(t + side * lead).to_world(own) for side in (-1.0, 1.0))
-        return np.asarray((after - before) / (2.0 * lead) + self.collider.velocity(own, t) @ pose.rotation.T)
+        moves, led = self.collider.velocity(own, t), self.motion
+        if isinstance(led, _RelativePath):
+            return np.asarray(led.velocities(own, t) + moves @ pose.rotation.T)
+        return pose.world_velocities(own, moves)
 
     def way(self, x: Array, t: float, dt: float) -> Array:
         """Way (n, 3) [m] of the collider's material that is at points (n, 3) [m] from ``t`` to ``t + dt`` [s]."""

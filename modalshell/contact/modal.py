@@ -280,7 +280,7 @@ class ModalContacts:
             return base, local, gaps, least
         kernels.local_shape(*pushed, self.spins.vectors(q), local)
         gaps = touching.distances(base + local)
-        return base, local, gaps, float(gaps.min())
+        return base, local, gaps, float(gaps.min(initial=np.inf))
 
     def surface(self) -> Any:
         """What compiled frames read of the surface: its tiles, stored shapes, vertices and contacts of all rows."""

@@ -105,14 +105,6 @@ class TouchingSteps:
         """Whether layers meet on the straight way from x to y, both (n, 3)."""
         return self.layers is not None and self.layers.free_part(x, y) < 1.0
 
-    def passed(self, x: Array, y: Array, time: float) -> bool:
-        """Whether a vertex came from x (n, 3) to y (n, 3) through a collider as it is at ``time`` [s]."""
-        least = min((contact.collider.smallest_radius for contact in self.now.contacts), default=np.inf)
-        parts = float(np.sqrt(np.sum((y - x) ** 2, axis=1).max())) / least
-        if not parts > 1.0:
-            return False
-        return any(self.enters(x + share * (y - x), time) for share in np.linspace(0.0, 1.0, min(int(parts) + 2, 32)))
-
     def go_on(self, begin: float) -> None:
         """Forget what was given since ``begin`` [s], where a step begins, and before its frame."""
         within, near = begin / self._dt % 1.0, _SAME * self._dt

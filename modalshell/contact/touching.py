@@ -28,8 +28,8 @@ _PASSABLE = 0.5
 """Way into a collider, in its smallest radius, that an iteration may take a vertex."""
 _PASSED = 0.1
 """Depth, in a collider's smallest radius, at which a straight way leads through it: vertices slide along curves."""
-_LOOKS = 64
-"""Places at most at which a straight way is looked at."""
+_LOOKS = 256
+"""Places at most at which a straight way is looked at: far from a collider few serve."""
 _ALIGNED = 0.9
 """Cosine between normals of one vertex above which its deeper row alone is taken in."""
 _SWEEPS = 20
@@ -232,20 +232,32 @@ class Touching:
         return part
 
     def crossed(self, x: Array, moved: Array) -> bool:
-        """Whether the straight way from x to ``moved``, both (n, 3), leads a vertex through a collider."""
+        """Whether the straight way from x to ``moved``, both (n, 3), leads a vertex through a collider.
+
+        A vertex is looked at as far on as the collider is from it, or by half the collider's smallest radius.
+        """
+        most = np.sqrt(3.0) * float(np.abs(moved - x).max(initial=0.0))  # no way is longer
         for index, contact in enumerate(self.contacts):
-            vertices = self.vertices[self.of_contact(index)]
             radius = contact.collider.smallest_radius
-            if not (np.isfinite(radius) and vertices.size):
+            if not _PASSABLE * radius < most < np.inf:
                 continue
+            vertices = self.vertices[self.of_contact(index)]
             begin, way = x[vertices], moved[vertices] - x[vertices]
-            longest = float(np.linalg.norm(way, axis=1).max())
-            looks = min(_LOOKS, int(longest / (_PASSABLE * radius)))
-            for share in np.arange(1, looks + 1) / (looks + 1):
-                points = self._in_world(begin + share * way)
-                if contact.distance(points, self.time).min() < -_PASSED * radius:
+            length, gone = np.linalg.norm(way, axis=1), np.zeros(vertices.size)
+            for look in range(_LOOKS):
+                left = np.flatnonzero(gone < length - (0.0 if look else _PASSABLE * radius))
+                if not left.size:
+                    break
+                points = self._in_world(begin[left] + (gone[left] / length[left])[:, None] * way[left])
+                gap = contact.distance(points, self.time)
+                if look and gap.min() < -_PASSED * radius:
                     return True
+                gone[left] += np.maximum(gap, _PASSABLE * radius)
         return False
+
+    def passed(self, x: Array, moved: Array) -> bool:
+        """The same of a step in time, but for one that begins where colliders have moved to in it."""
+        return self.crossed(x, moved) and float(self.distances(x).min(initial=0.0)) >= -INSIDE * self.size
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
         """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""

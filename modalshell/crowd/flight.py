@@ -90,6 +90,12 @@ class Flight:
         forcing = self.flap.forcing(self.flock.time, self.phases, felt, strength)
         self.crowd.step(dt, felt=felt, forcing=forcing)
 
+    def count_from(self, time: float) -> None:
+        """Let a ``time`` [s] of the flight be 0: its noise and wing beats continue, and its target begins."""
+        self.flock.noise_offsets = self.flock.noise_offsets + self.flock.noise_frequency * time
+        self.phases = self.phases + 2.0 * np.pi * self.flap.frequency * time
+        self.flock.time = 0.0
+
     def page(
         self,
         *,

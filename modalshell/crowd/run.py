@@ -119,17 +119,17 @@ class FlockRun(SceneRun[FlightResult]):
         demand_disk(f"a flight of {frames} frames", size, self.folder, "store fewer (store_every)")
         file.begin(self.identity, [*fields, ("seconds", "<f8")], restart)
         resumed, watch, before = file.count, Stopwatch(), 0.0
+        for step in range(1, 1 + (0 if resumed else self._warm_up)):
+            flight.advance(table.dt)
+            film.choose_levels()
+            if on_step is not None:
+                on_step(step, self._total)
+        flight.count_from(self._warm_up * table.dt)
         if resumed:
             last = file.records()[-1]
             flight.restore({name: last[name] for name in start})
             before = float(last["seconds"])
         else:
-            for step in range(1, self._warm_up + 1):
-                flight.advance(table.dt)
-                film.choose_levels()
-                if on_step is not None:
-                    on_step(step, self._total)
-            flight.flock.time = 0.0
             file.append({**flight.snapshot(), "seconds": 0.0})
             watch = Stopwatch()
         for step in range((file.count - 1) * table.store_every + 1, self._steps + 1):

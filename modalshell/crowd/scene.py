@@ -169,6 +169,10 @@ class FlockScene(Scene):
             ),
         }
         refused["output.fields, output.color: a flock has no fields"] = bool(self.output.fields or self.output.color)
+        refused["motion.tolerance: a flock takes whole steps"] = self.motion.tolerance is not None
+        refused["output.look, output.camera: those of a flock are in flock.camera"] = (
+            self.output.look != "stage" or self.output.camera != "still"
+        )
         for text, wrong in refused.items():
             if wrong:
                 raise SceneError(f"{self.file}: {text}")

@@ -59,7 +59,7 @@ def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, 
 
 
 def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Springs:
-    """Springs that approximate a shell's energies.
+    """Springs that approximate a shell's energies, about its shape without stress.
 
     Edges take the shell's shear stiffness exactly (``2 k_h / l0``); the area energy is left out. A spring across a
     hinge takes the stiffness at which it holds the energy of the hinge, ``k_f dtheta^2 l0 / h0``, for a change of the
@@ -89,10 +89,10 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     weights = {element.name: element for element in shell.elements}
     if "flexure" not in weights or "shear" not in weights:
         raise MaterialError("springs can be made from a shell with shear and flexure only (got one of springs?)")
-    distances = _far_distances(shell.mesh, fold)
+    distances = _far_distances(shell.rest_mesh, fold)
     energy = weights["flexure"].weight * fold**2
     change = np.mean((distances[1:] - distances[0]) ** 2, axis=0)
-    return mesh_springs(shell.mesh, 2.0 * weights["shear"].weight, 2.0 * energy / change)
+    return mesh_springs(shell.rest_mesh, 2.0 * weights["shear"].weight, 2.0 * energy / change)
 
 
 def _far_distances(mesh: TriangleMesh, change: float) -> Array:

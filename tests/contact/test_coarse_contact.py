@@ -202,6 +202,25 @@ def test_fast_colliders_and_starts_inside_are_refused(models):
             ms.simulate(models[name], duration=0.2, contacts=[inside], **GIVEN)
 
 
+@pytest.mark.by_default("MWTS")
+@pytest.mark.parametrize("name", ["coarse DS", "MWTS", "MD-ROM"])
+def test_models_in_the_frame_of_supports_say_that_these_lead_vertices_into_a_collider(name):
+    """DS alone said it."""
+    fine, coarse = shell_of((10, 2)), shell_of((6, 1))
+    way = ms.SupportPath([0.0, 0.1], [(0.0, 0.0, 0.0), (0.0, 0.0, -0.01)])
+    model = {
+        "coarse DS": lambda: ms.CoarseDiscreteShell(fine, coarse),
+        "MWTS": lambda: ms.ModalWarping(ms.solve_modes(fine, 4)),
+        "MD-ROM": lambda: ms.ModalDerivatives(fine, count=3),
+    }[name]()
+    low, high = (ms.Contact(ms.Plane((0, 0, 1), -height)) for height in (0.005, 0.02))
+    told, fine_there = (
+        ms.simulate(model, duration=0.1, dt=1 / 60, contacts=[one], supports=way).message for one in (low, high)
+    )
+    assert "supports lead vertices into contact 0, which does not push on these" in told
+    assert "lead vertices" not in fine_there
+
+
 @pytest.mark.slow
 def test_a_motion_says_how_deep_vertices_between_coarse_ones_are():
     fine = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))

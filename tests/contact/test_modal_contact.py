@@ -289,3 +289,21 @@ def test_derivatives_along_a_common_normal_are_those_along_three_axes(basis):
     assert np.allclose(normal, planes[0].gap(np.zeros((1, 3)), 0.5)[1][0], rtol=0.0, atol=1e-15)
     assert normal_of([planes[0], ms.Contact(ms.Plane())], 0.5) is None
     assert normal_of([ms.Contact(ms.Sphere((0.0, 0.0, 0.0), 1.0))], 0.0) is None
+
+
+@pytest.mark.by_default("MWTS")
+@pytest.mark.parametrize("name", [*MODELS, "MD-ROM", "linear_implicit"])
+def test_a_step_that_leads_through_a_ball_is_told(shell, basis, name):
+    """A ball lies between two frames of the tip; such motions ended as completed, but for those of DS."""
+    if name in MODELS:
+        model = MODELS[name](basis)
+    else:
+        kept = {"integrator": name} if name == "linear_implicit" else {"count": 4}
+        model = (ms.DiscreteShell if name == "linear_implicit" else ms.ModalDerivatives)(shell, **kept)
+    given = {"duration": 0.4, "dt": 1 / 15, "gravity": (0.0, 0.0, -30.0)}
+    tip = ms.simulate(model, **given).positions[:, np.argmax(shell.rest_positions @ [1.0, -1e-3, 0.0])]
+    frame = int(np.argmax(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
+    ball = ms.Contact(ms.Sphere(0.5 * (tip[frame] + tip[frame + 1]), 5e-3))
+    run = ms.simulate(model, contacts=[ball], **given)
+    assert not run.in_contact[: frame + 2].any()
+    assert "of 6 steps did not converge" in run.message

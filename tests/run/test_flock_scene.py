@@ -73,6 +73,17 @@ def test_a_stopped_flight_goes_on_to_the_same_frames(tmp_path):
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
+def test_a_flight_goes_on_from_its_warm_up(tmp_path):
+    """The noise of its speeds began anew at time 0, and the first step of a film threw the birds about."""
+    scene = small(speed_variation=0.5)
+    flock = msgspec.structs.replace(scene.flock, warm_up=1.0)
+    motion = msgspec.structs.replace(scene.motion, duration=0.1, store_every=1)
+    result = ms.run_scene(replace(scene, flock=flock, motion=motion), out=tmp_path)
+    with np.load(result.files[0]) as stored:
+        pushed = np.linalg.norm(stored["accelerations"], axis=2).max(axis=1)
+    assert pushed[1] < 1.2 * pushed[[0, 2]].max()
+
+
 @pytest.mark.slow
 def test_threads_fly_the_same(tmp_path):
     one, two = (ms.run_scene(small(threads=count), out=tmp_path / str(count)) for count in (1, 2))
@@ -132,6 +143,8 @@ def test_the_camera_keeps_the_flock_in_view(tmp_path):
         ("size = [960, 540]", "size = [961, 540]", "flock.camera: the size of a film must be even"),
         ("target = [0.0, 0.0, -0.45]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
         ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
+        ("store_every = 2", "store_every = 2\ntolerance = 1e-3", "motion.tolerance: a flock takes whole steps"),
+        ('positions = "float32"', 'camera = "follow"', "output.camera: those of a flock are in flock.camera"),
         ("times = [0.0, 2.5", "times = [3.0, 2.5", "times must increase"),
     ],
 )

@@ -103,7 +103,7 @@ class ContactMotion:
                 after, solved, reached = free()
             if not (steps.enters(reached, end) or steps.meet(x, reached)):
                 steps.pushes[:] = 0.0
-                return self._kept(after), solved and not steps.passed(x, reached, end)
+                return self._kept(after), solved and not steps.now.at(end).passed(x, reached)
         loads, was = np.zeros_like(x), steps.pushes
 
         def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
@@ -150,14 +150,19 @@ class ContactMotion:
                 break
         return None
 
-    def after_explicit(self, model: Any, after: MotionState, time: float, dt: float) -> MotionState:
-        """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back."""
+    def after_explicit(
+        self, model: Any, before: Array, after: MotionState, time: float, dt: float
+    ) -> tuple[MotionState, bool]:
+        """The end of an explicit step of ``dt`` [s] at ``time`` [s], with what entered put back.
+
+        And whether it did not lead through a collider from where it was ``before`` (n, 3) [m].
+        """
         drag = dt * self._setup.damping.mass_factor if isinstance(self._rule, LinearisedEuler) else 0.0
         x, rates = self.steps.projected(after.coordinates, after.rates, time, dt, drag)
         memory = after.memory
         if "force" in memory and x is not after.coordinates:  # that of where it was
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}
-        return self._kept(MotionState(x, rates, memory))
+        return self._kept(MotionState(x, rates, memory)), not self.steps.now.passed(before, x)
 
     def _kept(self, state: MotionState, given: dict[str, Array] | None = None) -> MotionState:
         """A state with the contact forces that the next step needs, and what contacts have ``given`` in this one."""

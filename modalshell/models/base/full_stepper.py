@@ -13,7 +13,7 @@ from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.crease_motion import CreaseMotion
-from modalshell.models.base.stepper import Stepper, halfway
+from modalshell.models.base.stepper import Stepper, halfway, led_into
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -77,11 +77,10 @@ class FullStepper(Stepper):
         moved = self._path or self._frame
         if remark or self.contacts is None or not (self._patches or moved):
             return remark
-        held = self.model.shell.clamped if moved else np.empty(0, dtype=np.int64)
+        held = np.flatnonzero(self.model.shell.clamped) if moved else np.empty(0, dtype=np.int64)
         led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
         inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)
-        who = "constraints" if self._patches else "supports"
-        return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
+        return led_into("constraints" if self._patches else "supports", inside)
 
     def further_energy(self, state: MotionState) -> float:
         """Energy [J] of the barrier of self-contact in a state."""
@@ -131,7 +130,8 @@ class FullStepper(Stepper):
         body, load, held = self._at(begin, dt, whole, load, explicit=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
         if self.contacts is not None:
-            after = self.contacts.after_explicit(body, after, begin + dt, dt)
+            after, outside = self.contacts.after_explicit(body, x, after, begin + dt, dt)
+            return after, solved and outside
         return after, solved
 
     def _at(

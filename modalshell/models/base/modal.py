@@ -310,8 +310,7 @@ class ModalStepper(ContactStepper):
 
         if contacts is not None and contacts.touched(state):
             return self._pressed(state, force, (begin, dt), load)
-        rule = model.integrator
-        after, solved = model.march(state, dt, force, damping, end)
+        rule, (after, solved) = model.integrator, model.march(state, dt, force, damping, end)
         if last and ("force" in after.memory or rule.forced_at < 1.0) and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
             after, solved = model.euler_step(state, dt, pushed, damping)
@@ -324,11 +323,12 @@ class ModalStepper(ContactStepper):
             after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
-        if contacts is not None:
-            after = contacts.clear(after)
-            if (gaps := contacts.enters(self.loaded_positions(after), begin + dt)) is not None:
-                return self._pressed(state, force, (begin, dt), load, gaps)
-        return after, solved
+        if contacts is None:
+            return after, solved
+        after, places = contacts.clear(after), self.loaded_positions
+        if (gaps := contacts.enters(places(after), begin + dt)) is not None:
+            return self._pressed(state, force, (begin, dt), load, gaps)
+        return after, solved and not contacts.touching.passed(places(state), places(after))
 
     def _pressed(
         self, state: MotionState, force: ForceInTime, when: tuple[float, float], load: Array, gaps: Array | None = None

@@ -13,7 +13,7 @@ from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import given_back
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.steps import refuse_fast
-from modalshell.contact.touching import checked_contacts
+from modalshell.contact.touching import Touching, checked_contacts
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.state import PUSHES, MotionState
@@ -56,6 +56,11 @@ class PressedMotion(ABC):
     @staticmethod
     def _memory(pressed: Pressed) -> dict[str, Array]:
         return {LOCAL: pressed.local, PUSHES: pressed.pushes, BEYOND: np.array([pressed.energy])}
+
+    @property
+    def touching(self) -> Touching:
+        """The contacts at the time that was looked at last."""
+        return self._pressing.touching
 
     def begin(self, state: MotionState, positions: Array | None = None) -> MotionState:
         """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these.

@@ -218,6 +218,11 @@ class Stepper(ABC):
         return placed[shell.clamped]
 
 
+def led_into(who: str, inside: Sequence[int]) -> str:
+    """What is said of those ``who`` lead vertices into colliders, which are ``inside`` these contacts; "" of none."""
+    return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
+
+
 class ContactStepper(Stepper):
     """Steps with contacts, which may press vertices in beyond what the model's own coordinates give."""
 
@@ -235,6 +240,14 @@ class ContactStepper(Stepper):
     def loaded_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
         return super().own_positions(state)
+
+    def remark(self, state: MotionState, time: float) -> str:
+        """Message about a state at ``time`` [s]: of the model, or that supports lead vertices into a collider."""
+        remark = super().remark(state, time)
+        if remark or self._contacts is None or self._frame is None:
+            return remark
+        held = np.flatnonzero(self.shell.clamped)
+        return led_into("supports", self._contacts.touching.at(time).inside(self.own_positions(state), held))
 
     def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state, without those of what contacts press in."""

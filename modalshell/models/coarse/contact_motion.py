@@ -35,6 +35,11 @@ class CoarseContactMotion:
         self._motion = ContactMotion(model.integrator, setup, coarse, origin, contacts=own)
 
     @property
+    def touching(self) -> Touching:
+        """The contacts of the fine vertices."""
+        return self._fine
+
+    @property
     def note(self) -> str:
         """What a message says of friction."""
         return self._motion.note

@@ -279,8 +279,9 @@ class ReducedContactMotion(PressedMotion):
         pressing.at(begin + dt)
         if not kept[PUSHES].any():
             after, solved = model.march(own, dt, load_at, damping)
-            if not pressing.touched(pressing.gaps(model.positions(after))):
-                return self.clear(after), solved
+            reached = model.positions(after)
+            if not pressing.touched(pressing.gaps(reached)):
+                return self.clear(after), solved and not pressing.touching.passed(model.positions(own), reached)
         first = Pressed(state.coordinates, kept[LOCAL], kept[PUSHES], False)
         given = model, (pressing, damping, self._goal), first, load_at, (begin, dt)
         rule, pushed = model.integrator, kept[PUSHES].any()
