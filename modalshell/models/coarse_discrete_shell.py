@@ -10,6 +10,7 @@ from typing import Any, Self, final
 
 import numpy as np
 import scipy.sparse as sps
+import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
@@ -34,7 +35,7 @@ from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import Factoriser
 from modalshell.modes.rigid import left_free
-from modalshell.shell import Shell
+from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.strain_range import ends_strained
 from modalshell.supports.constraints import Constraint
@@ -314,6 +315,25 @@ class CoarseDiscreteShell(OnCoarse):
                 return moved, True
         after, solved = ShellSteps(self.coarse, lambda _: (self.coarse, down, None), damping).solve(start)
         return after.coordinates, solved
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The loads' fall ``-D (v - v_n)`` taken at the step's end, against inertia and the tangent stiffness there."""
+        shell, unknowns = self.coarse.shell, self.coarse.shell.unknowns
+        rows = sps.csr_array(sps.kron(self.weights[vertices], sps.eye_array(3)))
+        each = np.arange(len(drag) + 1)
+        whole = sps.csr_array(rows.T @ sps.bsr_array((dt * drag, each[:-1], each)) @ rows)
+        fall = sps.csc_array(unknowns.restrict(sps.csr_array(unknowns.restrict(whole).T)).T)
+        inertia = sps.diags_array((1.0 + dt * damping.mass_factor) * unknowns.masses(shell.mass))
+        data = shell.hessian(state.coordinates, GAUSS_NEWTON)
+        stiffness = dt * (dt + damping.stiffness_factor) * shell.pattern.free_matrix(data)
+        inner = stiffness.shape[0] - unknowns.count  # the energy's internal unknowns, without mass
+        matrix = stiffness + sps.block_diag([fall + inertia, sps.csc_array((inner, inner))])
+        lost = np.concatenate([fall @ unknowns.values((state.rates - before.rates).ravel()), np.zeros(inner)])
+        change = spla.spsolve(sps.csc_array(matrix), lost)[: unknowns.count]
+        rates = state.rates - unknowns.prolong(change).reshape(state.rates.shape)
+        return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 
     def carried(self, load: Array) -> Array:
         """Load (k, 3) [N] on the coarse vertices in motion of one on the fine ones (n, 3) [N]."""

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_callback, checked_kind
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Index, Progress
 from modalshell.integrators.full import BDF2, FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import PRESSED, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import LoadAt, implicit_rule
+from modalshell.models.base.implicit import LoadAt, implicit_rule, slowed
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -33,7 +33,7 @@ from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import SMALL, Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
-from modalshell.shell import EXACT, Shell
+from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.dense import force_scaling
@@ -328,6 +328,15 @@ class HybridStress(OnCoarse):
     def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:
         """Coordinates z (m,) after a step of implicit Euler; not solved where the trained model does not hold it."""
         return self._moving.euler_step(start, load, damping)
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The loads' fall ``-D (v - v_n)`` taken at the step's end."""
+        z = before.coordinates
+        rows = np.asarray(self.coarse.weights[vertices] @ self._basis.reshape(len(self._shape.rest), -1))
+        stiffness = self._statics(np.zeros_like(z)).linearise(z, GAUSS_NEWTON)[1]
+        return slowed(state, before, dt, damping, stiffness, rows.reshape(-1, 3, z.size), drag)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (m,) of the coordinates."""

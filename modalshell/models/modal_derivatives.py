@@ -23,7 +23,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.bars import bar_on_shell
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
+from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule, slowed
 from modalshell.models.base.model import probes
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.base.setup import MotionSetup
@@ -291,12 +291,7 @@ class ModalDerivatives(ImplicitModel):
         """The reduced forces' fall ``-D (v - v_n)`` taken at the step's end."""
         z = before.coordinates
         rows = self._vectors.reshape(-1, 3, z.size)[vertices]
-        stiffness = self.energy.hessian(z, GAUSS_NEWTON)[2]
-        inertia = np.eye(z.size) * (1.0 + dt * damping.mass_factor)
-        inertia += dt * (dt + damping.stiffness_factor) * stiffness
-        whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
-        rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
-        return MotionState(state.coordinates + dt * (rates - state.rates), rates)
+        return slowed(state, before, dt, damping, self.energy.hessian(z, GAUSS_NEWTON)[2], rows, drag)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

@@ -325,6 +325,7 @@ RUNGS = {
     "consistent MWTS": lambda shell: ms.ModalWarping(ms.solve_modes(shell, 8), consistent_force=True),
     "RSW": lambda shell: ms.RotationStrain(ms.solve_modes(shell, 8)),
     "MD-ROM": lambda shell: ms.ModalDerivatives(shell, 4),
+    "coarse DS": lambda shell: ms.CoarseDiscreteShell(shell, shell),
 }
 MILD = {
     "moment": ms.EdgeMoment(END, 0.02),

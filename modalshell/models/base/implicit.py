@@ -17,11 +17,14 @@ from modalshell.integrators.full.implicit_rule import EulerStart, Floating, Load
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.model import FrameModel
 from modalshell.models.base.setup import MotionSetup
-from modalshell.models.base.stepper import ContactStepper, Drag, Stepper
+from modalshell.models.base.stepper import LEAD, ContactStepper, Drag, Stepper
 from modalshell.shell.damping import Damping
 
 LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
 """The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""
+_STRAIGHT = 0.1
+"""Largest turn [rad] of a correction for this fall that is taken straight on, not solved for: it stretches by half of
+its square."""
 
 
 def implicit_rule(choice: str | FullIntegrator) -> ImplicitRule:
@@ -31,6 +34,21 @@ def implicit_rule(choice: str | FullIntegrator) -> ImplicitRule:
         kept = [key for key, kind in FullIntegrator.known.items() if issubclass(kind, ImplicitRule)]
         raise OptionError(f"integrator must be one of {', '.join(kept)} for this model (got {rule.key!r})")
     return rule
+
+
+def slowed(
+    state: MotionState, before: MotionState, dt: float, damping: Damping, stiffness: Array, rows: Array, drag: Array
+) -> MotionState:
+    """``state`` (m,) after a step from ``before``, with the fall ``-D (v - v_n)`` of the loads taken at its end.
+
+    Coordinates are orthonormal in the norm of the mass, ``stiffness`` (m, m) is their tangent, ``rows`` (k, 3, m)
+    take rates to velocities of the vertices of ``drag`` (k, 3, 3) [N s/m].
+    """
+    inertia = np.eye(len(stiffness)) * (1.0 + dt * damping.mass_factor)
+    inertia += dt * (dt + damping.stiffness_factor) * stiffness
+    whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+    rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
+    return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 
 
 class ImplicitModel(FrameModel):
@@ -103,13 +121,21 @@ class ModelSteps(LoadedSteps):
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
         load, drag = self._load_at(start)
-        self._load = load
-        coordinates, solved = self._model.euler_step(start, load, self._damping)
+        self._load, model = load, self._model
+        coordinates, solved = model.euler_step(start, load, self._damping)
         after = start.after(coordinates)
-        if drag is not None:
-            expected = MotionState(start.origin, start.expected_rates)
-            after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
-        return after, solved
+        if drag is None:
+            return after, solved
+        vertices, slopes = drag
+        slower = model.dragged(after, MotionState(start.origin, start.expected_rates), start.dt, self._damping, *drag)
+        if model.turn(after.coordinates, slower.coordinates - after.coordinates) <= _STRAIGHT:
+            return slower, solved
+        less = MotionState(after.coordinates, slower.rates - start.expected_rates)
+        speeds = model.velocities(less, model.positions(less), LEAD * start.dt)[vertices]
+        self._load = load.copy()
+        np.subtract.at(self._load, vertices, (slopes @ speeds[:, :, None])[:, :, 0])
+        coordinates, solved = model.euler_step(start, self._load, self._damping)
+        return start.after(coordinates), solved
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
