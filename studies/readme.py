@@ -50,8 +50,8 @@ python -m studies.benchmarks.ranks --rows 256 --columns 256
 ```
 
 The first measures this machine against plain NumPy and SciPy in one run (`--quick` leaves out 100,000 vertices);
-[benchmarks/results.md](benchmarks/results.md) has all its tables from one run on a 2-core AMD machine (Zen 3, AVX2),
-with CHOLMOD and PARDISO (`pip install cvxopt pypardiso`), some from processors with AVX-512, devices from a GPU. The
+[benchmarks/results.md](benchmarks/results.md) has its tables from one run on a 2-core AMD machine (Zen 3, AVX2) with
+CHOLMOD and PARDISO (`pip install cvxopt pypardiso`), and some again from processors with AVX-512 and a GPU. The
 second steps a sheet of springs over MPI ranks (extra `mpi`): on a 2-core machine a step of 256 x 256 masses to 1e-12
 took 8.7, 6.2 and 6.5 s on 1, 2 and 4 ranks, and 6.1 and 3.3 s on one and two threads of one process. Ranks gain memory
 there, not time.

@@ -58,8 +58,11 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
         If there are more birds, modes or shapes of a motion than a browser takes.
     """
     own: Page | None = scene.own_page()
+    if own is not None:
+        return own
+    made = _ShellPage(scene.require_shell(), on_step)
     with scene.unit_system.said():
-        return own or _ShellPage(scene.require_shell(), on_step).page()
+        return made.page()
 
 
 class _ShellPage:

@@ -20,7 +20,7 @@ def refuse_bodies(mesh: TriangleMesh, turned: Array, balls: tuple[Array, Array])
 
     Its surface crosses itself, a body's normals point inward though it is no hollow of another, or bodies overlap.
     ``turned`` (T, 3) are normals of its triangles, of twice their areas [m^2], and ``balls`` (T, 3) and (T,) the
-    centres and radii [m] of balls about these.
+    centres and radii [m] of balls about the triangles.
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     inner = vertices - vertices.mean(axis=0)

@@ -34,7 +34,8 @@ class ContactEstimator(Estimator):
     on the motions that keep the gaps, forces that turn with curved surfaces softening the shell there.
 
     Colliders are as they are at time 0. On ``led`` vertices, which constraints lead, contacts do not push. Contacts
-    with friction raise OptionError, unless loads have it in them: ``rubbed``.
+    with friction raise OptionError, unless loads have it in them: ``rubbed``. ``unsettled`` says whether what touches
+    did not settle at the last bar.
     """
 
     def __init__(

@@ -33,8 +33,8 @@ _MOST = 40
 class Led:
     """A shell with contacts whose patches are led.
 
-    ``problem`` and ``touching`` are those of the shell with the patches' vertices held; ``shell``, about its ``origin``
-    (3,) [m] in the world, is without. Targets of patches are in the world.
+    ``problem`` and ``touching`` are those of the shell with the patches' vertices held; in ``shell``, about its
+    ``origin`` (3,) [m] in the world, these are free. Targets of patches are in the world.
     """
 
     problem: Potential

@@ -27,8 +27,8 @@ class TouchingFrames:
     """Finds the bars of frames of a motion with contacts, each with the colliders where they are then.
 
     Friction is a load of the frame: the motion up to then has made it. It acts in parts of steps of a length ``part``
-    [s], None without friction. Supports hold the shell: positions, and the vertices that constraints lead, are seen
-    from there.
+    [s], None without friction. ``supports`` hold the shell and move it: positions, and those of ``led`` vertices,
+    which constraints lead, are in their frame. OptionError for what is no contact.
     """
 
     def __init__(

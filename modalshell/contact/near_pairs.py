@@ -90,7 +90,8 @@ def _tree(centres: Array, count: int) -> tuple[Index, Index, Index]:
 class NearPairs:
     """The pairs of some triangles, their edges and vertices, that may come nearer than a gap about a straight way.
 
-    Areas and lengths are those of positions ``rest`` (n, 3) [m]; others may be off the way by a ``margin`` [m].
+    ``faces`` (f, 3) are the triangles, ``gap`` is in [m]. Areas and lengths are those at positions ``rest`` (n, 3)
+    [m]; positions may be off the way by a ``margin`` [m]. ``faced`` is how many pairs are of a vertex and a triangle.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ class TouchingPoint(NamedTuple):
 
 @final
 class LoadSteps:
-    """Follows the equilibria of a shell with contacts under a load that grows by steps, of ``longest`` at most.
+    """Follows equilibria of a shell with contacts under a load whose factor grows by steps of ``longest`` at most.
 
     Each begins at the one before, with what touched there. A step is halved where Newton's method does not converge,
     leads a vertex through a collider, or far away. ``problem`` is the potential under the whole load.

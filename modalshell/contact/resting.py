@@ -32,7 +32,8 @@ class Resting:
 
     It is ``about`` the coordinates (m,), forces (r,) [N] and displacements (n, 3) [m] beyond the modes of that frame,
     and the coordinates (m,) at which it took derivatives; ``compliance`` (m,) is the change of the coordinates [s^2] in
-    a step of implicit Euler per modal force. Another frame, or step, has another problem.
+    a step of implicit Euler per modal force, and ``eigenvalues`` (m,) are the stiffness of the modes [1/s^2]. Another
+    frame, or step, has another problem.
     """
 
     def __init__(

@@ -138,7 +138,7 @@ class Rotated:
     """Newton's equations at an iterate, with the gaps of some rows prescribed.
 
     The Hessian has internal unknowns after the others, and is changed. ``rows`` (a,) touch; the turning of the forces
-    ``pushes`` (a,) [N] with the normals stiffens or softens the shell. ``gaps`` has gaps, normals and curvatures.
+    ``pushes`` (a,) [N] with the normals stiffens or softens the shell. ``gaps`` has their gaps, normals and curvatures.
     """
 
     def __init__(

@@ -234,7 +234,8 @@ class Touching:
     def crossed(self, x: Array, moved: Array) -> bool:
         """Whether the straight way from x to ``moved``, both (n, 3), leads a vertex through a collider.
 
-        A vertex is looked at as far on as the collider is from it, or by half the collider's smallest radius.
+        Each vertex is looked at again after a way as long as its distance from the collider, and of at least half the
+        collider's smallest radius.
         """
         most = np.sqrt(3.0) * float(np.abs(moved - x).max(initial=0.0))  # no way is longer
         for index, contact in enumerate(self.contacts):
@@ -243,9 +244,10 @@ class Touching:
                 continue
             vertices = self.vertices[self.of_contact(index)]
             begin, way = x[vertices], moved[vertices] - x[vertices]
-            length, gone = np.linalg.norm(way, axis=1), np.zeros(vertices.size)
+            length = np.linalg.norm(way, axis=1)
+            gone = np.where(length > _PASSABLE * radius, 0.0, length)  # shorter ways lead through nothing
             for look in range(_LOOKS):
-                left = np.flatnonzero(gone < length - (0.0 if look else _PASSABLE * radius))
+                left = np.flatnonzero(gone < length)
                 if not left.size:
                     break
                 points = self._in_world(begin[left] + (gone[left] / length[left])[:, None] * way[left])
@@ -256,8 +258,12 @@ class Touching:
         return False
 
     def passed(self, x: Array, moved: Array) -> bool:
-        """The same of a step in time, but for one that begins where colliders have moved to in it."""
-        return self.crossed(x, moved) and float(self.distances(x).min(initial=0.0)) >= -INSIDE * self.size
+        """As :meth:`crossed`, of a step in time: vertices that colliders have come to, inside at x, do not count."""
+        come_to = self.vertices[self.distances(x) < -INSIDE * self.size]
+        if come_to.size:
+            moved = moved.copy()
+            moved[come_to] = x[come_to]
+        return self.crossed(x, moved)
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
         """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""

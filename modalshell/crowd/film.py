@@ -26,7 +26,7 @@ class FlightReport:
     shares: dict[str, float]
     """Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too."""
     allowed_pixels: float
-    """Largest distance allowed between a vertex as drawn and its position by MWTS."""
+    """Largest distance allowed between a vertex as drawn and its position by MWTS [pixels]."""
     largest_error: float
     """That distance, largest over all frames [m]."""
     largest_pixels: float

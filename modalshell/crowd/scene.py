@@ -170,7 +170,7 @@ class FlockScene(Scene):
         }
         refused["output.fields, output.color: a flock has no fields"] = bool(self.output.fields or self.output.color)
         refused["motion.tolerance: a flock takes whole steps"] = self.motion.tolerance is not None
-        refused["output.look, output.camera: those of a flock are in flock.camera"] = (
+        refused["output.look, output.camera: a flock takes flock.camera in their place, its follow and ground"] = (
             self.output.look != "stage" or self.output.camera != "still"
         )
         for text, wrong in refused.items():

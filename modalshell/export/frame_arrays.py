@@ -24,7 +24,7 @@ class FrameArray:
     unit: str
     """What they are; a number without a dimension has the unit ""."""
     values: NDArray[Any]
-    """One row for each vertex or triangle; shape (n,)."""
+    """One row for each vertex or triangle; shape (n,) or (n, k)."""
     components: tuple[str, ...] = ()
     """Names of the columns; empty for scalars."""
 

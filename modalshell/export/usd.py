@@ -22,7 +22,7 @@ Frames of the motion lie between whole time codes, where they have their own tim
 def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: Literal["y", "z"] = "z") -> Path:
     """Write a USD stage (``.usdc`` binary, ``.usda`` text) with the mesh ``/Shell``, at real speed.
 
-    Positions of the run, whose z is up, are turned so that its axis ``up`` is.
+    Positions of the run, whose z points up, are turned so that the axis ``up`` of the file does.
     """
     from pxr import Tf
 

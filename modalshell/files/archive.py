@@ -40,7 +40,7 @@ class Field(NamedTuple):
 
 
 def marks_of(path: str | os.PathLike[str]) -> list[str]:
-    """Names of the marks of an archive, one of this package's; none of a file that cannot be read as one."""
+    """Names of the arrays that mark an archive as one of this package; none of a file that cannot be read as one."""
     with suppress(OSError, ValueError, NotImplementedError, zipfile.BadZipFile), open_regular(path) as file:
         return [name.removesuffix(".npy") for name in zipfile.ZipFile(file).namelist() if name.startswith(_MARK)]
     return []

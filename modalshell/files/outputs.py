@@ -37,9 +37,16 @@ def checked_target(
     if target.suffix.lower() not in suffixes:
         raise OptionError(f"{name} must end in {', '.join(suffixes)} (got {shown(target.name)}): name such a file")
     refuse_inputs([target], *inputs, name=name)
-    there = next(one for one in target.absolute().parents if one.exists())  # what is missing is made as it is written
-    if target.is_dir() or not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
-        reason = "is a folder" if target.is_dir() else f"cannot be written, for {there} is no folder open to you"
+    try:
+        # What is missing is made as it is written.
+        there = next(one for one in target.absolute().parents if one.exists())
+        folder = target.is_dir()
+    except OSError as error:  # what may not be looked at, or is too long
+        raise OptionError(
+            f"{name} {shown(str(target))} cannot be written ({error.strerror}): name another file"
+        ) from error
+    if folder or not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        reason = "is a folder" if folder else f"cannot be written, for {there} is no folder open to you"
         raise OptionError(f"{name} {shown(str(target))} {reason}: name another file")
     return target
 

@@ -52,7 +52,7 @@ class NotPositiveDefiniteError(SolverError):
 class CholeskyAnalysis:
     """Elimination order, supernodes and storage of a symmetric pattern (N, N), both of whose triangles are stored.
 
-    Where a factor is wanted ``once`` alone the best order is worth less.
+    Where a single factor is wanted (``once``), the best order is worth less.
 
     Attributes
     ----------
@@ -142,7 +142,10 @@ class CholeskyAnalysis:
 
 @final
 class BlockCholesky:
-    """A factor ``A = P^T L S L^T P``; S is the identity but where pivots, and so as many eigenvalues, are negative."""
+    """A factor ``A = P^T L S L^T P``; S is the identity but for -1 at the ``negative`` pivots below zero.
+
+    There are as many of these as negative eigenvalues.
+    """
 
     def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
         self.analysis = analysis

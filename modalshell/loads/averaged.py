@@ -29,8 +29,8 @@ def averaged(
 ) -> Callable[[float], float]:
     """The factor as steps of ``dt`` [s], from time 0 on, take it at their ends, or at those of their parts.
 
-    It is a function of the time [s] that ``bends`` or jumps at some. For rules of order one it is the plain mean over
-    the steps that end there, ``within``.
+    ``factor`` is a function of the time [s], and ``bends`` are the times [s] at which it bends or jumps. With
+    ``within``, for rules of order one, plain means over the steps that end there are taken.
     """
     places, near = sorted(set(bends)), _NEAR * dt
     return _means(factor, places, dt, near) if within else _lines(factor, places, dt, near)

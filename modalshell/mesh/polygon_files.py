@@ -123,6 +123,12 @@ def read_stl(data: bytes) -> Polygons:
                     f"line {number}: facet {facets - 1} (counted from 0) ends after {len(vertices)} vertices in all; "
                     "three of each facet are expected, each on a line of its own: write the file again"
                 )
+    whole = data.lower().count(b"endfacet")
+    if facets != whole or len(vertices) != 3 * facets:
+        raise MeshError(
+            f"{facets} of {whole} facets have each vertex and their 'endfacet' on a line of its own, as is expected: "
+            "write the file again"
+        )
     if not facets:
         raise MeshError("the file has no faces (0 vertices read); a shell needs triangles")
     return Polygons(np.array(vertices), np.arange(3 * facets), np.full(facets, 3))

@@ -75,7 +75,7 @@ def checked_selection(name: str, selection: Selection) -> Selection:
             raise OptionError(f"{name} {error}") from error
         return selection
     entries = as_array(name, selection, "bool (n,) or vertex indices", OptionError, "biu")
-    entries = entries if entries.dtype == bool else entries.ravel()  # (k, 2) of edges, too
+    entries = entries.ravel() if entries.dtype != bool and entries.ndim == 2 else entries  # (k, 2) of edges, too
     if entries.ndim > 1:
         raise OptionError(f"{name} must be a mask (n,) or a list of vertex indices (got shape {entries.shape})")
     return read_only_copy(np.atleast_1d(entries))

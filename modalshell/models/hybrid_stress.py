@@ -134,8 +134,8 @@ class HybridStress(OnCoarse):
             of 0.03 and more serve; with ``error`` the most, by default 64.
         motions : int, optional
             Motions through the random loads, and back, to train on, by default 120 of shell theory and 40 of hinges; a
-            sixth as many, at least 10, are held out. Each is of 45 frames, eight to a period of the lowest mode, 30 of
-            them under the load.
+            sixth as many, at least 10, are held out. Each is of 30 frames under the load and 15 after it, eight to a
+            period of the lowest mode.
         seed : int
             Of the random loads.
         error : float, optional

@@ -34,8 +34,9 @@ _PARTS = 1 << 12
 """Parts of a step, the shortest that a tolerance asks for."""
 _JUMP = 1e-3
 """Jump of a constraint's target, in the shell's sizes or [rad], of which a motion says something."""
-_FAR_OFF, _THERE = 0.05, 1e-9
-"""Distance from a start, over its displacement, from which it is reported, and over the shell's size that is none."""
+_FAR_OFF, _THERE = 0.05, 1e-6
+"""Distance of a first frame from its start, over the start's displacement, from which it is reported; and over the
+shell's size, up to which it is none, as rounding of float32 is."""
 _EASY = 0.1
 """Share of the allowed error below which the next step is twice as long."""
 _FIRST = 4
@@ -166,7 +167,7 @@ class Motion:
         if off <= _FAR_OFF**2 * moved + float(mass.sum()) * (_THERE * self.shell.size) ** 2:
             return ""
         share = share_as_text(float(np.sqrt(off / (moved or off))))
-        return f"the motion starts {share} off the start, as near as {self.model.name} comes"
+        return f"the motion begins {share} of the start's displacement off it, as near as {self.model.name} comes"
 
     def place(self, positions: Array) -> None:
         """Put every vertex at ``positions`` (n, 3) [m] at rest, as far as the model can."""

@@ -16,6 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.core.units import UnitSystem
 from modalshell.files.atomic_io import read_record
 from modalshell.modes import solve_modes
+from modalshell.modes.rigid import rigid_motions
 from modalshell.motion import Trajectory
 from modalshell.motion.fields import shell_at
 from modalshell.page.report import shell_numbers
@@ -144,9 +145,7 @@ def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]
 
 def _frequencies(shell: Shell) -> list[float]:
     """The lowest elastic natural frequencies at rest."""
-    basis = solve_modes(shell, FREQUENCIES)
-    if basis.rigid_modes:  # which would take the places of all six of a free shell
-        basis = solve_modes(shell, FREQUENCIES + basis.rigid_modes)
+    basis = solve_modes(shell, FREQUENCIES + rigid_motions(shell).shape[1])  # rigid ones are modes, too
     found: list[float] = basis.frequencies[basis.rigid_modes :].tolist()
     return found
 
@@ -178,7 +177,7 @@ def texts_of(given: Sequence[warnings.WarningMessage]) -> list[str]:
 
 
 def check_convergence(scene: ShellScene) -> tuple[int, int]:
-    """The cells of a scene's mesh; OptionError if it has no coarser one, as those of files, on which to be solved."""
+    """The cells of a scene's mesh; OptionError where coarser ones are not: of a file, or vertices by number."""
     cells = getattr(scene.mesh, "cells", None)
     if cells is None:
         raise OptionError(
@@ -187,8 +186,8 @@ def check_convergence(scene: ShellScene) -> tuple[int, int]:
         )
     if key := numbered(scene.content()):
         raise OptionError(
-            f"{scene.file}: --convergence needs selections by place, as 'x < 0.01': the vertices that {key} numbers "
-            "are others on a coarser mesh"
+            f"{scene.file}: --convergence needs selections by place, as 'x < 0.01': {key} selects vertices by number, "
+            "and those are others on a coarser mesh"
         )
     return (int(cells[0]), int(cells[1]))
 
@@ -196,7 +195,7 @@ def check_convergence(scene: ShellScene) -> tuple[int, int]:
 def convergence(scene: ShellScene, numbers: dict[str, Any], solve: Callable[[ShellScene], Trajectory]) -> list[Any]:
     """Displacement and stress on coarser meshes, by ``solve``, and on the scene's own, coarsest first.
 
-    OptionError if the mesh is from a file, which has no coarser one.
+    OptionError if the mesh is from a file, or vertices are selected by number, which are others on a coarser mesh.
     """
     cells = check_convergence(scene)
     rows = []

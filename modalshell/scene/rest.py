@@ -64,7 +64,7 @@ class CreaseTable(tables.Table, frozen=True):
 
 
 def rest_options(file: Path, table: RestTable | None, up: Any, metres: float) -> dict[str, Any]:
-    """Parameters of a shell's rest shape, in a unit of length [m]; SceneError where one is refused."""
+    """Parameters of a shell's rest shape; SceneError where one is refused. ``metres`` is the unit of length [m]."""
     if table is None:
         return {}
     with located(file, "rest", table):

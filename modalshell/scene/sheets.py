@@ -164,14 +164,14 @@ def odd_values(material: MaterialTable, units: Units, size: float) -> list[str]:
         )
     if isinstance(density, float | int) and not _DENSITIES[0] <= (real := density * mass / length**3) <= _DENSITIES[1]:
         remarks.append(
-            f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} kg/m^3, which no sheet has "
-            "(water: 1000 kg/m^3): check [units]"
+            f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} [kg/m^3], which no sheet has "
+            "(water: 1000 [kg/m^3]): check [units]"
         )
     if isinstance(young, float | int):
         real = young * mass / (length * time**2)
-        given = f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} Pa"
+        given = f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} [Pa]"
         if real > _STIFFEST:
             remarks.append(f"{given}, stiffer than diamond: check [units]")
         if real < _SOFTEST:
-            remarks.append(f"{given}, softer than jelly: check [units] (210 GPa are 210e9 Pa)")
+            remarks.append(f"{given}, softer than jelly: check [units] (210 GPa are 210e9 [Pa])")
     return remarks

@@ -36,7 +36,7 @@ from modalshell.mesh.topology import numbers_of_edges
 _SWEEPS = 200
 """Sweeps over the creases at most, in search of those that yield."""
 _ROUNDING = 1e-5
-"""Angle [deg] by which edges of just some angle may be folded more, as rounded."""
+"""Angle [deg] above that of a crease up to which a fold is no larger than it, but for rounding."""
 _SOFTEST = 1e-12
 """Stiffness against yielding over that at fixed positions, below which creases form a mechanism."""
 

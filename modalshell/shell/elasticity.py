@@ -58,8 +58,10 @@ class Elasticity(NamedTuple):
         pairs = mesh.edge_faces
         inner = np.flatnonzero(pairs[:, 1] >= 0)
         along = np.diff(mesh.vertices[mesh.edges[inner]], axis=1)[:, 0] / mesh.edge_lengths[inner, None]
+        second = np.where(np.isin(inner, mesh.seams), -1.0, 1.0)[:, None]  # the normals at a seam are opposite
         sides = [
-            self.in_axes(mesh, faces, along, np.cross(mesh.face_normals[faces], along)) for faces in pairs[inner].T
+            self.in_axes(mesh, faces, along, sign * np.cross(mesh.face_normals[faces], along))
+            for faces, sign in zip(pairs[inner].T, (1.0, second), strict=True)
         ]
         apart, size = (np.linalg.norm(c, axis=(1, 2)) for c in (sides[1] - sides[0], 0.5 * (sides[0] + sides[1])))
         same = np.zeros(len(mesh.edges), dtype=bool)

@@ -86,7 +86,7 @@ def support_reactions(
     """Force (k, 3) [N] of each of the k supports on a shell in equilibrium: together they balance the load.
 
     The sums over the vertices of :meth:`Shell.support_reactions`, in the order of ``shell.supports``: supports that
-    hold a vertex along one direction share its force evenly, and ties pass theirs on to them.
+    hold a vertex along one direction share its force evenly, and a tie passes its own on to those of its vertices.
 
     Parameters
     ----------

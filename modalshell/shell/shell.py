@@ -388,7 +388,7 @@ class Shell(EnergyAccess):
     ) -> list[Array]:
         """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
 
-        Several supports that hold a vertex along one direction share the force evenly; ties pass theirs on to them.
+        Several supports that hold a vertex along one direction share the force evenly; a tie passes its own to them.
         Parameters and errors are those of :meth:`reactions`.
         """
         return shared_reactions(

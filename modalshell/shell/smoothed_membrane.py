@@ -8,9 +8,9 @@ quarter of the largest part. Across a smooth edge the strains of both triangles 
           \bar E = \frac{A_{T,e} E_T + A_{T',e} E_{T'}}{A_{T,e} + A_{T',e}},
 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
-edges, at junctions, and where the stiffness jumps, each triangle keeps its own strain, :math:`W_e = A_{T,e} E_T : C :
-E_T / 2`; at smooth edges in a plane of symmetry less the shear, which its mirror image has with the other sign. The
-energy is :math:`s^T Q s / 2` with one constant matrix Q (theory 6, eq. 2 to 6).
+edges, at junctions, and where the stiffness or Poisson's ratio jumps, each triangle keeps its own strain, :math:`W_e =
+A_{T,e} E_T : C : E_T / 2`; at smooth edges in a plane of symmetry less the shear, which its mirror image has with the
+other sign. The energy is :math:`s^T Q s / 2` with one constant matrix Q (theory 6, eq. 2 to 6).
 
 Thirds of the area, as in edge-based smoothed finite elements [liu2009], leave sheets of right triangles too stiff in
 their own plane: a strip of length five widths and four union-jack cells across bends in it 6.8 % too little, 0.8 % with
@@ -113,7 +113,7 @@ class Strained(NamedTuple):
     areas: Array
     """Part of each triangle's area in the element [m^2]; shape (elements, triangles)."""
     faces: Index
-    """As ``stencils``, ``pairs`` and ``edges``, those of :class:`MembraneElements`."""
+    """Like ``stencils``, ``pairs`` and ``edges``: those of :class:`MembraneElements`."""
 
     def in_tables(self) -> Strained:
         """The elements with their places in a list of :func:`turned_elasticity` for faces."""

@@ -92,7 +92,7 @@ def alike_edges(
 ) -> NDArray[np.bool_]:
     """Whether the sheet is about the same in both triangles of each edge (E,), by constants of every triangle (T,).
 
-    And by its elasticity, if that is ``directed``.
+    Of a sheet that is not the same in all directions the ``directed`` elasticity is compared, too.
     """
     first, second = mesh.edge_faces.T
     less, more = np.sort(stiffness[mesh.edge_faces], axis=1).T

@@ -108,7 +108,8 @@ def shared_reactions(supports: Sequence[Support], mesh: TriangleMesh, reactions:
     """The share (n, 3) of each support in ``reactions`` (n, 3) [N] on a mesh.
 
     Each takes the force along its own directions; supports that hold a vertex along the same one share it evenly. Ties
-    hold nothing: they bear what no others do at their vertices, and pass its sum on to those that hold some of them.
+    hold nothing: a tie takes what no other support takes at its vertices, and passes the sum of that on to the supports
+    that hold some of them.
     """
     shares = [np.zeros_like(reactions) for _ in supports]
     if not supports:

@@ -235,7 +235,7 @@ class SupportPath:
         return self._rotation is not None
 
     def samples(self, count: int) -> Array:
-        """Times [s] from its beginning to its end, at least some ``count``: keyframes, and as many between any two."""
+        """Times [s] from its beginning to its end, at least ``count``: keyframes, and equally many between any two."""
         intervals = self.times.size - 1
         between = np.linspace(0.0, intervals, 1 + intervals * -(-count // intervals))
         return np.interp(between, np.arange(intervals + 1), self.times)

@@ -51,6 +51,7 @@ class Plan:
         self.tasks: dict[str, Task] = {}
         self._meshes: dict[str, tuple[TriangleMesh, bytes, bytes]] = {}
         self._checked: set[str] = set()
+        key = ""
         for number, (values, raw) in enumerate(sweep.points(), start=1):
             try:
                 digest, mesh = self._add(sweep, raw)
@@ -59,10 +60,11 @@ class Plan:
                 at = ", ".join(f"{axis.key} = {shown(value)}" for axis, value in zip(sweep.axes, values, strict=True))
                 raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({shortened(at)}): {error}") from error
             self.cases.append(GridCase(values, digest, truth, mesh))
+            key = key or numbered(raw)
             if on_check is not None:
                 on_check(number, sweep.count)
         counts = sorted({len(case.mesh.vertices) for case in self.cases})
-        if len(counts) > 1 and (key := numbered(sweep.scene)):
+        if len(counts) > 1 and key:
             warnings.warn(
                 f"{sweep.file}: {key} selects vertices by their numbers, which are at other places of each mesh (got "
                 f"meshes of {counts[0]} to {counts[-1]} vertices): select them by place, as 'x < 0.01'",

@@ -123,6 +123,9 @@ def test_an_ascii_stl_is_read_whole(tmp_path):
     for name, written in (("lower", text), ("upper", text.upper()), ("crlf", text.replace("\n", "\r\n"))):
         mesh = load_mesh(_write(tmp_path / f"{name}.stl", written))
         assert mesh.vertices[:, 0].tolist() == [0.5, 1.0, 0.0, 1.0]
+    in_one_line = f"solid\n{FIRST}{' '.join(SECOND.split())}\nendsolid\n"
+    with pytest.raises(MeshError, match="1 of 2 facets have each vertex"):  # the second was left out without a word
+        load_mesh(_write(tmp_path / "line.stl", in_one_line))
 
 
 def test_collapsed_stl_triangle_warns(tmp_path):

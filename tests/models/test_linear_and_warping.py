@@ -371,5 +371,5 @@ def test_motion_starts_at_the_nearest_shape_and_says_what_that_lacks(model, most
     run = ms.simulate(model(ms.solve_modes(shell, 8)), duration=0.05, dt=0.01, gravity=(0.0, 0.0, -20.0), start=asked)
     off = ms.measure.displacement_error(run.positions[0], asked, shell)
     assert off < most
-    told = f"the motion starts {100.0 * off:.2g} % off the start, as near as {model.name} comes"
+    told = f"the motion begins {100.0 * off:.2g} % of the start's displacement off it, as near as {model.name} comes"
     assert (told in run.message) == (off > 0.05)

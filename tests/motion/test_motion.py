@@ -49,7 +49,7 @@ def test_a_start_that_a_model_does_not_come_near_to_is_told(beam, make):
     bent[beam.free, 2] += 0.02 * np.sin(9.0 * bent[beam.free, 0])
     run = ms.simulate(model, duration=0.02, dt=0.01, start=bent)
     off = ms.measure.displacement_error(run.positions[0], bent, beam)
-    told = f" % off the start, as near as {model.name} comes"
+    told = f" % of the start's displacement off it, as near as {model.name} comes"
     assert (told in run.message) == (off > 0.05) == (model.name != "DS")
 
 

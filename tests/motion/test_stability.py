@@ -356,7 +356,7 @@ def test_winding_up_is_named_with_its_time(basis):
     wound = run(model, 0.0, (1.0, 0.0), steps=30, start=start)
     assert wound.status == "wound up"
     assert wound.message.startswith("a part of the shell turned by more than 2 pi at 0 s; ")
-    assert "% off the start" in wound.message  # which is no shape of its
+    assert "% of the start's displacement" in wound.message  # which is no shape of its
     start = basis.shell.rest_positions + model.displacement(0.9 * q)
     assert run(model, 0.0, (1.0, 0.0), steps=30, start=start).status == "completed"
 

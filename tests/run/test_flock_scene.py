@@ -144,7 +144,7 @@ def test_the_camera_keeps_the_flock_in_view(tmp_path):
         ("target = [0.0, 0.0, -0.45]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
         ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
         ("store_every = 2", "store_every = 2\ntolerance = 1e-3", "motion.tolerance: a flock takes whole steps"),
-        ('positions = "float32"', 'camera = "follow"', "output.camera: those of a flock are in flock.camera"),
+        ('positions = "float32"', 'camera = "follow"', "output.camera: a flock takes flock.camera in their place"),
         ("times = [0.0, 2.5", "times = [3.0, 2.5", "times must increase"),
     ],
 )

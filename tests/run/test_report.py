@@ -274,7 +274,7 @@ def test_a_report_says_what_is_too_coarse_and_what_is_not_joined(plate, capsys):
     assert not (plate / "results" / "own.npz").exists()
     (plate / "numbers.toml").write_text(PLATE.replace('"boundary"', "[0, 12, 156, 168]"))  # its corners, on that mesh
     assert command("numbers.toml", "--convergence") == 2
-    assert "the vertices that sel numbers are others on a coarser mesh" in capsys.readouterr().err
+    assert "sel selects vertices by number, and those are others on a coarser mesh" in capsys.readouterr().err
 
 
 def test_a_number_stands_for_a_value_to_its_own_digits():

@@ -118,6 +118,9 @@ def test_vertices_by_number_on_meshes_of_several_sizes_are_warned_of(write):
     placed = LOADED_BEAM.replace('"x > 0.9"', "[40]")
     with pytest.warns(ms.ModalShellWarning, match="where selects vertices by their numbers.* 45 to 55 vertices"):
         Plan(load_sweep(write('"mesh.cells" = [[8, 4], [10, 4]]', scene=placed)))
+    axes = '"mesh.cells" = [[8, 4], [10, 4]]\n"loads.forces.0.where" = [[40], [41]]'
+    with pytest.warns(ms.ModalShellWarning, match="where selects vertices by their numbers"):
+        Plan(load_sweep(write(axes)))
     Plan(load_sweep(write('"mesh.fold" = [150, 160]', scene=placed)))
 
 

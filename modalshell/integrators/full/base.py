@@ -54,7 +54,11 @@ class FullIntegrator(Integrator):
     explicit: ClassVar[bool] = False
     """Whether it has a longest stable step, which :meth:`stable_step` returns."""
     takes_live: ClassVar[bool] = False
-    """Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds those expected in its middle."""
+    """Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds those at the time of its middle.
+    """
+    leads: ClassVar[float] = 0.5
+    """Part of a step by which positions move on at its first rates before ``load`` is taken there; without
+    ``takes_live``."""
     joins: ClassVar[bool] = False
     """Whether it answers forces that are joined by straight lines between its steps' ends with an error of order
     two."""

@@ -20,6 +20,7 @@ class ExplicitEuler(FullIntegrator, key="explicit"):
 
     name = "explicit Euler"
     explicit = True
+    leads = 0.0  # ahead, it would not be symplectic under loads that follow positions
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

@@ -37,7 +37,7 @@ _INSIDE = 1e-8
 
 
 class LeveledStepper(Stepper):
-    """Steps each of which one of some levels, the cheapest first, takes.
+    """Steps, each of which is taken by one of the ``levels``, which are given cheapest first.
 
     OptionError for contacts of free parts without constraints, and for self-contact.
     """

@@ -36,7 +36,8 @@ class Coming(NamedTuple):
 class LoadsAhead:
     """The loads of one motion of the model that switches itself.
 
-    ``change`` and ``dear`` say whether any load changes, and by more than a factor; ``count`` numbers, how they have.
+    ``change`` says whether any load changes, ``dear`` whether one does by more than a factor; ``count`` is
+    how many numbers tell how loads have changed.
     """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check) -> None:

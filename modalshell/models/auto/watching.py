@@ -70,7 +70,10 @@ class Seen(NamedTuple):
 
 @final
 class Watch:
-    """Checks the states of one motion of the model that switches itself, in new states each ``every`` steps."""
+    """Checks the states of one motion of the model that switches itself: where they are new, after ``every`` steps.
+
+    ``rests`` finds where levels rest.
+    """
 
     def __init__(self, model: Any, setup: MotionSetup, check: Check, loads: LoadsAhead) -> None:
         self._model, self._check, self._loads = model, check, loads

@@ -32,7 +32,7 @@ FreeStep = Callable[[], tuple[MotionState, bool, Array]]
 
 @final
 class ContactMotion:
-    """Takes the steps of a full model with contacts, of its own vertices if these are not those of the setup.
+    """Takes the steps of a full model with contacts.
 
     While nothing touches, the model's rule steps, and a rule of order two does so on contacts that stay as they are
     (:class:`modalshell.models.base.kept_sets.KeptSteps`), or SDIRK2 where it would gain energy. Where something strikes
@@ -41,8 +41,9 @@ class ContactMotion:
     colliders: they find the contact forces exactly, and never gain energy from a collider at rest. After explicit
     steps, and the one of linear implicit Euler, what entered is put onto its collider and loses its speed inward.
 
-    The shell is about ``origin`` (3,) [m] in the world; states may be in a moving ``frame``. OptionError for colliders
-    that move too fast, and ``push_out`` or self-contact with explicit rules.
+    The shell is about ``origin`` (3,) [m] in the world; states may be in a moving ``frame``. ``contacts`` are those of
+    the shell's own vertices, where they are not those of the setup. OptionError for colliders that move too fast, and
+    ``push_out`` or self-contact with explicit rules.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.crease_motion import CreaseMotion
-from modalshell.models.base.stepper import Stepper, halfway, led_into
+from modalshell.models.base.stepper import Stepper, led_into
 from modalshell.statics.live_loads import LiveLoads
 
 
@@ -21,7 +21,8 @@ from modalshell.statics.live_loads import LiveLoads
 class FullStepper(Stepper):
     """Steps that take loads as they change within them, and edges clamped to supports along with these.
 
-    In the frame of supports that move, loads are those expected at the end of a step: they act in the world.
+    In the frame of supports that move, loads are those expected at the end of a step, of explicit rules those at the
+    time of its middle: they act in the world.
     """
 
     model: Any
@@ -72,7 +73,7 @@ class FullStepper(Stepper):
         return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
 
     def remark(self, state: MotionState, time: float) -> str:
-        """Message about a state at ``time`` [s]: of the model, or that vertices are led through a collider."""
+        """Message about a state at ``time`` [s]: of the model, or that vertices are led into a collider."""
         remark = super().remark(state, time)
         moved = self._path or self._frame
         if remark or self.contacts is None or not (self._patches or moved):
@@ -140,7 +141,10 @@ class FullStepper(Stepper):
         """Model, dead load and held places of a step of implicit Euler; ``explicit`` ones take loads of the middle."""
         model, loading = self.model if model is None else model, self.setup.loading
         time, path = begin + start.end * dt, self._path or self._frame
-        when, state = (begin + 0.5 * dt, halfway(start.origin, start.rates, dt)) if explicit else (time, start.guess)
+        when, state = time, start.guess
+        if explicit:
+            ahead = start.origin + model.integrator.leads * dt * start.rates
+            when, state = begin + 0.5 * dt, MotionState(ahead, start.rates)
         if self._path is not None:
             model = model.carried(self._path, (begin, dt), start.near_time, start.end)
             load = load + self.drag_along(self._path, when, state.coordinates)

@@ -114,8 +114,10 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     to hard, where each pass is a Gauss-Newton step with a line search; a harder constraint that brings its target no
     nearer is not followed: the stiff modes would be shaken for nothing.
 
-    ``compliance`` (m,) is the diagonal of G, the response of the coordinates to modal forces, by the time step or in
-    statics; ``start`` (m,) is on the branch to be kept. Returns q (m,), residual (k,) and Jacobian (k, m) there.
+    ``evaluate`` gives the residual, target less value, and the Jacobian of the values at q; ``free`` (m,) are the
+    coordinates without the constraints, and ``compliance`` (m,) is the diagonal of G, their response to modal forces,
+    by the time step or in statics; ``start`` (m,) is on the branch to be kept. Returns q (m,), and there the residual
+    (k,) and the Jacobian (k, m).
     """
     root = np.sqrt(compliance)
     z: Array = (start - free) / root

@@ -40,11 +40,6 @@ class Moving(Protocol):
         """The error of a model that takes no contacts."""
 
 
-def halfway(coordinates: Array, rates: Array, dt: float) -> MotionState:
-    """State expected in the middle of a step of ``dt`` [s]: loads there are of order two in it."""
-    return MotionState(coordinates + 0.5 * dt * rates, rates)
-
-
 class Stepper(ABC):
     """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
 
@@ -219,7 +214,7 @@ class Stepper(ABC):
 
 
 def led_into(who: str, inside: Sequence[int]) -> str:
-    """What is said of those ``who`` lead vertices into colliders, which are ``inside`` these contacts; "" of none."""
+    """That ``who``, constraints or supports, lead vertices into colliders of the contacts ``inside``; "" of none."""
     return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
 
 
@@ -280,7 +275,7 @@ class ContactStepper(Stepper):
 
 @final
 class DeadLoadStepper(Stepper):
-    """Steps under loads as they are expected in the middle of each, without constraints."""
+    """Steps under loads at the time of the middle of each, where the shell is at its beginning; without constraints."""
 
     def __init__(self, model: Moving, setup: MotionSetup, *, in_frame: bool = False) -> None:
         if setup.constraints:
@@ -290,9 +285,9 @@ class DeadLoadStepper(Stepper):
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
         damping, time = self.setup.damping, begin + dt
-        when, middle, pose = begin + 0.5 * dt, halfway(state.coordinates, state.rates, dt), None
-        load, drag = self.load_in_frame(when, load, middle)
+        when, pose = begin + 0.5 * dt, None
+        load, drag = self.load_in_frame(when, load, state)
         if self._path is not None:
-            pose, load = self._path.at(time), load + self.drag_along(self._path, when, self.own_positions(middle))
+            pose, load = self._path.at(time), load + self.drag_along(self._path, when, self.own_positions(state))
         after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
         return (after if drag is None else self.model.dragged(after, state, dt, damping, *drag)), solved

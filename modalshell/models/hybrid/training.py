@@ -268,7 +268,7 @@ def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
 
 
 def frame_length(eigenvalue: float) -> float:
-    """Length of a frame [s] of a shell by its lowest eigenvalue [1/s^2]: whatever its size, and the unit of time."""
+    """Length of a frame [s] of a shell by its lowest eigenvalue [1/s^2]: the same part of its period for all shells."""
     period = 2.0 * np.pi / np.sqrt(max(eigenvalue, np.finfo(np.float64).tiny))
     return float(period / IN_A_PERIOD)
 
