@@ -148,14 +148,15 @@ def test_a_stiffened_square_keeps_its_bound():
     inside = np.abs(centroids - mesh.vertices.mean(axis=0)).max(axis=1) < 0.1
     thickness = np.where(inside, 3e-3, 1e-3)
     material = ms.Isotropic(1e9, 0.3, thickness, 1000.0)
-    shell = ms.Shell(mesh, material, "x < 1e-9", prestrain=np.where(inside, 1e-3, 0.0))
+    # With ten times this prestrain the rim buckles, into one of two shapes.
+    shell = ms.Shell(mesh, material, "x < 1e-9", prestrain=np.where(inside, 1e-4, 0.0))
     bounds = mesh.edge_faces[edges_to_keep(shell)]
     assert (inside[bounds[:, 0]] != inside[bounds[:, 1]]).all()
     coarse = ms.coarse_shell(shell, 140)
     values = coarse.material.thickness
     assert sorted(set(values.round(12))) == [1e-3, 3e-3]  # no triangle is on both sides
     assert coarse.mass.sum() == pytest.approx(shell.mass.sum(), rel=1e-9)
-    np.testing.assert_allclose(coarse.options["prestrain"], 5e-1 * (values - 1e-3), atol=1e-12)
+    np.testing.assert_allclose(coarse.options["prestrain"], 5e-2 * (values - 1e-3), atol=1e-12)
     truth, answer = (
         model.equilibrium(gravity=(0, 0, -1.0))
         for model in (ms.DiscreteShell(shell), ms.CoarseDiscreteShell(shell, coarse))

@@ -146,8 +146,9 @@ class FullStepper(Stepper):
             ahead = start.origin + model.integrator.leads * dt * start.rates
             when, state = begin + 0.5 * dt, MotionState(ahead, start.rates)
         if self._path is not None:
+            drag_time, dragged = (when, state) if model.integrator.explicit else (time, start.guess)
             model = model.carried(self._path, (begin, dt), start.near_time, start.end)
-            load = load + self.drag_along(self._path, when, state.coordinates)
+            load = load + self.drag_along(self._path, drag_time, dragged.coordinates)
         held = self._held_positions(time, None if path is None else path.at(time))
         if self._frame is not None:
             load, _ = self.load_in_frame(when, load, state, start.side)
