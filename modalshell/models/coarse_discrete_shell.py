@@ -35,6 +35,7 @@ from modalshell.models.coarse.taken_over import CreasesBelow
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import Factoriser
 from modalshell.modes.rigid import left_free
+from modalshell.modes.tangent import with_further
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.strain_range import ends_strained
@@ -323,15 +324,14 @@ class CoarseDiscreteShell(OnCoarse):
         shell, unknowns = self.coarse.shell, self.coarse.shell.unknowns
         rows = sps.csr_array(sps.kron(self.weights[vertices], sps.eye_array(3)))
         each = np.arange(len(drag) + 1)
-        whole = sps.csr_array(rows.T @ sps.bsr_array((dt * drag, each[:-1], each)) @ rows)
-        fall = sps.csc_array(unknowns.restrict(sps.csr_array(unknowns.restrict(whole).T)).T)
-        inertia = sps.diags_array((1.0 + dt * damping.mass_factor) * unknowns.masses(shell.mass))
+        fall = sps.csr_array(rows.T @ sps.bsr_array((dt * drag, each[:-1], each)) @ rows)
+        inertia = sps.diags_array(np.repeat((1.0 + dt * damping.mass_factor) * shell.mass, 3))
         data = shell.hessian(state.coordinates, GAUSS_NEWTON)
         stiffness = dt * (dt + damping.stiffness_factor) * shell.pattern.free_matrix(data)
-        inner = stiffness.shape[0] - unknowns.count  # the energy's internal unknowns, without mass
-        matrix = stiffness + sps.block_diag([fall + inertia, sps.csc_array((inner, inner))])
-        lost = np.concatenate([fall @ unknowns.values((state.rates - before.rates).ravel()), np.zeros(inner)])
-        change = spla.spsolve(sps.csc_array(matrix), lost)[: unknowns.count]
+        matrix = with_further(shell, stiffness, sps.csr_array(fall + inertia))
+        lost = np.zeros(matrix.shape[0])
+        lost[: unknowns.count] = unknowns.restrict(fall @ (state.rates - before.rates).ravel())
+        change = spla.spsolve(matrix, lost)[: unknowns.count]
         rates = state.rates - unknowns.prolong(change).reshape(state.rates.shape)
         return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 

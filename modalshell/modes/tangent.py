@@ -35,12 +35,17 @@ def lowest_tangent_eigenvalue(
     """
     matrix = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
     if of_load is not None:
-        restrict = shell.unknowns.restrict
-        further = sps.csc_array(restrict(sps.csr_array(restrict(of_load).T)).T)
-        if internal := matrix.shape[0] - further.shape[0]:
-            further = sps.csc_array(sps.block_diag([further, sps.csc_array((internal, internal))]))
-        matrix = sps.csc_array(matrix + further)
+        matrix = with_further(shell, matrix, of_load)
     return lowest_eigenvalue(shell, matrix, Factoriser(), symmetric=symmetric)
+
+
+def with_further(shell: Shell, matrix: sps.csc_array, further: sps.csr_array) -> sps.csc_array:
+    """A stiffness of the free unknowns, internal ones after them, plus a ``further`` one of the positions (3n, 3n)."""
+    restrict = shell.unknowns.restrict
+    own = sps.csc_array(restrict(sps.csr_array(restrict(further).T)).T)
+    if internal := matrix.shape[0] - own.shape[0]:
+        own = sps.csc_array(sps.block_diag([own, sps.csc_array((internal, internal))]))
+    return sps.csc_array(matrix + own)
 
 
 def lowest_eigenvalue(shell: Shell, matrix: sps.sparray, factoriser: Factoriser, *, symmetric: bool) -> float:
