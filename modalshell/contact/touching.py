@@ -259,11 +259,12 @@ class Touching:
 
     def passed(self, x: Array, moved: Array) -> bool:
         """As :meth:`crossed`, of a step in time: vertices that colliders have come to, inside at x, do not count."""
+        if not self.crossed(x, moved):  # most steps are too short for more than a look at their length
+            return False
         come_to = self.vertices[self.distances(x) < -INSIDE * self.size]
-        if come_to.size:
-            moved = moved.copy()
-            moved[come_to] = x[come_to]
-        return self.crossed(x, moved)
+        moved = moved.copy()
+        moved[come_to] = x[come_to]
+        return come_to.size == 0 or self.crossed(x, moved)
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
         """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""
