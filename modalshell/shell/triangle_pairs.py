@@ -38,7 +38,7 @@ _SLOTS = ([0, 1, 2], [0, 3, 4])
 """Edges of either triangle of a pair among its five."""
 ALIKE = 1.25
 """Largest ratio of the stiffnesses of a pair: moments along an edge and strains across it jump where the sheet does."""
-_LIKE_POISSON = 0.05
+LIKE_POISSON = 0.05
 """Largest difference of its Poisson's ratios."""
 _ROUNDING = 1e-9
 """By which both may be larger."""
@@ -97,7 +97,7 @@ def alike_edges(
     first, second = mesh.edge_faces.T
     less, more = np.sort(stiffness[mesh.edge_faces], axis=1).T
     same = (second >= 0) & (more <= (ALIKE + _ROUNDING) * less)
-    same &= np.abs(poisson[first] - poisson[second]) <= _LIKE_POISSON + _ROUNDING
+    same &= np.abs(poisson[first] - poisson[second]) <= LIKE_POISSON + _ROUNDING
     return same if directed is None else same & directed.alike(mesh, ALIKE - 1.0)
 
 

@@ -11,6 +11,7 @@ import scipy.sparse.linalg as spla
 import modalshell as ms
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
+from modalshell.shell.triangle_pairs import LIKE_POISSON
 
 POISSON, LENGTH, WIDTH = 0.3, 5.0, 1.0
 THIRDS, LINEAR, FOURTH = 0, 2, membrane.SHARE_EXPONENT
@@ -56,6 +57,7 @@ def statements() -> list[str]:
     return [
         *rows,
         f"with a Poisson's ratio of {POISSON}",
+        f"or Poisson's ratio by more than {LIKE_POISSON}:",
         f"it falls to {finer[0]:.1f} % by thirds and to {finer[1]:.2f} % by the fourth power",
         f"{slender[0]:.0f} times too far without a least part and {slender[1]:.1f} times with it",
         f"by at least {LEAST} of",
