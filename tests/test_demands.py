@@ -24,7 +24,8 @@ def shell():
 
 @pytest.fixture
 def little(monkeypatch):
-    """Sets how many bytes of memory are free."""
+    """Sets how many bytes of memory are free, for demands of any size."""
+    monkeypatch.setattr(memory, "_LITTLE", 0.0)
     return lambda size: monkeypatch.setattr(memory, "available_memory", lambda: size)
 
 

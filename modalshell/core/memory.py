@@ -11,6 +11,8 @@ from modalshell.core.errors import OptionError
 
 _UNKNOWN = 2**40
 """Assumed free memory if the system does not report it."""
+_LITTLE = 1e6
+"""Bytes that no process lacks: a short motion of a small shell takes less time than reading what is free."""
 _CGROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -59,6 +61,8 @@ def gigabytes(size: float) -> str:
 
 def demand_memory(what: str, size: float, remedy: str) -> None:
     """OptionError if ``what`` needs more bytes than are free; ``remedy`` says what would need less."""
+    if size <= _LITTLE:
+        return
     free = available_memory()
     if size > free:
         raise OptionError(f"{what} needs about {gigabytes(size)} of memory (got {gigabytes(free)} free): {remedy}")

@@ -89,6 +89,7 @@ class StepErrors:
         self._gained, self._moved, self._steps, self._known = 0.0, 0.0, 0, True
         self._time, self._stood, self._stood_time = 0.0, 0, 0.0  # [s], and of steps that implicit Euler stood in for
         self._size, self._shape = 0.0, 0.0
+        self._obtained: tuple[MotionState, int, float] | None = None
         modal = as_modal(stepper.model)
         self.peaks = np.zeros(0 if modal is None else modal.basis.count)
 
@@ -207,7 +208,7 @@ class StepErrors:
 
     def damping_error(self, state: MotionState) -> float | None:
         """Error of the damping ratio at the motion's frequency, over the one asked for; None where not known."""
-        obtained, asked = self.obtained(state, self._stepper.setup.dt), self.asked
+        obtained, asked = self._obtained_at(state), self.asked
         return None if np.isnan(obtained) or asked == 0.0 else obtained / asked - 1.0
 
     @property
@@ -256,10 +257,17 @@ class StepErrors:
             size, angle = (1.0 - share) * size / step + euler.real, (1.0 - share) * angle / step + euler.imag
         return float(-size / np.hypot(size, angle)) if growth == growth and size else float("nan")
 
+    def _obtained_at(self, state: MotionState) -> float:
+        """The damping ratio by the motion's own steps, once for what is stated and what is said of it."""
+        kept, steps = self._obtained, self._steps
+        if kept is None or kept[0] is not state or kept[1] != steps:
+            kept = self._obtained = state, steps, self.obtained(state, self._stepper.setup.dt)
+        return kept[2]
+
     def remark(self, state: MotionState) -> str:
         """What the damping that steps add does to the motion, and the step that would not; "" if it is little."""
         dt, asked = self._stepper.setup.dt, self.asked
-        added = self.obtained(state, dt) - asked
+        added = self._obtained_at(state) - asked
         if not added > max(_PLAIN[0], _PLAIN[1] * asked) or asked >= 1.0:
             return ""
         fitting = dt
