@@ -61,9 +61,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
             coordinates = equilibrium_path(basis, forces, factors(np.linspace(0.0, 2.0 * np.pi, finest + 1)))
             arrays[f"{scene}_{path}_coordinates"] = coordinates
             findings[scene][path] = drift_findings(basis, coordinates)
-        findings[scene]["motion"] = motion_findings(
-            basis, np.sum(forces, axis=0), (1, 4) if quick else (1, 2, 4, 8, 16)
-        )
+        refinements = (1, 2) if quick else (1, 2, 4, 8, 16)
+        findings[scene]["motion"] = motion_findings(basis, np.sum(forces, axis=0), refinements)
     return result_of("integrator_drift", findings, arrays, cells=cells, finest=finest)
 
 

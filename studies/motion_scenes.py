@@ -25,8 +25,8 @@ HELD_STRIP: Sheet = {"young": 1e8, "poisson": 0.0, "thickness": 0.01, "density":
 RATIOS_BY_AMPLITUDE = {1.0: 1.0892, 3.0: 1.6257}
 """Frequency over that of small motion, by the amplitude over the radius of gyration [woinowsky1950]."""
 SWING_STEPS, SWING_FINE = (60, 120, 240), 32
-LED_STEP, LED_FINE = 1.0 / 30.0, 32
-"""Step of motions of supports, and what it is divided by for the reference."""
+LED_STEP, LED_FINE, LED_TIMES = 1.0 / 30.0, 32, (5.0, 6.0)
+"""Step of motions of supports, what it is divided by for the reference, and how long the two motions last [s]."""
 LED_LONG = (ms.ModalDerivatives.name,)
 """Rungs that take long, which a quick study does not lead."""
 
@@ -215,10 +215,10 @@ def led_rows(quick: bool) -> list[dict[str, Any]]:
     shell = strip("hinges")
     omega = first_frequency(shell)
     damping = ms.Damping(0.0, 0.06 / omega)  # that of the mass slows full models in the world, others in the frame
-    scenes = {"spin-up of a cantilever": (spin_up(), 5.0), "shaken cantilever": (shaking(shell), 6.0)}
+    scenes = {"spin-up of a cantilever": spin_up(), "shaken cantilever": shaking(shell)}
     fine = 2 if quick else LED_FINE
-    for turn, (scene, (path, duration)) in enumerate(scenes.items()):
-        count = round(duration / LED_STEP)
+    for turn, (scene, path) in enumerate(scenes.items()):
+        count = round(LED_TIMES[turn] / LED_STEP)
 
         def frames(model: ms.Model, divisions: int, *, path=path, count=count) -> np.ndarray:  # type: ignore[no-untyped-def]
             steps = count * divisions

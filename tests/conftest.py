@@ -54,11 +54,16 @@ SLOW_STUDIES |= {"fabric_drape", "flock_scaling", "grown_leaf", "integrator_drif
 """Those that take long even if quick; so do the tests that name them."""
 
 SHORTER = {
+    "blind_motions": {"studies.blind_motions.QUICK": 2, "studies.blind_motions.FRAMES": 45},
+    "cloth_scaling": {"studies.cloth_scaling.SIDES": (25, 50)},
     "engines": {"studies.engines._FRAMES": 2},
+    "integrator_drift": {"studies.integrator_drift.CYCLES": 3},
     "motion_truth": {
         "studies.motion_limits.COST_FINE": 320,
         "studies.motion_limits.FREE_TIME": 0.1,
         "studies.motion_limits.SHEET_TIME": 0.1,
+        "studies.motion_limits.STRIP_TIME": 2.0,
+        "studies.motion_scenes.LED_TIMES": (2.5, 3.0),
         "studies.motion_scenes.SWING_FINE": 2,
     },
     "stability_atlas": {"studies.stability_atlas.FEWEST": 4, "studies.stability_atlas.MOST": 6},

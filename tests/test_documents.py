@@ -40,13 +40,14 @@ TRADEOFF = f"modalshell tradeoff {FLAT_BEAM}"
 VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
     ADVISE: "modalshell advise flat_beam.toml --error 0.02 --fps 60 --modes 4",
-    TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4",
+    TRADEOFF: "modalshell tradeoff flat_beam.toml --modes 4 --quick",
     f"modalshell path {SNAPPING}": "modalshell path v_beam_stiff.toml",
     f"modalshell run {PANEL}": "modalshell run panel_wind.toml",
     f"modalshell sweep {SWEEP}": "modalshell sweep v_beam_gravity.toml --workers 1",
     VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell simulate meshes/leaf.obj": "modalshell simulate meshes/leaf.obj --duration 0.5",
     "modalshell bench": "modalshell bench --only hinge_kernel",
+    "modalshell reproduce --only flat_vs_v_beam": "modalshell reproduce --only flat_vs_v_beam --quick",
     "python -m pytest -n auto": "python -m pytest --collect-only -q tests/core",
     "ruff check . && ruff format --check . && mypy": "ruff check tests && ruff format --check tests && mypy --version",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",

