@@ -96,6 +96,7 @@ def test_files_without_indices_are_refused(scene_file, content):
         ('kind = "pin"\nsel = "boundary(5)"', r"supports\[0\]\.sel: "),
         ('kind = "pin"\nsel = "no.txt"', r"supports\[0\]\.sel: must be a file"),
         ('kind = "pin"\nsel = [true, 1]', r"supports\[0\]\.sel: must be bool .*not both in one list"),
+        ('kind = "pin"\nsel = []', r"supports\[0\]\.sel: selects no vertex \(got \[\]\)"),
         ('kind = "pin"\nsel = [9999]', r"supports\[0\]\.sel: names vertex 9999"),
         ('kind = "pin"\nsel = "x < 9"', r"supports: the supports hold all"),
         ('kind = "fix"\nsel = "x < 0.1"\naxes = "w"', r"supports\[0\]\.axes: "),
