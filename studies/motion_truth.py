@@ -202,7 +202,7 @@ def finding(result: StudyResult) -> str:
     asked = [row for row in result.findings["damping"] if row["rung"] == "DS" and row["asked"] == 0.03]
     at = {row["rule"]: dict(zip(row["steps"], row["obtained"], strict=True))[20] for row in asked}
     plate = {row["rule"]: percent(row["error"], ".2g") for row in result.findings["plate"] if row["steps"] == 20}
-    lost = {row["rule"]: percent(row["lost"], ".1g") for row in result.findings["swing"] if row["steps"] == 120}
+    lost = {row["rule"]: percent(row["lost"], ".2g") for row in result.findings["swing"] if row["steps"] == 120}
     words = f"these are missed: {'; '.join(missed)}" if missed else "none is missed"
     return (
         f"Asked for a damping ratio of 0.03, DS shows {at['composite']:.4f} by its rule, {at['bdf2']:.4f} by BDF2 and "

@@ -172,5 +172,5 @@ def finding(result: StudyResult) -> str:
         f"{largest(finest, *FRAMES)} at {finest}, on {len({row['mesh'] for row in rows})} mesh families; a tube with "
         f"webs twists within {largest(middle, 'tube with webs')} of Bredt's formula, and a plate with a rib sags "
         f"within {largest(finest, 'plate with a rib')} of a beam of T section. Cut off its rib the plate would sag "
-        f"{result.findings['cut']:.3g} times as much."
+        f"{result.findings['cut']:,.0f} times as much."
     )

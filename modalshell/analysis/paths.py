@@ -30,6 +30,7 @@ from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.model import RIGID_LOAD, Model
+from modalshell.models.base.setup import given_contacts
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes.rigid import rigid_motions
 from modalshell.shell import Shell
@@ -318,9 +319,10 @@ def _with_contacts(
     from modalshell.contact.touching import Touching, checked_contacts, refuse_friction, touched_frame
 
     watch_time, (begin, until), model = Stopwatch(), ends, followed.model
-    problem, given = model.problem, checked_contacts(contacts)
+    problem = model.problem
     if not isinstance(problem, Potential):
         raise OptionError("paths with contacts are followed by models of all vertices alone: take DS")
+    given = checked_contacts(given_contacts(contacts, problem.shell))
     refuse_friction(given, "paths")
     touching = Touching(given, problem.shell, model.positions(problem.origin)[0] - problem.origin[0])
     walker = LoadSteps(problem, touching, abs(until - begin) / counts[0])

@@ -133,12 +133,12 @@ def open_result(
     if not shown.is_file():
         raise ms.OptionError(f"{shown} is no file: name a result, as 'results/leaf.npz', or the folder of a run")
     if shown.suffix in (".npz", ".clip"):
-        page = Path(tempfile.mkdtemp(prefix="modalshell_")) / f"{shown.stem}.html"  # kept for the browser
         if (basis := _saved_basis(shown)) is not None:
-            shown = basis.page(title=shown.stem).save(page)
+            page = basis.page(title=shown.stem)
         else:
             run = ms.load_clip(shown) if shown.suffix == ".clip" else ms.load_trajectory(shown, verify=True)
-            shown = _played(run, shown).save(page)
+            page = _played(run, shown)
+        shown = page.save(Path(tempfile.mkdtemp(prefix="modalshell_")) / f"{shown.stem}.html")  # kept for the browser
     elif shown.suffix not in _SHOWN:
         raise ms.OptionError(
             f"{shown} is no result that a browser shows (got {shown.suffix or 'no suffix'}): name one of .npz, .clip, "

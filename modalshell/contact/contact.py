@@ -62,7 +62,7 @@ class Contact(ReadOnlyArrays):
     """Keeps vertices of a shell out of a collider: ``0 <= force _|_ gap >= 0`` at each of them.
 
     Vertices touch, edges and triangles between them do not: on a convex collider of radius r a triangle of edge l
-    dips in by ``l^2 / (8 r)``. Vertices that supports hold wholly take no part.
+    dips in by ``l^2 / (8 r)``. Vertices that supports hold wholly take no part; ``sel`` of these alone is refused.
 
     Parameters
     ----------

@@ -41,6 +41,8 @@ def shown(value: Any) -> str:
     """A value for a message: its ``repr`` on one line, shortened, or its type if it has no plain ``repr``."""
     if not isinstance(value, _PLAIN):
         return f"an object of type {type(value).__name__}"
+    if isinstance(value, np.ndarray | np.generic) and value.size <= _SHOWN:
+        value = value.tolist()
     try:
         text = shortened(repr(value), _SHOWN)
     except ValueError:  # Python writes out no integer of thousands of digits

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, TypeVar, final
@@ -10,6 +11,8 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import OptionError
 
 T = TypeVar("T")
+_OWN = ("modalshell.crowd", "modalshell.springs")
+"""Features of this package that register themselves, each where its folder is there."""
 
 
 @final
@@ -44,8 +47,11 @@ def full_name(value: Any) -> str:
 def load_plugins() -> tuple[str, ...]:
     """Import the modules that installed packages name in the entry-point group ``modalshell``; return their names.
 
-    Classes with a key register themselves when their module is imported. OptionError if an import fails.
+    This package's own features, which it does not import at once, come first. Classes with a key register themselves
+    when their module is imported. OptionError if an import of another package's fails.
     """
+    for feature in filter(importlib.util.find_spec, _OWN):
+        importlib.import_module(feature)
     names = []
     for entry in entry_points(group="modalshell"):
         try:

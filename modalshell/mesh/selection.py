@@ -74,7 +74,7 @@ def checked_selection(name: str, selection: Selection) -> Selection:
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
         return selection
-    entries = as_array(name, selection, "bool (n,) or vertex indices", OptionError, "biu")
+    entries = _entries(name, selection, "n", OptionError)
     entries = entries.ravel() if entries.dtype != bool and entries.ndim == 2 else entries  # (k, 2) of edges, too
     if entries.ndim > 1:
         raise OptionError(f"{name} must be a mask (n,) or a list of vertex indices (got shape {entries.shape})")
@@ -91,7 +91,7 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
     else:
-        entries = as_array(name, selection, f"bool ({count},) or vertex indices", OptionError, "biu")
+        entries = _entries(name, selection, count, OptionError)
         entries = entries if entries.dtype == bool else entries.ravel()  # (k, 2) of edges, too
         mask = vertex_mask(name, entries, count, OptionError)
     if not mask.any():
@@ -100,9 +100,18 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
     return mask
 
 
+def _entries(name: str, given: ArrayLike, count: int | str, error: type[ModalShellError]) -> NDArray[Any]:
+    """A mask or indices as an array, else ``error`` about ``name``; NumPy would take True in a list of numbers as 1."""
+    allowed = f"bool ({count},) or vertex indices"
+    entries = as_array(name, given, allowed, error, "biu")
+    if entries.dtype != bool and isinstance(given, list | tuple) and any(isinstance(one, bool) for one in given):
+        raise error(f"{name} must be {allowed}, not both in one list (got {shown(given)})")
+    return entries
+
+
 def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShellError]) -> NDArray[np.bool_]:
     """Mask (count,) from a mask or from indices, else ``error`` about ``name``."""
-    entries = as_array(name, vertices, f"bool ({count},) or vertex indices", error, "biu")
+    entries = _entries(name, vertices, count, error)
     indices = entries.dtype != bool
     if entries.ndim > 1 or not (indices or entries.shape == (count,)):
         raise error(f"{name} must be a mask ({count},) or a list of vertex indices (got shape {entries.shape})")

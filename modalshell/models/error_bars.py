@@ -46,8 +46,7 @@ def error_bar(
 
     Two mixed Newton steps from the answer measure the error; the stability margin after them says whether the answer
     is on DS's branch at all (:mod:`modalshell.statics.error_bar`). This takes two to three factorisations in place of
-    the six to thirty of DS. Bars of the models without a memory of their own, positions alone being given, work as
-    well.
+    the six to thirty of DS.
 
     Parameters
     ----------
@@ -83,7 +82,7 @@ def error_bar(
     """
     shell = shell_of(model_or_shell)
     given = any(part is not None for part in (gravity, force, loads))
-    loading, touching, led = None, given_contacts(contacts), checked_constraints(constraints, shell.unknowns)
+    loading, touching, led = None, given_contacts(contacts, shell), checked_constraints(constraints, shell.unknowns)
     if isinstance(answer, Equilibrium):
         loading = answer.loading
         if answer.contacts and contacts is not None:

@@ -51,7 +51,7 @@ def simulate(
     bars: int | tuple[int, str | Shell] | None = None,
     on_step: Progress | None = None,
 ) -> Trajectory:
-    """Step a model from rest under a dead load.
+    """Move a model from rest under loads, by steps in time.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def simulate(
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
         Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
-    contacts : sequence of Contact, optional
+    contacts : sequence of Contact or SelfContact, optional
         Colliders that vertices stay out of, for models that take contacts. Where what touches changes, implicit Euler
         stands in for rules of order two.
     integrator : str, optional
@@ -117,7 +117,8 @@ def simulate(
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
         bars under self-contact, on a coarse shell with contacts or constraints, or of a shell that its supports do not
-        hold, or contacts of a model that takes none, that begin inside the shell, or move too fast for the step.
+        hold, or contacts of a model that takes none, that begin inside the shell, move too fast for the step, or are
+        of vertices alone that supports hold.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError
@@ -132,7 +133,7 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     if integrator is not None:
         model = model.stepped_by(integrator)
-    wanted, touching = None, given_contacts(contacts)
+    wanted, touching = None, given_contacts(contacts, model.shell)
     if bars is not None:
         led = checked_constraints(constraints, model.shell.unknowns)
         wanted = wanted_bars(bars, model, touching, dt, supports, led)

@@ -17,7 +17,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.models.base.setup import MotionSetup
+from modalshell.models.base.setup import MotionSetup, given_contacts
 from modalshell.motion.step_error import SEEN_FROM, StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -98,9 +98,8 @@ class Motion:
         if supports is not None and not shell.unknowns.supported.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
         wanted = checked_constraints(constraints, shell.unknowns)
-        # Contacts are checked where they are known: what has none does not import them.
         divided = tolerance is not None
-        self.setup = MotionSetup(dt, damping, loading, supports, wanted, contacts or (), divided)
+        self.setup = MotionSetup(dt, damping, loading, supports, wanted, given_contacts(contacts, shell), divided)
         self._load = loading.dead.copy()
         self.stepper = model.stepper(self.setup)
         given = None if start is None else shell.checked_positions(start)

@@ -139,10 +139,10 @@ class Page:
         options: dict[str, Any] = {"ha": "center", "va": "top", "color": "0.1", "linespacing": 1.15, **style}
         from matplotlib.transforms import IdentityTransform
 
-        self._figure.text(x, y, text, fontsize=size, transform=IdentityTransform(), **options)
+        self._figure.text(x, y, text, fontsize=size, transform=IdentityTransform(), parse_math=False, **options)
 
     def _width(self, text: str, size: float) -> float:
-        probe = self._figure.text(0, 0, text, fontsize=size, weight="bold")
+        probe = self._figure.text(0, 0, text, fontsize=size, weight="bold", parse_math=False)
         measured = float(probe.get_window_extent().width)
         probe.remove()
         return measured

@@ -1,4 +1,4 @@
-"""Selections of a scene by files of vertex indices: ``sel = "rim.txt"`` or ``"rim.npy"``."""
+"""Selections of a scene by files of vertex indices or a mask: ``sel = "rim.txt"`` or ``"rim.npy"``."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ def numbered(value: Any, key: str = "") -> str:
     return next(filter(None, map(numbered, value)), "") if isinstance(value, list) else ""
 
 
-def _indices(file: Path, path: str, name: str) -> list[int]:
+def _indices(file: Path, path: str, name: str) -> list[int] | list[bool]:
+    """Indices, or the whole mask of a file: its length is checked where the mesh is known."""
     try:
         numbers = read_numbers(file.parent / name, int)
-        indices = np.flatnonzero(numbers) if numbers.dtype == bool else numbers
-        if indices.ndim != 1 or indices.dtype.kind not in "iu":
+        if numbers.ndim != 1 or numbers.dtype.kind not in "biu":
             raise ValueError(f"an array of {numbers.dtype} with shape {numbers.shape}")
-        if indices.size and indices.min() < 0:
-            raise ValueError(f"the index {indices.min()}")
-        return [int(index) for index in indices]
+        if numbers.dtype != bool and numbers.size and numbers.min() < 0:
+            raise ValueError(f"the index {numbers.min()}")
+        return list(numbers.tolist())
     except ValueError as error:
         raise SceneError(
-            f"{file}: {path}: must be a file of vertex indices, .npy or text with one per line (got {name!r:.60}: "
-            f"{error})"
+            f"{file}: {path}: must be a file of vertex indices, .npy or text with one per line, or of a mask, .npy "
+            f"(got {name!r:.60}: {error})"
         ) from error
 
 

@@ -43,6 +43,12 @@ class KeyTable(NamedTuple):
     keys: list[Key]
 
 
+_OWN = (
+    Key("name", "text", "", "Name of the results' files; by default that of the scene's file."),
+    Key("bar", "true or false", "false", "Whether the equilibrium, or some frames of a motion, get error bars."),
+)
+
+
 def scene_keys(table: str | None = None) -> list[KeyTable]:
     """The tables of a scene file, or those of one name such as ``contacts``; OptionError for another name."""
     load_plugins()
@@ -67,6 +73,7 @@ def _tables() -> dict[str, Callable[[], list[KeyTable]]]:
     further = {key: plain(kind.table, f"[{key}]") for key, kind in KINDS.items()}
     sheets: list[type[tables.Table]] = [tables.Stiffnesses, tables.PhysicalSheet]
     return {
+        "scene": lambda: [KeyTable("before the first table", "", list(_OWN))],
         "mesh": lambda: [_table(tables.MeshFile, "[mesh]"), *_kinds(SHAPES, "[mesh]", "shape")],
         "material": lambda: [
             *(_table(kind, "[material]") for kind in sheets),

@@ -20,7 +20,7 @@ from modalshell.scene.parts import build_mesh, file_numbers
 from modalshell.scene.read import located
 from modalshell.shell import Crease, Temperature
 
-_Chosen = str | Annotated[list[tables.Vertex | list[tables.Vertex]], Meta(min_length=1)]
+_Chosen = str | Annotated[list[tables.Vertex | bool | list[tables.Vertex]], Meta(min_length=1)]
 """Vertices as elsewhere, or edges as pairs of them."""
 _Numbers = float | list[float] | Annotated[str, Meta(min_length=1)]
 """One number, one per triangle, or a file of these."""

@@ -25,6 +25,7 @@ from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.mesh.selection import held_vertices, selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.base.bars import check_bar
+from modalshell.models.base.setup import given_contacts
 from modalshell.models.factory import ModelFactory, SolveModes
 from modalshell.motion import Motion, SupportPath, Trajectory
 from modalshell.motion.motion_check import wanted_bars, with_bars
@@ -232,7 +233,7 @@ class ShellScene(Scene):
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell, solve))
-        contacts = self.build_contacts(shell.mesh)
+        contacts = self.build_contacts(shell)
         if self.bar:
             try:
                 check_bar(shell, constraints=constraints, contacts=contacts)
@@ -242,16 +243,16 @@ class ShellScene(Scene):
                 raise SceneError(f"{self.file}: bar: {error}") from error
         return BuiltScene(self, shell, model, force, loads, path, constraints, contacts)
 
-    def build_contacts(self, mesh: TriangleMesh | None = None) -> list[Any]:
-        """The contacts; SceneError where a table is refused, or selects no vertex of a mesh."""
+    def build_contacts(self, shell: Shell | None = None) -> list[Any]:
+        """The contacts; SceneError where a table is refused, or selects no vertex of a shell that can move."""
         contacts = []
         for index, table in enumerate(self.contacts):
             with located(self.file, f"contacts[{index}]", table):
                 if table.path is not None and self.motion is None:
                     raise OptionError("path needs a [motion] table: statics knows no time")
                 contacts.append(contact := table.contact(self.file.parent, self.unit_system.metres))
-                if mesh is not None:
-                    contact.vertices(mesh)
+                if shell is not None:
+                    given_contacts([contact], shell)
         return contacts
 
     @property

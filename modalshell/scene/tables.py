@@ -23,8 +23,8 @@ Vertex = Annotated[int, Meta(ge=0)]
 Vector = tuple[float, float, float]
 Keyframes = Annotated[list[Vector], Meta(min_length=2)]
 Times = Annotated[list[float], Meta(min_length=2)]
-Selection = str | list[Vertex]
-"""Vertices by an expression such as ``x < 0.026``, or by index."""
+Selection = str | list[Vertex | bool]
+"""Vertices by an expression such as ``x < 0.026``, by index, or by a mask."""
 
 FieldName = Literal[
     "membrane_strain", "membrane_force", "curvature", "moment", "von_mises", "von_mises_faces", "energy_density"
@@ -179,7 +179,7 @@ class Constrained(Table, frozen=True):
     """
 
     kind: Literal["position", "orientation"]
-    vertices: Vertex | str | list[Vertex] | None = None
+    vertices: Vertex | Selection | None = None
     nearest: Vector | None = None
     target: Vector | None = None
     times: Times | None = None

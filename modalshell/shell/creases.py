@@ -51,9 +51,9 @@ class Crease(ReadOnlyArrays):
     sel : str, array_like of bool, shape (n,), of int, or of int, shape (k, 2)
         Vertices: every edge between two of them is a crease; or pairs of vertices, which are the edges themselves.
     yield_moment : float
-        Moment per length of the edge [N] at which it yields; M_y above.
+        Moment per length of the edge [N] at which it yields, M_y.
     hardening : float
-        Further moment per length and plastic fold [N/rad]; H above. Released, the crease keeps at most M_y / H.
+        Further moment per length and plastic fold [N/rad], H. Released, the crease keeps at most M_y / H.
     angle : float, optional
         Creases are only those of the edges at which the sheet is folded at rest by more than this [deg].
 

@@ -46,7 +46,7 @@ class Shell(EnergyAccess):
         or more meet at an edge an :class:`Isotropic` shell has a rigid joint that is free to turn; a
         :class:`Material`'s has a hinge between the first of them and each of the others, so that a couple goes from
         one to the next through that first one alone.
-    material : Material, Isotropic, Orthotropic
+    material : Material, or Isotropic, Orthotropic, Laminate or Fabric
         Stiffnesses of the discrete-shell energies; or a sheet, whose energy is that of split folds.
     clamped : str, array_like of bool, shape (n,), or of int, optional
         Vertices that are held, short for one :class:`Clamp`. To clamp an edge of a :class:`Material`'s shell hold two
@@ -59,7 +59,6 @@ class Shell(EnergyAccess):
         Energies in addition to those of the material.
     loose_parts : bool
         Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
-
     prestrain, rest_curvature : float, array_like of shape (T,), (3, 3) or (T, 3, 3), or callable, optional
         Green strain, and curvature [1/m], at which a sheet has no stress: a number for all directions, or a tensor in
         space, of which each triangle takes the part in its plane; or a function of the centroids (T, 3) that gives

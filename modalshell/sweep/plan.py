@@ -93,6 +93,7 @@ class Plan:
         key += json.dumps(parts, sort_keys=True)
         if key not in self._checked:
             declared = scene.require_shell()
-            declared.build_loading(scene.build_shell(mesh))
-            declared.build_contacts(mesh)
+            shell = declared.build_shell(mesh)
+            declared.build_loading(shell)
+            declared.build_contacts(shell)
             self._checked.add(key)

@@ -1,5 +1,6 @@
 """modalshell open: motions, bases and other results in the browser."""
 
+import tempfile
 import webbrowser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -60,7 +61,10 @@ def test_pictures_open_as_they_are_and_others_are_refused(tmp_path, opened, caps
     assert "modalshell view" in capsys.readouterr().err
     assert run("open", tmp_path / "missing.png") == 2
     (tmp_path / "notes.npz").write_bytes(b"")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     assert run("open", tmp_path / "notes.npz") == 2
+    assert not list((tmp_path / "temporary").iterdir())
     monkeypatch.setattr(webbrowser, "open", lambda _: False)
     assert run("open", picture) == 0
     assert "no browser" in capsys.readouterr().out

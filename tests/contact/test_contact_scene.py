@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -107,6 +108,7 @@ def test_a_mesh_that_is_touched_comes_from_a_file(scene_file, tmp_path):
         (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
         (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
         (FLOOR + 'sel = "x > 9"\n', "contacts[0].sel: selects no vertex"),
+        (FLOOR + 'sel = "x < 0.026"\n', "contacts[0].sel: must name a vertex that can move"),
         (FLOOR + "path = { times = [0, 1] }\n", "contacts[0].path"),
         ("[contacts]\nkind = 'plane'\n", "contacts: must be a list of tables"),
     ],
@@ -131,15 +133,17 @@ def test_a_run_with_contacts_is_drawn(scene_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_plain_scene_imports_no_contacts_crowds_springs_or_comparisons(scene_file):
+def test_a_plain_scene_imports_no_contacts_comparisons_or_sweeps_but_knows_all_kinds(scene_file):
+    flock = Path(__file__).parents[2] / "studies/scenes/flock.toml"
     code = (
         "import sys, modalshell as ms\n"
         f"ms.load_scene({str(scene_file())!r}).build().start_motion().advance()\n"
         "print([part for part in ms._LATER if f'modalshell.{part}' in sys.modules])\n"
+        f"assert 'springs' in ms.models() and ms.load_scene({str(flock)!r})\n"
         "assert ms.contact.Plane is ms.Plane and 'Flock' in dir(ms) and ms.crowd.Flock is ms.Flock\n"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert out.strip() == "[]"
+    assert out.strip() == "['crowd', 'springs']"  # register a kind of scene and a model
 
 
 @pytest.mark.parametrize("model", ["mwts", "ds"])

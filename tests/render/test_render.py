@@ -218,7 +218,7 @@ def test_text_stays_outside_the_cells(detected, monkeypatch, tmp_path):
         View([ShadedSurface(vertices, faces, c, label=c)], title=long, subtitle=long) for c in ("red", "green", "blue")
     ]
     views.append(View([ShadedSurface(vertices, faces, scalars=values, label="height [m]")], title=long))
-    image = pixels(draw_views(views, tmp_path / "t.png", size=(900, 600), title="All", columns=2))
+    image = pixels(draw_views(views, tmp_path / "t.png", size=(900, 600), title=r"All of $\part$", columns=2))
     ink = inked(image)
     # Text ends before the borders of the picture, and below the last cell the legend has its own band.
     assert not rim(ink, 2).any()

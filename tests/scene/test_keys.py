@@ -12,6 +12,7 @@ def test_every_table_of_a_scene_is_listed():
     headings = " ".join(one.heading for one in scene_keys())
     for name in {*_REQUIRED, *_LISTS, *single_tables()} - {"energies"}:  # only plug-ins register energies
         assert f"[{name}]" in headings or f"[{name}." in headings, name
+    assert [key.name for key in scene_keys("scene")[0].keys] == ["name", "bar"]
 
 
 def test_keys_have_types_defaults_and_units():
@@ -30,7 +31,7 @@ def test_keys_have_types_defaults_and_units():
 
 
 def test_another_name_is_refused_with_the_tables():
-    with pytest.raises(ms.OptionError, match=r"a scene has the tables mesh, material, .* \(got 'ball'\)"):
+    with pytest.raises(ms.OptionError, match=r"a scene has the tables scene, mesh, material, .* \(got 'ball'\)"):
         scene_keys("ball")
 
 

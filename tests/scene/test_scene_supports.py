@@ -57,14 +57,24 @@ def test_the_largest_load_is_found_along_a_path_of_years(load):
     assert "at 0 s" in scene.largest_load(scene.build_shell())[1]
 
 
-@pytest.mark.parametrize("suffix", ["txt", "npy"])
-def test_files_of_indices_select(scene_file, suffix):
+@pytest.mark.parametrize("content", ["txt", "npy", "mask"])
+def test_files_of_indices_or_a_mask_select(scene_file, content):
+    count = len(ms.load_scene(scene_file()).build_mesh().vertices)
+    suffix = "txt" if content == "txt" else "npy"
     scene = scene_file((HELD, f'[[supports]]\nkind = "pin"\nsel = "rim.{suffix}"\n'))
-    if suffix == "txt":
+    if content == "txt":
         (scene.parent / "rim.txt").write_text("3\n4 5\n", encoding="utf-8-sig")  # as Windows writes it
     else:
-        np.save(scene.parent / "rim.npy", np.array([3, 4, 5]))
+        chosen = np.array([3, 4, 5])
+        np.save(scene.parent / "rim.npy", np.isin(np.arange(count), chosen) if content == "mask" else chosen)
     assert np.flatnonzero(ms.load_scene(scene).build_shell().clamped).tolist() == [3, 4, 5]
+
+
+def test_a_mask_of_another_mesh_is_refused(scene_file):
+    scene = scene_file((HELD, '[[supports]]\nkind = "pin"\nsel = "rim.npy"\n'))
+    np.save(scene.parent / "rim.npy", np.isin(np.arange(6), [3, 4, 5]))
+    with pytest.raises(ms.SceneError, match=r"supports\[0\]\.sel: must be a mask .*got shape \(6,\)"):
+        ms.load_scene(scene).build_shell()
 
 
 @pytest.mark.parametrize("content", ["", "x", "-1", "1.5"])
@@ -85,6 +95,8 @@ def test_files_without_indices_are_refused(scene_file, content):
         ('kind = "pin"\nsel = "x < -9"', r"supports\[0\]\.sel: selects no vertex"),
         ('kind = "pin"\nsel = "boundary(5)"', r"supports\[0\]\.sel: "),
         ('kind = "pin"\nsel = "no.txt"', r"supports\[0\]\.sel: must be a file"),
+        ('kind = "pin"\nsel = [true, 1]', r"supports\[0\]\.sel: must be bool .*not both in one list"),
+        ('kind = "pin"\nsel = []', r"supports\[0\]\.sel: selects no vertex \(got \[\]\)"),
         ('kind = "pin"\nsel = [9999]', r"supports\[0\]\.sel: names vertex 9999"),
         ('kind = "pin"\nsel = "x < 9"', r"supports: the supports hold all"),
         ('kind = "fix"\nsel = "x < 0.1"\naxes = "w"', r"supports\[0\]\.axes: "),

@@ -85,7 +85,7 @@ class Model(ABC):
         bar : bool
             Whether to estimate the answer's error against DS on the same shell: two Newton steps and a stability margin
             beyond the answer, for about a third of the time of DS; see :class:`~modalshell.ErrorBar`.
-        contacts : sequence of Contact, optional
+        contacts : sequence of Contact or SelfContact, optional
             Colliders that vertices stay out of, as they are at time 0, for models that take contacts.
 
         Returns
@@ -99,15 +99,15 @@ class Model(ABC):
             For loads or positions of the wrong shape or not finite.
         OptionError
             For constraints or contacts of a model that takes none, for constraints that contradict one another or the
-            supports, for a start inside a collider, or for a ``bar`` under contacts with friction, or of a shell that
-            its supports do not hold.
+            supports, for a start inside a collider, a contact of held vertices alone, or for a ``bar`` under contacts
+            with friction, or of a shell that its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts)
+        wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts, self.shell)
         if checked_kind("bar", bar, bool):
             check_bar(self.true_shell, constraints=wanted, contacts=touching)
         if touching:

@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
+from modalshell.core.checks import shown
+from modalshell.core.errors import OptionError
 from modalshell.loads import Loading
+from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
 from modalshell.supports.constraints import Constraint
@@ -16,13 +19,17 @@ if TYPE_CHECKING:
     from modalshell.integrators.full import FullIntegrator
 
 
-def given_contacts(contacts: Sequence[Contact] | None) -> tuple[Any, ...]:
-    """The contacts that a caller gives, as a tuple; OptionError for what is no list of contacts."""
+def given_contacts(contacts: Sequence[Contact] | None, shell: Shell) -> tuple[Any, ...]:
+    """The contacts that a caller gives, as a tuple; OptionError for what is none, or of vertices that never move."""
     if not contacts:
         return ()
     from modalshell.contact.touching import listed_contacts  # not without contacts
 
-    return listed_contacts(contacts)
+    listed = listed_contacts(contacts)
+    for contact in listed:
+        if not (contact.vertices(shell.mesh) & ~shell.unknowns.held).any():
+            raise OptionError(f"sel must name a vertex that can move (got {shown(contact.sel)}, held by supports)")
+    return listed
 
 
 @final
