@@ -427,6 +427,8 @@ def test_one_load_in_place_of_a_list_is_refused():
     for loads in (ms.Wind((1.0, 0.0, 0.0)), 3):
         with pytest.raises(ms.LoadError, match="loads must be a list of loads"):
             ms.DiscreteShell(shell).equilibrium(loads=loads)
+    with pytest.raises(ms.OptionError, match="energies must be a list of energies"):
+        ms.Shell(mesh, shell.material, energies=3)
     with pytest.raises(ms.OptionError, match="fields must be a list of names"):
         ms.simulate(ms.DiscreteShell(shell), duration=0.1, fields=3)
     with pytest.raises(ms.OptionError, match="run must be a Trajectory"):

@@ -125,7 +125,7 @@ def sides_note(touching: Touching, start: Array) -> str:
 
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
     """Where Newton's steps with active sets lead from a start; not stable where they lead through a collider."""
-    solver = ActiveSet(problem, touching, problem.measure(problem.push))
+    solver = ActiveSet(problem, touching, problem.scale_at(start))
     rest = solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
     return replace(rest, stable=False) if rest.stable and touching.crossed(start, rest.point) else rest
 
@@ -156,6 +156,6 @@ def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Arr
 
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
     """Where the way downhill leads, after some ``iterations`` in vain."""
-    solver = ActiveSet(problem, touching, problem.measure(problem.push))
+    solver = ActiveSet(problem, touching, problem.scale_at(start))
     rest = descend(solver, start, rules_of(problem, method.GOAL, DIRECT))
     return replace(rest, iterations=iterations + rest.iterations)

@@ -73,13 +73,13 @@ class Pressure(LiveLoad, ReadOnlyArrays, key="pressure"):
         return self._applied(mesh) if self.follower else None
 
     def _applied(self, mesh: TriangleMesh) -> AppliedLoad:
-        faces, p = selected_faces(mesh, self.sel), self.p
+        faces, p, middle = selected_faces(mesh, self.sel), self.p, mesh.vertices.mean(axis=0)
 
         def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
             return np.repeat(p / 3.0 * area_vectors(corners)[:, None], 3, axis=1)
 
-        def energy(x: Array) -> float:
-            one, two, three = np.moveaxis(x[faces], 1, 0)
+        def energy(x: Array) -> float:  # about the shell: far from it volumes are differences of large ones
+            one, two, three = np.moveaxis((x - middle)[faces], 1, 0)
             return -p / 6.0 * float(np.vdot(one, np.cross(two, three)))
 
         return AppliedLoad(faces, forces, energy, held=_boundary(faces), form=SurfaceForm(pressure=p))

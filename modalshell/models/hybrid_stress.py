@@ -27,7 +27,7 @@ from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, 
 from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
 from modalshell.models.hybrid.compliance import LinearCompliance
 from modalshell.models.hybrid.reduced_shell import ReducedShell
-from modalshell.models.hybrid.slopes import differences, forces_by_constants
+from modalshell.models.hybrid.slopes import STEP, differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
@@ -220,6 +220,11 @@ class HybridStress(OnCoarse):
         """Largest relative change of an edge vector of the coarse shell by z."""
         return float(edge_changes(self.coarse.coarse.shell, self._shape.moved(z)[:, :, None]).max())
 
+    @property
+    def _step(self) -> float:
+        """Step of differences by the coordinates, which moves edges by a share of their lengths at most."""
+        return STEP / max(self._edge_change(unit) for unit in np.eye(self._basis.shape[1]))
+
     def _handed_over(self, load: Array, start: Array | None, reason: str) -> Equilibrium:
         answer = self.coarse.equilibrium(force=load, start=start)
         message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
@@ -251,7 +256,7 @@ class HybridStress(OnCoarse):
         """
         z = dead_state(state)[0]
         small = self.coarse.coarse.shell
-        hessian = differences(lambda z: self._energy(z)[1], z)
+        hessian = differences(lambda z: self._energy(z)[1], z, self._step)
         measures = measures_of(small, self._trained.turned)
         constants = forces_by_constants(measures, self._reduced, self._trained.stresses, self._basis, z)
         tangent = LinearTangent(self.shell, state, hessian, *self._moves(z), constants)
@@ -270,7 +275,7 @@ class HybridStress(OnCoarse):
 
     def _moves(self, z: Array) -> tuple[Array, Array]:
         """What takes rates of z to velocities of the vertices (3n, m), and loads there to forces on z."""
-        columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z)
+        columns = differences(lambda z: self._shape.fine(self._shape.under(z)).ravel(), z, self._step)
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(self._shape.rest), -1))
         return columns, spread.reshape(columns.shape)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import checked_kind, shortened
+from modalshell.core.checks import checked_kind, shortened, shown
 from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -23,6 +23,13 @@ ANY_SIGN = ("poisson", "direction", "stretch_4", "bending_4")
 """Constants that need not be above zero: with a Poisson's ratio and an angle the couplings of a fabric."""
 
 
+def checked_energies(energies: Sequence[Energy]) -> tuple[Energy, ...]:
+    """Further energies as a tuple; OptionError if one is not an energy."""
+    if isinstance(energies, Energy) or not isinstance(energies, Iterable):
+        raise OptionError(f"energies must be a list of energies (got {shown(energies)}): write energies=[...]")
+    return tuple(checked_kind("each of energies", energy, Energy) for energy in energies)  # type: ignore[type-abstract]
+
+
 def energy_of(
     mesh: TriangleMesh,
     material: Material | Sheet,
@@ -31,7 +38,7 @@ def energy_of(
     held: NDArray[np.bool_],
 ) -> ElasticEnergy:
     """Elastic energy of a material on a mesh, with further ``energies``."""
-    further = [_elements(checked_kind("each of energies", energy, Energy), mesh) for energy in energies]  # type: ignore[type-abstract]
+    further = [_elements(energy, mesh) for energy in energies]
     if isinstance(material, Sheet):
         return SplitFoldEnergy(mesh, material, slopes, further, held)
     return ElementSum([*element_sets(mesh, material, held, slopes), *further], len(mesh.vertices))

@@ -22,7 +22,7 @@ from modalshell.shell.creases import Crease, CreaseSet, CreaseState
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
-from modalshell.shell.energies_of import energy_of
+from modalshell.shell.energies_of import checked_energies, energy_of
 from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles, refuse_collapse
 from modalshell.shell.material import Material
@@ -134,7 +134,7 @@ class Shell(EnergyAccess):
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
-        self.energies = tuple(energies)
+        self.energies = checked_energies(energies)
         if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
             warn_of_two_way_bending(mesh, unknowns.supported)
         self.mass = read_only(masses_of(self.rest_mesh, material, unknowns.held, self.supports))

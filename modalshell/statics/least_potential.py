@@ -81,8 +81,8 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
     # A load that no mode feels at rest may buckle the shell all the same: it needs a scale that is not rounding.
     shell = basis.shell
     most = float(np.sqrt(np.sum(load[shell.free] ** 2 / shell.mass[shell.free, None]))) / root.min()
-    scale = max(float(np.linalg.norm(push)), _FAINT * most) or 1.0
     first = np.zeros_like(root) if start is None else root * start[elastic]
+    scale = max(float(np.linalg.norm(push)), _FAINT * most) or float(np.linalg.norm(first)) or 1.0
     q[elastic] = push / root
     radius = scale * min(1.0, _FIRST_TURN / max(model.largest_turn(q), 1e-300))
     found = minimise(value_gradient, hessian, first, _TOLERANCE, scale=scale, radius=radius)

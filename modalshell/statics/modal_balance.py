@@ -98,16 +98,17 @@ def balance(
     ``slope`` gives the derivatives of the ``force`` p, ``turn`` the largest rotation [rad] at given coordinates. Of the
     eigenvalues Lambda (m,) the first ``rigid`` modes stay at zero. ``first_step`` is the fraction of the load that is
     tried first; with ``retry`` the load is followed from rest where Newton fails from the ``start`` (m,). The residual
-    is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
+    is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, without a load over the start's ``|Lambda q|``.
     """
     root = np.sqrt(eigenvalues[rigid:])
     if not root.size:
         return Statics(np.zeros(rigid), 0.0, 0, stable=True)
     whole, rest = _ModalBalance(force, slope, root, rigid), np.zeros(root.size)
-    scale = whole.measure(whole.residual(rest)) or 1.0
+    first = rest if start is None else root * start[rigid:]
+    scale = whole.measure(whole.residual(rest)) or whole.measure(first) or 1.0
     y, iterations, solved = rest, 0, False
     if start is not None:
-        y, iterations, solved = _newton(whole, root * start[rigid:], scale)
+        y, iterations, solved = _newton(whole, first, scale)
     if start is None or (retry and not solved):
         y, used, solved = _follow(whole, turn, scale, first_step)
         iterations += used

@@ -54,7 +54,7 @@ def test_its_gradient_is_that_of_its_energy(make):
     z = 0.05 * np.random.default_rng(0).standard_normal(6) / np.abs(ms.solve_modes(shell, 6).modes).max()
     assert len(reduced.bending.hinges) > 0
     gradient = value_and_gradient(reduced, z)[1]
-    slopes = differences(lambda z: np.array([value_and_gradient(reduced, z)[0]]), z)[0]
+    slopes = differences(lambda z: np.array([value_and_gradient(reduced, z)[0]]), z, 1e-4 * np.abs(z).max())[0]
     np.testing.assert_allclose(gradient, slopes, rtol=1e-7, atol=1e-7 * np.abs(slopes).max())
 
 
@@ -187,6 +187,22 @@ def small_hybrid(make, gravity):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ms.ModalShellWarning)
         return ms.HybridStress.trained(make(), gravity=gravity, modes=12, motions=4)
+
+
+@pytest.mark.slow
+def test_derivatives_without_a_load_are_those_under_a_small_one_in_any_unit_of_length():
+    """Their step was 1e-4 kg^(1/2) m, thousands of lengths of a small shell: the derivative by a force was nothing."""
+
+    def micrometres():
+        large = folded((8, 2))
+        mesh = ms.TriangleMesh(1e-6 * large.mesh.vertices, large.mesh.faces)
+        return ms.Shell(mesh, ms.Isotropic(9e4, 0.3, 2.2e-8, 9.0), large.clamped)
+
+    model = small_hybrid(micrometres, (0, 0, -7e7))
+    none, little = (
+        model.sensitivity(model.equilibrium(gravity=(0, 0, -gravity)), "force")[:, :, -1] for gravity in (0.0, 1.0)
+    )
+    np.testing.assert_allclose(none, little, atol=1e-5 * np.abs(little).max())
 
 
 def hinged(cells=(8, 2)):

@@ -205,3 +205,20 @@ def test_an_answer_without_load_is_one_for_those_who_begin_there():
         assert again.outcome == ms.Outcome.CONVERGED
         assert again.iterations <= 2
         assert np.abs(again.positions - first.positions).max() < 1e-9
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+@pytest.mark.parametrize("touching", [False, True])
+def test_without_a_load_shells_come_back_to_rest_in_any_unit_of_length(size, touching):
+    """Residuals were over 1 N and 1 J there: modal models of micrometres rested 10 % of a length away, at once."""
+    sheet = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
+    mesh = ms.TriangleMesh(size * sheet.vertices, sheet.faces)
+    shell = ms.Shell(mesh, ms.Isotropic(1.0, 0.3, 0.01 * size, 1e-6), sheet.vertices[:, 0] < 1e-9)
+    basis = ms.solve_modes(shell, 4)
+    start = sheet.vertices + 0.1 * sheet.vertices[:, :1] ** 2 * [0.0, 0.0, 1.0]
+    contacts = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -0.5 * size))] if touching else None
+    warped = ms.ModalWarping(basis), ms.ModalWarping(basis, consistent_force=True), ms.RotationStrain(basis)
+    for model in (*warped, ms.ModalDerivatives(shell, count=3), ms.DiscreteShell(shell)):
+        answer = model.equilibrium(start=size * start, contacts=contacts)
+        assert answer.converged
+        np.testing.assert_allclose(answer.positions / size, sheet.vertices, atol=1e-6, err_msg=model.name)

@@ -217,7 +217,7 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array, own: Index
     importance = (1.0 - ratio) ** 2 / (ratio**2 + _AT**2)
     importance = np.where(np.einsum("pkx,px->pk", normals[near], normal) > 0.0, importance, 0.0)
     affine = np.stack([np.ones_like(s), s, t], axis=2)
-    quadratic = np.stack([s * s, s * t, t * t], axis=2)
+    quadratic = np.stack([s * s, np.sqrt(2.0) * s * t, t * t], axis=2)  # a basis that turns with the axes of s and t
     return members[near], _least_squares(importance, affine, quadratic)
 
 

@@ -16,12 +16,12 @@ from modalshell.shell import Isotropic
 from modalshell.shell.energies_of import material_constants
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 
-_STEP = 1e-4
+STEP = 1e-4
+"""Step of differences, as a share of edges and of constants."""
 
 
-def differences(function: Callable[[Array], Array], z: Array) -> Array:
+def differences(function: Callable[[Array], Array], z: Array, step: float) -> Array:
     """Derivatives (k, m) of a function (k,) of coordinates (m,), by differences of fourth order."""
-    step = _STEP * (float(np.abs(z).max()) or 1.0)
     return np.stack([slope(function, z, unit, step) for unit in np.eye(z.size)], axis=1)
 
 
@@ -46,7 +46,7 @@ def forces_by_constants(
         tensions = measures.elastic_tensions(stresses, tuple(factors.tolist()))
         return np.asarray(-(slopes.T @ tensions) @ (tensions.T @ strains))
 
-    *parts, hinges = differences(membrane_force, np.ones(3)).T
+    *parts, hinges = differences(membrane_force, np.ones(3), STEP).T
     bending = reduced.bending
     root = np.sqrt(2.0)
     doubled = bending._replace(flat=2.0 * bending.flat, roots=root * bending.roots, across=root * bending.across)

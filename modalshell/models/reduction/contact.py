@@ -154,7 +154,7 @@ def _rest(model: Any, pressing: ModalContacts, load: Array, start: Array | None)
         z = model.coordinates_of(start)
     x = model.positions_at(z)
     pressed, steps, iterations = Pressed(z, np.zeros_like(x), np.zeros(rows), False), Steps(), 0
-    scale = model.statics_of(load).scale_at(None)
+    scale = model.statics_of(load).scale_at(z)
     while steps.fraction < 1.0:
         problem = model.statics_of(steps.target * load)
         goal = method.ACCEPTED if steps.target == 1.0 else problem.path_goal
