@@ -58,6 +58,7 @@ def off(run, truth, shell, begin=20):
     return max(ms.measure.displacement_error(x, y, shell) for x, y in pairs)
 
 
+@pytest.mark.slow
 def test_steps_in_parts_state_the_whole_impulse_of_a_coarse_shell():
     """Half of it was stated: what touches sums up the parts of a step, and was summed up again."""
     model, given = ms.CoarseDiscreteShell(shell_of((8, 2)), shell_of((4, 1))), {"gravity": (0.0, 0.0, -3.0)}
