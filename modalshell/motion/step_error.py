@@ -39,6 +39,9 @@ _BEYOND = 3.0
 """Error over the tolerance from which a motion says so: errors of a motion are known to such a factor."""
 _MANY = 64
 """Parts of a step on average from which a motion says so."""
+_BLIND = (
+    "steps know no error of what constraints do, and the tolerance does not follow it: compare with steps half as long"
+)
 _LEAST = 1e-300
 _STRUCK = 0.125
 """Part of what is left of a tolerance that a step may take in which something strikes."""
@@ -86,12 +89,14 @@ class StepErrors:
         self._damping: Damping = stepper.setup.damping
         self._first, self._start = start, start.coordinates
         self.error, self._largest, self.halvings = 0.0, 0.0, 0
-        self._gained, self._moved, self._steps, self._known = 0.0, 0.0, 0, True
+        self._gained, self._moved, self._steps = 0.0, 0.0, 0
         self._time, self._stood, self._stood_time = 0.0, 0, 0.0  # [s], and of steps that implicit Euler stood in for
         self._size, self._shape = 0.0, 0.0
         self._obtained: tuple[MotionState, int, float] | None = None
         modal = as_modal(stepper.model)
         self.peaks = np.zeros(0 if modal is None else modal.basis.count)
+        # The exponential rule knows its error without the forces that lead its ends onto constraints.
+        self._known = modal is None or not (stepper.setup.constraints and COST in start.memory)
 
     def arrays(self) -> dict[str, Array]:
         """Everything that :meth:`restore` needs."""
@@ -182,7 +187,7 @@ class StepErrors:
         """The message about errors far above a tolerance that the shortest steps do not meet, or may not; else ""."""
         largest, setup = self.largest, self._stepper.setup
         if largest is None:
-            return ""
+            return "" if self._known else _BLIND
         if not largest > _BEYOND * tolerance.share:
             most = _BEYOND * largest
             if not (setup.contacts and self._stood and most > tolerance.share and left_free(self._stepper.shell)):

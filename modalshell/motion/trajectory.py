@@ -51,11 +51,12 @@ class Trajectory(Drawn):
         Wall time.
     step_error : float or None
         Largest error of a vertex that the length of the steps has made, as a share of ``mesh.moment_length``, by the
-        steps' own estimates added up: right within a factor of about two; None where the integrator knows none. It does
-        not know how a motion enlarges small differences: where a sheet slides over a moving collider without friction
-        it was up to ten times too low. There compare with a run of half the step. Nor does it include kinks
-        and jumps of a load's table within a step: a free shell ends ``dt^2 / 6`` times the change of its acceleration
-        away, by BDF2 ``dt^2 / 2``; where the table's times are ends of steps it does not.
+        steps' own estimates added up: right within a factor of about two; None where the integrator knows none, as the
+        exponential one under constraints. It does not know how a motion enlarges small differences: where a sheet
+        slides over a moving collider without friction it was up to ten times too low. There compare with a run of half
+        the step. Nor does it include kinks and jumps of a load's table within a step: a free shell ends ``dt^2 / 6``
+        times the change of its acceleration away, by BDF2 ``dt^2 / 2``; where the table's times are ends of steps it
+        does not.
     damping_error : float or None
         Error of the damping ratio that steps give to motion of its main frequency, over the one asked for; None where
         no damping was asked for, or the integrator does not know.

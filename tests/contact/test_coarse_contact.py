@@ -58,6 +58,18 @@ def off(run, truth, shell, begin=20):
     return max(ms.measure.displacement_error(x, y, shell) for x, y in pairs)
 
 
+@pytest.mark.slow
+def test_steps_in_parts_state_the_whole_impulse_of_a_coarse_shell():
+    """Half of it was stated: what touches sums up the parts of a step, and was summed up again."""
+    model, given = ms.CoarseDiscreteShell(shell_of((8, 2)), shell_of((4, 1))), {"gravity": (0.0, 0.0, -3.0)}
+    impulses = []
+    for tolerance in (None, 1e-3):
+        floor = ms.Contact(ms.Plane((0, 0, 1), -0.01))
+        run = ms.simulate(model, duration=0.16, dt=1 / 125, contacts=[floor], tolerance=tolerance, **given)
+        impulses.append(run.contact_forces[..., 2].sum() / 125)
+    assert impulses[1] == pytest.approx(impulses[0], rel=0.1)
+
+
 @pytest.mark.by_default("hybrid")
 @pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
 def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of, name):

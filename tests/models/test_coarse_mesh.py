@@ -126,6 +126,16 @@ def test_prolongation_from_meshes_that_are_not_nested(name, leaf):
     np.testing.assert_allclose(prolongation.restrict(load).sum(axis=0), load.sum(axis=0), atol=1e-9)
 
 
+def test_prolongation_turns_with_the_mesh_where_one_cell_lies_across_a_flange():
+    """Two rows of vertices do not tell all quadratic fields apart."""
+    fine, under = (ms.v_beam(length=0.6, width=0.2, fold=140.0, cells=cells) for cells in ((8, 4), (4, 2)))
+    bent = under.vertices + 0.01 * np.random.default_rng(0).standard_normal(under.vertices.shape)
+    turn = Rotation.from_rotvec([0.7, -1.1, 0.4])
+    meshes = (ms.TriangleMesh(mesh.vertices @ turn.as_matrix().T, mesh.faces) for mesh in (under, fine))
+    found = turn.inv().apply(Prolongation(*meshes).prolong(turn.apply(bent)))
+    np.testing.assert_allclose(found, Prolongation(under, fine).prolong(bent), rtol=0, atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_hybrid_is_trained_on_a_remeshed_shell(leaf):

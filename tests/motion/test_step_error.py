@@ -243,6 +243,18 @@ def test_targets_that_jump_are_named_and_tolerances_that_are_not_kept(strip):
         assert "jumped" not in moved.message
 
 
+@pytest.mark.parametrize("build", [ms.LinearModal, ms.ModalWarping])
+def test_modal_steps_onto_constraints_state_no_error(strip, basis, build):
+    """LMA by the exponential rule is exact without constraints, and would state an error of 0."""
+    led = to_target(strip, lambda time: 0.05 * np.sin(12.0 * time) ** 2)
+    options = {"duration": 0.2, "constraints": led, "damping": (2.0, 0.0), "gravity": (0, 0, -0.1)}
+    run = ms.simulate(build(basis), dt=1 / 30, **options)
+    fine = ms.simulate(build(basis), dt=1 / 480, store_every=16, **options)
+    assert np.abs(run.positions - fine.positions).max() > 4e-5
+    assert run.step_error is None
+    assert "half as long" in ms.simulate(build(basis), dt=1 / 30, tolerance=1e-3, **options).message
+
+
 def test_turns_by_whole_turns_are_no_jumps():
     turned = ms.OrientationConstraint(0, lambda time: (0.0, 0.0, time if time < np.pi else time - 2.0 * np.pi))
     assert not jumps(turned, 3.1, 3.2, 1e-3)

@@ -32,7 +32,7 @@ _RINGS, _ROUND = 6, 20
 _DETOUR = 3.0
 """Way along edges over the straight one from which a vertex is of another layer, as of the next turn of a roll."""
 _INDEPENDENT = 1e-6
-"""Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
+"""Share of their moment below which quadratic fields count as fixed by the affine ones."""
 _AT = 1e-4
 """Distance, as a share of the farthest neighbour's, within which a coarse vertex alone decides."""
 _LEAD = 1e-6
@@ -217,7 +217,7 @@ def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array, own: Index
     importance = (1.0 - ratio) ** 2 / (ratio**2 + _AT**2)
     importance = np.where(np.einsum("pkx,px->pk", normals[near], normal) > 0.0, importance, 0.0)
     affine = np.stack([np.ones_like(s), s, t], axis=2)
-    quadratic = np.stack([s * s, np.sqrt(2.0) * s * t, t * t], axis=2)  # a basis that turns with the axes of s and t
+    quadratic = np.stack([s * s, np.sqrt(2.0) * s * t, t * t], axis=2)  # of one length in whichever axes
     return members[near], _least_squares(importance, affine, quadratic)
 
 
@@ -269,7 +269,7 @@ def _least_squares(importance: Array, affine: Array, quadratic: Array) -> Array:
     )  # the affine fields alone
     rest = quadratic - own @ (np.swapaxes(own, 1, 2) @ quadratic)
     own, sizes, turns = np.linalg.svd(rest, full_matrices=False)
-    least = np.sqrt(_INDEPENDENT * np.square(quadratic).sum(axis=1).max(axis=1, keepdims=True))
+    least = np.sqrt(_INDEPENDENT * np.square(quadratic).sum(axis=(1, 2))[:, None])
     wanted = -np.einsum("pij,pkj,pk->pi", turns, quadratic, unit)  # quadratic fields are zero at the origin
     return np.asarray(root[:, :, 0] * (unit + np.einsum("pki,pi->pk", own, _inverse(sizes, least) * wanted)))
 
