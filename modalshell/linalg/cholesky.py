@@ -100,9 +100,8 @@ class CholeskyAnalysis:
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
         self.panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, finished[:-1])
-        by_columns = self.panels._replace(begins=panels)
-        begins = analysis.entry_places(*pattern, order, by_columns, sources, places)[first_panel]
-        self._entries = multifrontal.Entries(sources, places, begins)
+        begins = analysis.entry_places(*pattern, order, self.panels._replace(begins=panels), sources, places)
+        self._entries = multifrontal.Entries(sources, places, begins[first_panel])
 
     @classmethod
     def known(cls, matrix: sps.csc_array, *, once: bool = False) -> CholeskyAnalysis:
@@ -155,14 +154,14 @@ class BlockCholesky:
         columns = right_side[:, None] if right_side.ndim == 1 else right_side
         solution = np.empty(columns.shape)
         lanes = LANES * 8 // values.itemsize
-        sides = lanes if columns.shape[1] > _ONE_BY_ONE else 1
-        permuted = np.zeros((order.size, sides), values.dtype)
-        work = np.zeros(self._height * sides + lanes, values.dtype)
-        for start in range(0, columns.shape[1], sides):
-            some = columns[order, start : start + sides]
+        start, work = 0, np.zeros((self._height + 1) * lanes, values.dtype)
+        while start < columns.shape[1]:
+            sides = lanes if columns.shape[1] - start > _ONE_BY_ONE else 1
+            permuted, some = np.zeros((order.size, sides), values.dtype), columns[order, start : start + sides]
             permuted[:, : some.shape[1]] = some
             solve(values, self._panels, permuted.reshape(-1), sides, work, self._flips)
             solution[order, start : start + sides] = permuted[:, : some.shape[1]]
+            start += sides
         return solution.reshape(right_side.shape)
 
     def solve_near(
@@ -186,19 +185,15 @@ def _blas() -> ThreadpoolController:
 
 def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     """Block size, 3 or 1, and the graph of the blocks."""
-    size = matrix.shape[0]
-    if size % 3 == 0 and matrix.nnz % 9 == 0:
-        blocks = sps.coo_array(matrix)
-        graph = sps.csr_array(
-            (np.ones(matrix.nnz, dtype=np.int32), (blocks.row // 3, blocks.col // 3)), shape=(size // 3, size // 3)
-        )
-        graph.sum_duplicates()
-        if 9 * graph.nnz == matrix.nnz:
-            return 3, graph
-    rows = matrix.indices.copy()  # sorted without their entries below
-    graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), rows, matrix.indptr), shape=matrix.shape)
+    block, rows, starts = 1, matrix.indices.copy(), matrix.indptr  # a copy: sorted without their entries below
+    if matrix.shape[0] % 3 == 0 and matrix.nnz % 9 == 0:
+        blocks = sps.csr_array((np.ones(rows.size, bool), rows, starts), matrix.shape).tobsr((3, 3))
+        if blocks.nnz == matrix.nnz:
+            block, rows, starts = 3, blocks.indices, blocks.indptr
+    size = matrix.shape[0] // block
+    graph = sps.csr_array((np.ones(rows.size, dtype=np.int32), rows, starts), shape=(size, size))
     graph.sort_indices()
-    return 1, graph
+    return block, graph
 
 
 def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
