@@ -43,7 +43,7 @@ _LARGE = 15_000
 _TRUE = 1e-6
 """Residual of the inverse over the eigenvalue from which pairs that blocks have found are not taken."""
 _KEPT = 4_000_000
-"""Numbers of a stiffness up to which it stays beside its factor; a larger one is made again for the last checks."""
+"""Numbers of a stiffness up to which it is kept with its factor; a larger one is made again for the last checks."""
 _CROWD = 24
 """Modes that are sought where fewer do not converge: their Krylov space is larger."""
 _RESTARTS = 100
