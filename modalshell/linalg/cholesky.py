@@ -139,7 +139,7 @@ class BlockCholesky:
     """A factor ``A = P^T L S L^T P``; S is the identity but for -1 at the ``negative`` pivots below zero.
 
     There are as many of these as negative eigenvalues. ``solves_a_factorisation`` is that of the analysis, which is not
-    kept: the places of a matrix's entries take up to a tenth of a factor's memory.
+    kept: the places of a matrix's entries need nearly a tenth of its memory.
     """
 
     def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
