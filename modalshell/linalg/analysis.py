@@ -231,7 +231,7 @@ def distances(starts: Index, neighbours: Index, vertex: int) -> Index:
 
 
 class Panels(NamedTuple):
-    """Column-major panels of a factor: where each begins, its columns and its rows, in blocks."""
+    """Panels of a factor: where each begins, its columns and its rows, in blocks."""
 
     block: int
     """Unknowns of a block."""
@@ -243,7 +243,7 @@ class Panels(NamedTuple):
     rows: Index
     """Rows of all supernodes."""
     begins: Index
-    """Where the numbers of each panel begin; shape (p + 1,)."""
+    """Where the numbers of each panel begin; shape (p,)."""
 
 
 @njit
@@ -255,7 +255,7 @@ def entry_places(
     sources: Any,
     places: Any,
 ) -> Index:
-    """Write where the stored entries on and below the diagonal go in the factor's panels, one after the other.
+    """Write where the stored entries on and below the diagonal go in column-major panels, one after the other.
 
     ``starts`` and ``indices`` are the matrix's columns, ``order`` (n,) its blocks in the order of elimination.
     ``sources`` receives the entries, ``places`` where they go; returns where those of each panel begin (p + 1,).

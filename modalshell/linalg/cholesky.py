@@ -20,6 +20,7 @@ from modalshell.linalg.blas import BLAS, SINGLE_BLAS
 from modalshell.linalg.conjugate_gradients import Preconditioner, Rows, Stop, solve_near
 from modalshell.linalg.known_analyses import known_analysis
 from modalshell.linalg.ordering import best_elimination, row_lists
+from modalshell.linalg.panel_layout import laid_out
 from modalshell.linalg.triangular_solves import solve
 
 _PRODUCTS_A_READ = 0.045
@@ -80,21 +81,27 @@ class CholeskyAnalysis:
         above = wide * (np.arange(of.size) - first_panel[of])
         columns = np.append(first[of] + above, first[-1])
         row_begins, row_ends = row_starts[of] + above, row_starts[of + 1]
-        heights = (row_ends - row_begins) * self.block
-        panels = np.concatenate([[0], np.cumsum(np.diff(columns) * self.block * heights)])
+        widths, heights = np.diff(columns) * self.block, (row_ends - row_begins) * self.block
+        # Those of a supernode are laid out when all are factorised: the next one begins where that leaves off.
+        finished = np.concatenate([[0], np.cumsum(laid_out(widths, heights))])
+        by_columns = np.concatenate([[0], np.cumsum(widths * heights)])
+        shifts = (finished - by_columns)[first_panel]
+        panels, ends = by_columns[:-1] + shifts[of], by_columns[first_panel[1:]] + shifts[:-1]
         self.height = int(heights.max(initial=0))
-        self.entries = int(panels[-1])
+        self.entries = int(finished[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * products * self.block**3 / max(self.entries, 1)
-        self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
+        self._supernodes = multifrontal.Supernodes(
+            self.block, first, row_starts, relative, parent, first_panel, panels, ends, finished[:-1]
+        )
         self._buffer, size = multifrontal.storage(self._supernodes)
         self._storage = max(self._buffer + size, self.entries + 2 * LANES)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
-        self.panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
-        begins = analysis.entry_places(*pattern, order, self.panels, sources, places)[first_panel]
-        self._entries = multifrontal.Entries(sources, places, begins)
+        self.panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, finished[:-1])
+        begins = analysis.entry_places(*pattern, order, self.panels._replace(begins=panels), sources, places)
+        self._entries = multifrontal.Entries(sources, places, begins[first_panel])
 
     @classmethod
     def known(cls, matrix: sps.csc_array, *, once: bool = False) -> CholeskyAnalysis:
@@ -122,39 +129,40 @@ class CholeskyAnalysis:
             )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
-        values[self.entries : self.entries + 2 * LANES] = 0.0  # solves read them
+        values.resize(self.entries + 2 * LANES, refcheck=False)  # no more room for updates
+        values[self.entries :] = 0.0  # solves read them
         return BlockCholesky(self, values, np.flatnonzero(signs < 0.0) if signed else _NO_FLIPS)
-
-    def solve(self, values: Array, right_sides: Array, flips: Index) -> Array:
-        """Solution (N,) or (N, r) with the factor ``values``, whose pivots ``flips`` are negative."""
-        columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
-        solution = np.empty(columns.shape)
-        lanes = LANES * 8 // values.itemsize
-        sides = lanes if columns.shape[1] > _ONE_BY_ONE else 1
-        permuted, work = np.zeros((self.size, sides), values.dtype), np.zeros(self.height * sides + lanes, values.dtype)
-        for start in range(0, columns.shape[1], sides):
-            some = columns[self.order, start : start + sides]
-            permuted[:, : some.shape[1]] = some
-            solve(values, self.panels, permuted.reshape(-1), sides, work, flips)
-            solution[self.order, start : start + sides] = permuted[:, : some.shape[1]]
-        return solution.reshape(right_sides.shape)
 
 
 @final
 class BlockCholesky:
     """A factor ``A = P^T L S L^T P``; S is the identity but for -1 at the ``negative`` pivots below zero.
 
-    There are as many of these as negative eigenvalues.
+    There are as many of these as negative eigenvalues. ``solves_a_factorisation`` is that of the analysis, which is not
+    kept: the places of a matrix's entries need nearly a tenth of its memory.
     """
 
     def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
-        self.analysis = analysis
+        self.solves_a_factorisation = analysis.solves_a_factorisation
+        self._panels, self._order, self._height = analysis.panels, analysis.order, analysis.height
         self._values, self._flips = values, flips
         self.negative = flips.size
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
-        return self.analysis.solve(self._values, np.asarray(right_side), self._flips)
+        right_side, order, values = np.asarray(right_side), self._order, self._values
+        columns = right_side[:, None] if right_side.ndim == 1 else right_side
+        solution = np.empty(columns.shape)
+        lanes = LANES * 8 // values.itemsize
+        start, work = 0, np.zeros((self._height + 1) * lanes, values.dtype)
+        while start < columns.shape[1]:
+            sides = lanes if columns.shape[1] - start > _ONE_BY_ONE else 1
+            permuted, some = np.zeros((order.size, sides), values.dtype), columns[order, start : start + sides]
+            permuted[:, : some.shape[1]] = some
+            solve(values, self._panels, permuted.reshape(-1), sides, work, self._flips)
+            solution[order, start : start + sides] = permuted[:, : some.shape[1]]
+            start += sides
+        return solution.reshape(right_side.shape)
 
     def solve_near(
         self, matrix: sps.csc_array, right_side: Array, stop: Stop, axes: Array | None = None
@@ -163,10 +171,8 @@ class BlockCholesky:
 
         See :func:`modalshell.linalg.conjugate_gradients.solve_near`.
         """
-        of, rows = self.analysis, Rows(matrix.indptr, matrix.indices, matrix.data)
-        factor = Preconditioner(
-            self._values, of.panels, of.order, of.height, self._flips, _NONE if axes is None else axes
-        )
+        rows, turned = Rows(matrix.indptr, matrix.indices, matrix.data), _NONE if axes is None else axes
+        factor = Preconditioner(self._values, self._panels, self._order, self._height, self._flips, turned)
         found, iterations, served = solve_near(factor, rows, right_side, stop)
         return found, int(iterations), bool(served)
 
@@ -179,19 +185,15 @@ def _blas() -> ThreadpoolController:
 
 def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     """Block size, 3 or 1, and the graph of the blocks."""
-    size = matrix.shape[0]
-    if size % 3 == 0 and matrix.nnz % 9 == 0:
-        blocks = sps.coo_array(matrix)
-        graph = sps.csr_array(
-            (np.ones(matrix.nnz, dtype=np.int32), (blocks.row // 3, blocks.col // 3)), shape=(size // 3, size // 3)
-        )
-        graph.sum_duplicates()
-        if 9 * graph.nnz == matrix.nnz:
-            return 3, graph
-    rows = matrix.indices.copy()  # sorted without their entries below
-    graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), rows, matrix.indptr), shape=matrix.shape)
+    block, rows, starts = 1, matrix.indices.copy(), matrix.indptr  # a copy: sorted without their entries below
+    if matrix.shape[0] % 3 == 0 and matrix.nnz % 9 == 0:
+        blocks = sps.csr_array((np.ones(rows.size, bool), rows, starts), matrix.shape).tobsr((3, 3))
+        if blocks.nnz == matrix.nnz:
+            block, rows, starts = 3, blocks.indices, blocks.indptr
+    size = matrix.shape[0] // block
+    graph = sps.csr_array((np.ones(rows.size, dtype=np.int32), rows, starts), shape=(size, size))
     graph.sort_indices()
-    return 1, graph
+    return block, graph
 
 
 def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:

@@ -33,7 +33,11 @@ class Supernodes(NamedTuple):
     first_panel: Index
     """First panel of each; shape (s + 1,)."""
     panels: Index
-    """Where the numbers of each panel begin; shape (p + 1,)."""
+    """Where the numbers of each panel begin, column-major; shape (p,)."""
+    ends: Index
+    """Where those of each supernode end; shape (s,)."""
+    laid_out: Index
+    """Where those of each panel begin once they are laid out; shape (p,)."""
 
 
 class Entries(NamedTuple):
@@ -60,13 +64,13 @@ def factorise(
     With room for ``signs`` (N,) of pivots, in elimination order, negative ones are taken as they come: the matrix is
     ``L S L^T``, and the unknown is one whose pivot is zero or no number. Without (0,), it is ``L L^T``.
 
-    A supernode's panels hold its columns of L, column-major until its update is formed, then as
+    A supernode's panels hold its columns of L, column-major until its update is formed, then closer together, as
     :mod:`modalshell.linalg.panel_layout` says. Its update matrix is formed from ``values[buffer]`` on,
     which stays in the processor's cache, or where the room is too small behind the panels. It waits for its parent, the
     lower triangle packed, on a stack that grows down from there, where no panel is yet: children are contiguous in
     postorder, so that a supernode finds theirs on top. ``numbers`` (7,) has room for the sizes that the BLAS reads.
     """
-    block, first, row_starts, relative, parent, first_panel, panels = supernodes
+    block, first, row_starts, relative, parent, first_panel, panels, ends, laid_out = supernodes
     sources, places, entry_begins = entries
     begins = np.empty(len(parent), np.int64)  # of the updates on the stack
     waiting = np.empty(len(parent), np.int64)
@@ -78,7 +82,7 @@ def factorise(
     for s in range(len(parent)):
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
-        panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
+        panel, behind = panels[first_panel[s]], ends[s]
         _clear(values, panel, behind)
         for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
@@ -103,7 +107,7 @@ def factorise(
             top = _stack(values, top, update, below)
             for p in range(first_panel[s], first_panel[s + 1]):
                 above = (p - first_panel[s]) * PANEL
-                lay_out(values, panels[p], min(PANEL, width - above), width + below - above, room)
+                lay_out(values, panels[p], min(PANEL, width - above), width + below - above, laid_out[p], room)
         if below > 0:
             waiting[depth], begins[depth] = s, top
             depth += 1
@@ -121,7 +125,7 @@ def _clear(values: Array, begin: int, end: int) -> None:
 @njit
 def _gather(supernodes: Supernodes, child: int, values: Array, source: int, update: int, runs: Index) -> int:
     """Add a child's update, packed from ``values[source]`` on, to its parent's panels and update; returns its end."""
-    block, first, row_starts, relative, parent, first_panel, panels = supernodes
+    block, first, row_starts, relative, parent, first_panel, panels, _, _ = supernodes
     s = parent[child]
     width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
     below = height - width
@@ -157,7 +161,7 @@ def _eliminate(
 
     Returns -1, or the first unknown whose pivot does not serve. What children left in the update is kept.
     """
-    block, first, row_starts, _, _, first_panel, panels = supernodes
+    block, first, row_starts, _, _, first_panel, panels, _, _ = supernodes
     width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
     below = height - width
     base, sizes, wide = address(values), address(numbers), np.int64(values.itemsize)
@@ -302,16 +306,16 @@ def _eliminate_one(values: Array, panel: int, below: int, update: int, has_child
 @njit
 def storage(supernodes: Supernodes) -> tuple[int, int]:
     """How many numbers :func:`factorise` needs for panels, updates and those that wait, and in its buffer."""
-    block, first, row_starts, _, parent, first_panel, panels = supernodes
+    block, first, row_starts, _, parent, _, _, ends, _ = supernodes
     most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
         if below * below <= _CACHED:
-            widest, behind = max(widest, below), panels[first_panel[s + 1]]
+            widest, behind = max(widest, below), ends[s]
         else:
-            behind = panels[first_panel[s + 1]] + below * below
+            behind = ends[s] + below * below
         most = max(most, behind + top)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1

@@ -42,10 +42,12 @@ def largest_pairs(operator: Callable[[Array], Array], start: Array, wanted: int)
         own, last = space[:, :known], slice(known - width, known)
         block = operator(space[:, last])
         products = np.zeros((known, width))
-        for _ in range(2):  # the second time takes what rounding left of the first
-            parts = own.T @ block
-            block -= own @ parts
-            products += parts
+        # It is orthogonal to all but its own block and the one before, to rounding, which the second time takes.
+        for begin in (max(known - 2 * width, 0), 0):
+            near = own[:, begin:]
+            parts = near.T @ block
+            block -= near @ parts
+            products[begin:] += parts
         projected[:known, last], projected[last, :known] = products, products.T
         further, rest = np.linalg.qr(block)
         if known >= look:

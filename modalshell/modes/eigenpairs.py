@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -41,6 +42,8 @@ _LARGE = 15_000
 """Unknowns from which a factor is beyond the cache, and a solve with several right sides takes little longer."""
 _TRUE = 1e-6
 """Residual of the inverse over the eigenvalue from which pairs that blocks have found are not taken."""
+_KEPT = 4_000_000
+"""Numbers of a stiffness up to which it is kept with its factor; a larger one is made again for the last checks."""
 _CROWD = 24
 """Modes that are sought where fewer do not converge: their Krylov space is larger."""
 _RESTARTS = 100
@@ -80,10 +83,11 @@ def eigenpairs(
         raise OptionError(f"count must be at most {size}, the number of free unknowns (got {count})")
     root = np.sqrt(mass)
 
-    def stiffness() -> Array:
+    def assembled() -> Array:
         # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
         return shell.hessian(shell.rest_positions, GAUSS_NEWTON)
 
+    stiffness = cache(assembled) if shell.pattern.size <= _KEPT else assembled
     name = "dense"
     if elastic <= 0:
         values, vectors = np.empty(0), np.empty((size, 0))
@@ -95,7 +99,7 @@ def eigenpairs(
             dense = np.asarray(mass_scaled(shell, stiffness()) @ np.eye(size))
             values, vectors = dense_pairs(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
-            # The factor is the peak of memory: no matrix but its own stands beside it.
+            # The factor is the peak of memory: no large matrix but its own stands beside it.
             solver = (
                 at_rest()
                 if at_rest is not None
@@ -105,10 +109,8 @@ def eigenpairs(
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
         values, vectors, whole = canonical_pairs(shell, values, vectors, elastic)
-    data = stiffness()
-    parts = _scaled_parts(shell, data)
-    scaled, norm = _operator(shell, *parts), float(spla.norm(parts[0], 1)) or 1.0
-    residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
+    data, modes = stiffness(), vectors / root[:, None]
+    residuals = _residuals(shell, data, root, modes, values)
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
         raise SolverError(
@@ -116,7 +118,6 @@ def eigenpairs(
             "the stiffness is too ill-conditioned; check for slivers, which "
             f"{REPAIR} takes away, and for stiffnesses many decades apart"
         )
-    modes = vectors / root[:, None]
     strain = _strain_eigenvalues(shell, modes, values)
     _check_rounding(shell, data, values, strain)
     # Already in order, to rounding: repeated ones must not change places by it.
@@ -126,29 +127,27 @@ def eigenpairs(
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
-    return _operator(shell, *_scaled_parts(shell, data))
-
-
-def _scaled_parts(shell: Shell, data: Array) -> tuple[sps.csc_array, sps.csr_array | None]:
-    """The mass-scaled stiffness by positions, and the coupling (m, N) to internal unknowns if there are any."""
-    whole, free = scaled_by_mass(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
-    if shell.pattern.internal is None:
-        return whole, None
-    above = whole[:, :free]
-    return above[:free], sps.csr_array(above[free:])
-
-
-def _operator(shell: Shell, own: sps.csc_array, coupling: sps.csr_array | None) -> spla.LinearOperator:
-    """Their Schur complement (N, N)."""
-    inner = shell.pattern.internal
-    if inner is None or coupling is None:
-        return spla.aslinearoperator(own)
-    rows, solve = sps.csr_array(own), inner.solve
+    whole, inner = scaled_by_mass(shell, shell.pattern.free_matrix(data))[0], shell.pattern.internal
+    if inner is None:
+        return spla.aslinearoperator(whole)
+    above, solve = whole[:, : shell.unknowns.count], inner.solve
+    rows, coupling = sps.csr_array(above[: shell.unknowns.count]), sps.csr_array(above[shell.unknowns.count :])
 
     def product(vectors: Array) -> Array:
         return rows @ vectors - coupling.T @ solve(coupling @ vectors)
 
     return spla.LinearOperator(rows.shape, matvec=product, matmat=product, dtype=np.float64)
+
+
+def _residuals(shell: Shell, data: Array, root: Array, modes: Array, values: Array) -> Array:
+    """``|K phi - lambda M phi| / (|K| |phi|)`` of each mode, mass-scaled; M^1/2 is ``root`` (N,), K has ``data``."""
+    matrix, unknowns = shell.pattern.free_matrix(data), shell.unknowns
+    np.abs(matrix.data, out=matrix.data)
+    sums = matrix @ np.concatenate([1.0 / root, np.zeros(matrix.shape[0] - root.size)])
+    norm = float((sums[: root.size] / root).max(initial=0.0)) or 1.0
+    finite_answer("the stiffness over the mass", norm)
+    forces = unknowns.restrict(shell.pattern.product(data, unknowns.prolong(modes)))
+    return np.asarray(np.linalg.norm(forces / root[:, None] - root[:, None] * modes * values, axis=0) / norm)
 
 
 def scaled_by_mass(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:

@@ -200,7 +200,7 @@ class _Cholesky(Factor):
 
     def __init__(self, factor: BlockCholesky) -> None:
         self._factor = factor
-        self.solves_a_factorisation = factor.analysis.solves_a_factorisation
+        self.solves_a_factorisation = factor.solves_a_factorisation
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
