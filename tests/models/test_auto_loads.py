@@ -5,6 +5,9 @@ import pytest
 
 import modalshell as ms
 from modalshell.loads import Loading
+from modalshell.models.auto.at_rest import AtRest
+from modalshell.models.auto.loads_ahead import LoadsAhead
+from modalshell.models.base.buckling_range import BucklingRange
 from modalshell.models.reduction.poisson import PoissonFit
 from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.motion.stepping import Motion
@@ -75,3 +78,41 @@ def test_what_the_cheapest_rung_does_not_want_is_not_made(beam, monkeypatch):
     assert set(run.levels) == {"MWTS"}
     assert len(factors) == 1
     assert auto.equilibrium(gravity=(0.0, 0.026, -0.097)).message.startswith("MWTS")
+
+
+def counted(monkeypatch, owner, name):
+    """How often a method is called, in a list of one number."""
+    calls, found = [0], getattr(owner, name)
+
+    def called(self, *given):
+        calls[0] += 1
+        return found(self, *given)
+
+    monkeypatch.setattr(owner, name, called)
+    return calls
+
+
+def test_a_load_that_stays_is_compared_with_its_linear_answer_at_once(beam, monkeypatch):
+    """Rounding took these for less than is to come, and compared them in each frame.
+
+    Nor does anybody ask whether what is looked at is beyond the buckling load.
+    """
+    auto, weights = ms.Auto(beam, 6), np.linspace(0.05, 0.5, 8)[2:5]
+    compared = counted(monkeypatch, LoadsAhead, "answer")
+    monkeypatch.setattr(BucklingRange, "remark", None)
+    for weight in weights:
+        load = ms.Scaled(ms.SelfWeight((0.0, 0.26, -0.97)), ([0.0, 1.0], [weight, weight]))
+        assert set(ms.simulate(auto, duration=0.1, dt=DT, loads=[load]).levels) == {"MWTS"}
+    assert compared[0] == 2 * len(weights)
+
+
+def test_gusts_among_known_states_are_not_looked_at(beam, monkeypatch):
+    """Each of two doubles many times as it rises."""
+    looked = counted(monkeypatch, AtRest, "of")
+
+    def wind(points, time):
+        return np.broadcast_to(np.array([0.3, 0.0, -1.0]) * np.sin(np.pi * time / 0.8) ** 2, points.shape)
+
+    run = ms.simulate(ms.Auto(beam, 6), duration=1.6, dt=DT, loads=[ms.Wind(wind)], damping=(2.0, 0.001))
+    assert set(run.levels) == {"MWTS"}
+    assert 0 < looked[0] < 9

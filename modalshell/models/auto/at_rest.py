@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, final
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.loads import Loading
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import LoadsAhead
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
 _KEPT = 4
 """Answers that are kept: of two levels to two loads."""
 _ALIKE = 1e-9
 """Loads are alike whose linear answers' lengths differ by no larger part."""
+
+
+def statics(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
+    """A model's own answer from ``start`` (n, 3) [m]; whether loads are beyond buckling, which is dear, is not said."""
+    if contacts:
+        return model._solve_touching(loading, start, contacts, ())
+    return model._solve_untouched(loading, start)
+
+
+def _under(level: Level, force: Array, start: Array | None = None, contacts: Sequence[Any] = ()) -> Equilibrium:
+    """The same of a level under a force (n, 3) [N]; LoadError for one that is not finite, as for such a start."""
+    shell = level.still.shell
+    begin = None if start is None else shell.checked_positions(start)
+    return statics(level.still, shell.loading(force=force), begin, contacts)
 
 
 class Answer(NamedTuple):
@@ -49,12 +65,12 @@ class AtRest:
         None from a start inside one.
         """
         if not self._check.contacts:
-            return level.still.equilibrium(force=force, start=start)
+            return _under(level, force, start)
         from modalshell.contact.contact import smooth, stopped  # not without contacts
 
         try:
             contacts = [smooth(stopped(contact, time)) for contact in self._check.contacts]
-            return level.still.equilibrium(force=force, start=start, contacts=contacts)
+            return _under(level, force, start, contacts)
         except OptionError:
             return None
 
@@ -71,7 +87,7 @@ class AtRest:
         for kept in self._known(dead, allowed):
             if kept.level is level and kept.force is force:
                 return kept
-        found = level.still.equilibrium(force=force)
+        found = _under(level, force)
         bar = self._sampled(found, force, allowed) or self._check.static(found.positions, force)
         answer = Answer(level, force, found, bar)
         self._kept = [*self._kept[1 - _KEPT :], answer]
@@ -100,7 +116,7 @@ class AtRest:
                 # Of loads alike both ways the first, and not the one that rounding makes larger.
                 most, level = self._loads.most(dead), self._model.levels[0]
                 force = next(load.force for load in coming if load.whole >= (1.0 - _ALIKE) * most)
-                found = level.still.equilibrium(force=force)
+                found = _under(level, force)
                 answer = Answer(level, force, found, self._check.static(found.positions, force))
                 self._largest = dead, self._compared(sampled, answer, allowed, sampled.nothing()), answer
         if self._largest is not None and self._largest[2] is not None:

@@ -19,6 +19,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import level_note
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
+from modalshell.models.auto.at_rest import statics
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
@@ -160,8 +161,8 @@ class Auto(Model):
         """The modal answer, corrected, where its bar is small; that of DS elsewhere."""
         modal, full = self.levels[0].model, self.levels[-1].model
         if self._free is not None:  # it has no bar, as nothing says where it rests
-            return _static(full, loading, start)
-        found = _static(modal, loading, start)
+            return statics(full, loading, start)
+        found = statics(modal, loading, start)
         bar = bar_on_shell(self.shell, found.positions, loading)
         good = bar.valid and found.outcome in (Outcome.CONVERGED, Outcome.DISTORTED)
         if good and bar.displacement <= 0.5 * self.error:
@@ -173,7 +174,7 @@ class Auto(Model):
                 stable=True,
                 coordinates=None,
             )
-        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start), bar)
+        return self._with_reason(statics(full, loading, bar.corrected if bar.valid else start), bar)
 
     def _with_reason(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
         """The answer of DS, with the reason in its message."""
@@ -195,13 +196,13 @@ class Auto(Model):
         rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
         if constraints or rough or self._free is not None:
             return full._solve_touching(loading, start, contacts, constraints)
-        found = _static(modal, loading, start, contacts)
+        found = statics(modal, loading, start, contacts)
         bar = bar_on_shell(self.shell, found.positions, loading, contacts)
         if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
             return replace(
                 found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
             )
-        return self._with_reason(_static(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+        return self._with_reason(statics(full, loading, bar.corrected if bar.valid else start, contacts), bar)
 
     def rigid_load(self, load: Array) -> float:
         """That of DS: the share of a load (n, 3) along free translations; free turns can find a balance."""
@@ -392,9 +393,3 @@ class Auto(Model):
         """Refuse what any level refuses."""
         for level in self.levels:
             level.check_step(dt, damping)
-
-
-def _static(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
-    if contacts:
-        return model._solve_touching(loading, start, contacts, ())
-    return model._solve_live(loading, start) if loading.live else model._solve(loading.dead, start)
