@@ -36,7 +36,8 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0, keep: Ar
     Edges are split, collapsed and flipped towards one length, and vertices are smoothed on the surface
     [botsch2004]; boundaries, creases and junctions stay where they are, but their vertices slide along them. The
     surface moves by 1 % of the bounding box's diagonal at most, so that a coarse mesh may keep more triangles where it
-    is strongly curved. Vertex numbers change: select supports again.
+    is strongly curved. Vertex numbers change: select supports again. Meshes of some fifty triangles may differ from
+    process to process, as MeshLab goes through them in the order of their addresses.
 
     Parameters
     ----------

@@ -25,6 +25,10 @@ _COINCIDENT = 1e-9
 """Distance, in sizes of the mesh, below which midpoints are those of one edge."""
 _THIN, _TURNED = 0.02, 0.5
 """Least area of a triangle over the mean, and cosine of its turn, once vertices are moved onto clamped points."""
+_CORNER = 0.2
+"""Length of the sum of unit vectors along a clamped line both ways above which it has a corner, 11 degrees, or ends."""
+_CUT_OFF, _AT_END = 0.05, 0.2
+"""Distances of a clamped corner from a coarse edge and from its ends, in its lengths, from which it is cut off."""
 _HEIGHT = 0.1
 """Least height of a held triangle over its edge's length."""
 
@@ -40,9 +44,9 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     The part that moves is remeshed alone, so that the line where the clamps end is a boundary of it. Each coarse edge
     there gets a held triangle on its other side, the hinge between them being the clamp. The clamped region itself
     follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
-    points and lines. Junctions, creases and the bounds of regions keep edges along them. Walls between sharp folds or
-    junctions that get one cell across have no shape of their own: a :class:`ModalShellWarning` says how much of the
-    surface they are.
+    points and lines, and onto the ends and corners of clamped lines along the boundary. Junctions, creases and the
+    bounds of regions keep edges along them. Walls between sharp folds or junctions that get one cell across have no
+    shape of their own: a :class:`ModalShellWarning` says how much of the surface they are.
 
     Raises
     ------
@@ -62,16 +66,19 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     points = shell.clamped.copy()
     points[mesh.faces[held]] = False
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
-    points[rim[np.all(shell.clamped[rim], axis=1)]] = False  # on the boundary, which the coarse mesh keeps
+    rim = rim[np.all(shell.clamped[rim], axis=1)]
+    # The coarse mesh keeps the boundary, but not the vertices along it.
+    corners = mesh.vertices[points & _turns(mesh, rim)]
+    points[rim] = False
     places = mesh.vertices[points]
     keep = edges_to_keep(shell)
     if not held.any():
-        return _drawn_to(_with_wide_walls(_remeshed(mesh, triangles, mesh.edges[keep])), places)
+        return _held_at(_with_wide_walls(_remeshed(mesh, triangles, mesh.edges[keep])), places, corners)
     if held.all():
         raise SupportError("every triangle of the shell is clamped: nothing is left to remesh")
     moving = _part(mesh, ~held)
     count = max(_FEWEST, round(triangles * moving.area / mesh.area))
-    coarse = _drawn_to(_with_wide_walls(_remeshed(moving, count, _pairs_in(mesh, ~held, keep))), places)
+    coarse = _held_at(_with_wide_walls(_remeshed(moving, count, _pairs_in(mesh, ~held, keep))), places, corners)
     edges = _edges_along(coarse, moving, _clamp_line(mesh, held))
     if not len(edges):
         raise SupportError(f"the clamped line is lost on a mesh of {triangles} triangles: ask for more")
@@ -131,6 +138,48 @@ def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
     off = closest_points(shell.mesh, even.vertices)[2].max() / mesh.size
     grown = abs(even.face_areas.sum() / moved.face_areas.sum() - 1.0)
     return even if max(off, grown) < _SAME else moved
+
+
+def _turns(mesh: TriangleMesh, edges: Index) -> NDArray[np.bool_]:
+    """Whether each vertex (n,) is an end or a corner of the lines that some ``edges`` (k, 2) make."""
+    ways = mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]]
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    sums = np.zeros((len(mesh.vertices), 3))
+    np.add.at(sums, edges[:, 0], ways)
+    np.subtract.at(sums, edges[:, 1], ways)
+    return np.asarray(np.linalg.norm(sums, axis=1) > _CORNER)
+
+
+def _held_at(mesh: TriangleMesh, places: Array, corners: Array) -> TriangleMesh:
+    """``mesh`` with vertices at clamped ``places`` (p, 3), and at ``corners`` (k, 3) of its boundary if it has room."""
+    try:
+        return _drawn_to(_divided_at(mesh, corners), np.concatenate([places, corners]))
+    except SupportError:
+        return _drawn_to(mesh, places)
+
+
+def _divided_at(mesh: TriangleMesh, corners: Array) -> TriangleMesh:
+    """``mesh`` with edges of its boundary divided, one of a triangle, where they cut off ``corners`` (k, 3)."""
+    outer = np.flatnonzero(mesh.edge_faces[:, 1] < 0)
+    if not len(corners) or not outer.size:
+        return mesh
+    ends = mesh.vertices[mesh.edges[outer]]
+    chosen, places = nearest_on_segments(ends, corners)
+    lengths, off = mesh.edge_lengths[outer[chosen]], np.linalg.norm(corners - places, axis=1)
+    near = np.linalg.norm(ends[chosen] - corners[:, None], axis=2).min(axis=1)
+    cut = np.flatnonzero((off > _CUT_OFF * lengths) & (near > _AT_END * lengths))
+    cut = cut[np.argsort(-off[cut], kind="stable")]
+    faces = mesh.edge_faces[outer[chosen[cut]], 0]
+    once = np.unique(faces, return_index=True)[1]
+    if not once.size:
+        return mesh
+    cut, faces = cut[once], faces[once]
+    first = mesh.edge_corners[outer[chosen[cut]], 0]
+    a, b, c = (mesh.faces[faces, (first + k) % 3] for k in range(3))
+    new = len(mesh.vertices) + np.arange(cut.size)
+    rest = np.delete(mesh.faces, faces, axis=0)
+    halves = np.column_stack([a, new, c]), np.column_stack([new, b, c])
+    return TriangleMesh(np.concatenate([mesh.vertices, places[cut]]), np.concatenate([rest, *halves]))
 
 
 def _drawn_to(mesh: TriangleMesh, places: Array) -> TriangleMesh:
