@@ -45,6 +45,9 @@ def basis():
 
 def test_what_was_got_is_shown_whatever_it_is():
     assert shown("x" * 5000).endswith("...")
+    assert (shown(np.float64(2.0)), shown(np.array([1, 2])), shown(np.array([]))) == ("2.0", "[1, 2]", "[]")
+    assert "array" in shown(np.array(2.0))  # which is no number
+    assert "True" in shown(np.True_) != "True"  # nor this a bool
     assert shown(10**5000) == "int with too many digits"
     assert shown(object()) == "an object of type object"
     assert shown([object()]) == "a list of objects"

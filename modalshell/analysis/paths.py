@@ -213,7 +213,8 @@ def equilibrium_path(
         For loads or positions of the wrong shape or not finite, or a load that moves nothing.
     OptionError
         For a model without a potential, supports that leave the shell free, options out of range, or contacts with
-        another control than the load, with branches, with friction, or of models that are not of all vertices.
+        another control than the load, with branches, with friction, of models that are not of all vertices, or
+        whose vertices supports all hold.
     SolverError
         If there is no equilibrium to begin from.
 

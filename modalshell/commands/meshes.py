@@ -148,7 +148,7 @@ class _ShellOptions:
 class _ModelOptions:
     """Options that say what is computed."""
 
-    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts"
+    model: Annotated[str, Parameter(help="Such as lma, mwts, rsw or ds: 'modalshell keys model' lists all.")] = "mwts"
     modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT
 
     @property

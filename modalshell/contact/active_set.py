@@ -55,7 +55,7 @@ class Rest:
     pushes: Array
     """Forces [N] along the normals; shape (r,)."""
     residual: float
-    """Out-of-balance force over the load and the contact forces."""
+    """Out-of-balance force over the larger of load and contact forces, without either over the forces at the start."""
     iterations: int
     """Newton's."""
     converged: bool
@@ -70,12 +70,21 @@ class Rest:
 class ActiveSet:
     """Solves for the minimum of a potential outside colliders, with the friction of a step in time if there is one.
 
-    ``scale`` is the size of the load [N]; contact forces count where they are larger.
+    ``scale`` is the size of the load [N]; contact forces count where they are larger. Without either, residuals are
+    over the forces ``at_start`` [N].
     """
 
-    def __init__(self, problem: Potential, touching: Touching, scale: float, friction: Friction | None = None) -> None:
+    def __init__(
+        self,
+        problem: Potential,
+        touching: Touching,
+        scale: float,
+        friction: Friction | None = None,
+        *,
+        at_start: float = 1.0,
+    ) -> None:
         self.problem, self.touching, self._load, self._friction = problem, touching, scale, friction
-        self._deep = EXACT_GAP * touching.size
+        self._at_start, self._deep = at_start, EXACT_GAP * touching.size
 
     def near(self, x: Array) -> Mask:
         """Rows (r,) that touch at positions x (n, 3)."""
@@ -106,7 +115,7 @@ class ActiveSet:
 
     def scale(self, pushes: Array) -> float:
         """Size of the forces that residuals are relative to [N]."""
-        return max(self._load, float(np.linalg.norm(pushes))) or 1.0
+        return max(self._load, float(np.linalg.norm(pushes))) or self._at_start
 
     def iterate(self, start: Array, active: Mask, rules: method.Rules, stresses: list[Array] | None = None) -> Rest:
         """Full mixed Newton steps with active sets from ``start`` (n, 3) and the ``stresses`` predicted there."""
@@ -273,7 +282,8 @@ class ActiveSet:
 
     def dragged(self, x: Array, drag: float) -> ActiveSet:
         """The same with ``drag |y - x|^2 / 2`` added to the potential, in the norm of the mass."""
-        return ActiveSet(self.problem.dragged(x, drag), self.touching, self._load, self._friction)
+        problem = self.problem.dragged(x, drag)
+        return ActiveSet(problem, self.touching, self._load, self._friction, at_start=self._at_start)
 
     def is_inside(self, x: Array) -> bool:
         """Whether a vertex lies inside a collider at positions x (n, 3)."""

@@ -35,7 +35,8 @@ class SelfContact(ReadOnlyArrays):
     friction : float
         Coulomb's coefficient, smoothed, with the forces at the beginning of a step; for motions.
     sel : str, array_like of bool, shape (n,), or of int
-        Vertices that may touch: triangles among them do, with their edges. ``"all"`` are all of them.
+        Vertices that may touch: triangles among them do, with their edges. ``"all"`` are all of them. Vertices that
+        supports hold alone are refused.
 
     Raises
     ------

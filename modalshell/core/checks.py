@@ -41,8 +41,12 @@ def shown(value: Any) -> str:
     """A value for a message: its ``repr`` on one line, shortened, or its type if it has no plain ``repr``."""
     if not isinstance(value, _PLAIN):
         return f"an object of type {type(value).__name__}"
-    if isinstance(value, np.ndarray | np.generic) and value.size <= _SHOWN:
+    if isinstance(value, np.ndarray) and 0 < value.size <= _SHOWN and value.ndim:
         value = value.tolist()
+    elif isinstance(value, np.ndarray) and value.shape == (0,):
+        value = []
+    elif isinstance(value, np.generic) and value.dtype.kind in "iufc":  # of others the type may be what is wrong
+        value = value.item()
     try:
         text = shortened(repr(value), _SHOWN)
     except ValueError:  # Python writes out no integer of thousands of digits

@@ -48,7 +48,7 @@ def load_plugins() -> tuple[str, ...]:
     """Import the modules that installed packages name in the entry-point group ``modalshell``; return their names.
 
     This package's own features, which it does not import at once, come first. Classes with a key register themselves
-    when their module is imported. OptionError if an import of another package's fails.
+    when their module is imported. OptionError if the import of another package's fails.
     """
     for feature in filter(importlib.util.find_spec, _OWN):
         importlib.import_module(feature)

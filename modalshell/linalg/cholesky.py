@@ -23,7 +23,7 @@ from modalshell.linalg.ordering import best_elimination, row_lists
 from modalshell.linalg.panel_layout import laid_out
 from modalshell.linalg.triangular_solves import solve
 
-_PRODUCTS_A_READ = 0.045
+_PRODUCTS_A_READ = 0.043
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""
 
 
@@ -82,7 +82,7 @@ class CholeskyAnalysis:
         columns = np.append(first[of] + above, first[-1])
         row_begins, row_ends = row_starts[of] + above, row_starts[of + 1]
         widths, heights = np.diff(columns) * self.block, (row_ends - row_begins) * self.block
-        # Those of a supernode are laid out when all are factorised: the next one begins where that leaves off.
+        # A supernode's panels are laid out once all of them are factorised: the next one begins where they end then.
         finished = np.concatenate([[0], np.cumsum(laid_out(widths, heights))])
         by_columns = np.concatenate([[0], np.cumsum(widths * heights)])
         shifts = (finished - by_columns)[first_panel]
@@ -139,7 +139,7 @@ class BlockCholesky:
     """A factor ``A = P^T L S L^T P``; S is the identity but for -1 at the ``negative`` pivots below zero.
 
     There are as many of these as negative eigenvalues. ``solves_a_factorisation`` is that of the analysis, which is not
-    kept: the places of a matrix's entries need nearly a tenth of its memory.
+    kept: the places of a matrix's entries in it take nearly a tenth of the factor's memory.
     """
 
     def __init__(self, analysis: CholeskyAnalysis, values: Array, flips: Index) -> None:
@@ -155,9 +155,12 @@ class BlockCholesky:
         solution = np.empty(columns.shape)
         lanes = LANES * 8 // values.itemsize
         start, work = 0, np.zeros((self._height + 1) * lanes, values.dtype)
+        permuted = np.zeros((order.size, lanes if columns.shape[1] > _ONE_BY_ONE else 1), values.dtype)
         while start < columns.shape[1]:
             sides = lanes if columns.shape[1] - start > _ONE_BY_ONE else 1
-            permuted, some = np.zeros((order.size, sides), values.dtype), columns[order, start : start + sides]
+            if sides != permuted.shape[1]:
+                permuted = np.zeros((order.size, sides), values.dtype)
+            some = columns[order, start : start + sides]
             permuted[:, : some.shape[1]] = some
             solve(values, self._panels, permuted.reshape(-1), sides, work, self._flips)
             solution[order, start : start + sides] = permuted[:, : some.shape[1]]

@@ -33,9 +33,9 @@ class Supernodes(NamedTuple):
     first_panel: Index
     """First panel of each; shape (s + 1,)."""
     panels: Index
-    """Where the numbers of each panel begin, column-major; shape (p,)."""
+    """Where the numbers of each panel begin while they are column-major; shape (p,)."""
     ends: Index
-    """Where those of each supernode end; shape (s,)."""
+    """Where those of each supernode end, behind the begin of the next one's; shape (s,)."""
     laid_out: Index
     """Where those of each panel begin once they are laid out; shape (p,)."""
 

@@ -57,7 +57,7 @@ def begin_of(begin: int, k: int, height: int) -> int:
 
 
 def laid_out(widths: Index, heights: Index) -> Index:
-    """Numbers of panels of these sizes (p,) that are laid out."""
+    """How many numbers (p,) panels of some widths and heights (p,) hold once they are laid out."""
     eights = widths // 8 * 8
     fours = eights + (widths - eights) // 4 * 4
     above = eights * (eights - 8) // 2 + (fours - eights) * eights + (widths - fours) * (widths + fours - 1) // 2

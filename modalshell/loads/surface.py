@@ -73,16 +73,22 @@ class Pressure(LiveLoad, ReadOnlyArrays, key="pressure"):
         return self._applied(mesh) if self.follower else None
 
     def _applied(self, mesh: TriangleMesh) -> AppliedLoad:
-        faces, p, middle = selected_faces(mesh, self.sel), self.p, mesh.vertices.mean(axis=0)
+        faces, p, about = selected_faces(mesh, self.sel), self.p, mesh.vertices.mean(axis=0)
+        if np.linalg.norm(about) < _FAR * mesh.moment_length:
+            about = np.zeros(3)  # on planes of symmetry that go through it this is a potential
 
         def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
             return np.repeat(p / 3.0 * area_vectors(corners)[:, None], 3, axis=1)
 
-        def energy(x: Array) -> float:  # about the shell: far from it volumes are differences of large ones
-            one, two, three = np.moveaxis((x - middle)[faces], 1, 0)
+        def energy(x: Array) -> float:  # about a far origin volumes are differences of large ones
+            one, two, three = np.moveaxis((x - about)[faces], 1, 0)
             return -p / 6.0 * float(np.vdot(one, np.cross(two, three)))
 
         return AppliedLoad(faces, forces, energy, held=_boundary(faces), form=SurfaceForm(pressure=p))
+
+
+_FAR = 10.0
+"""Distance of the mesh's mean from the origin, in its lengths, from which volumes are taken about that mean."""
 
 
 def _boundary(faces: Index) -> Index:

@@ -100,11 +100,16 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
     return mask
 
 
+def mixes_masks(given: Any) -> bool:
+    """Whether a list has true or false in it, which among numbers NumPy takes for 1 and 0."""
+    return isinstance(given, list | tuple) and any(isinstance(one, bool | np.bool_) for one in given)
+
+
 def _entries(name: str, given: ArrayLike, count: int | str, error: type[ModalShellError]) -> NDArray[Any]:
     """A mask or indices as an array, else ``error`` about ``name``; NumPy would take True in a list of numbers as 1."""
     allowed = f"bool ({count},) or vertex indices"
     entries = as_array(name, given, allowed, error, "biu")
-    if entries.dtype != bool and isinstance(given, list | tuple) and any(isinstance(one, bool) for one in given):
+    if entries.dtype != bool and mixes_masks(given):
         raise error(f"{name} must be {allowed}, not both in one list (got {shown(given)})")
     return entries
 

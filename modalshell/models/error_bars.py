@@ -75,8 +75,9 @@ def error_bar(
     Raises
     ------
     OptionError
-        For a shell that its supports do not hold, contacts with friction, constraints that lead into a collider, loads,
-        contacts or constraints given twice, or either of the latter with a bar on a coarse shell or with ``walk``.
+        For a shell that its supports do not hold, contacts with friction or whose vertices supports all hold,
+        constraints that lead into a collider, loads, contacts or constraints given twice, or either of the latter with
+        a bar on a coarse shell or with ``walk``.
     LoadError
         For positions or loads of the wrong shape or not finite.
     """

@@ -222,7 +222,7 @@ class HybridStress(OnCoarse):
 
     @property
     def _step(self) -> float:
-        """Step of differences by the coordinates, which moves edges by a share of their lengths at most."""
+        """Step [kg^(1/2) m] of differences by the coordinates: it changes edges by at most a share of their lengths."""
         return STEP / max(self._edge_change(unit) for unit in np.eye(self._basis.shape[1]))
 
     def _handed_over(self, load: Array, start: Array | None, reason: str) -> Equilibrium:

@@ -59,8 +59,9 @@ class ModalDerivatives(ImplicitModel):
     length over thickness of 100, 3 % at 300 and 17 % at 1,000.
 
     Statics finds a minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from a start; ``residual`` is
-    ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted at 1e-7. It does
-    not measure what the basis cannot represent. Parts without supports fly in frames of their own, bent by U there.
+    ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, without a load over the
+    forces at the start, accepted at 1e-7. It does not measure what the basis cannot represent. Parts without supports
+    fly in frames of their own, bent by U there.
 
     Parameters
     ----------

@@ -38,10 +38,10 @@ class ModalWarping(UnstretchedModel):
 
     The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist. Statics
     solves ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from a start; ``residual`` is
-    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are distinguished: no fixed point (the
-    branch ends), wound up (a vertex turned by more than 2 pi) and unstable (a fixed point that even heavily damped
-    motion leaves; lightly damped motion may cycle about others). With constraints, the least modal work that meets
-    them.
+    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, without a load over the start's ``|Lambda q|``. Three ways
+    to fail are distinguished: no fixed point (the branch ends), wound up (a vertex turned by more than 2 pi) and
+    unstable (a fixed point that even heavily damped motion leaves; lightly damped motion may cycle about others). With
+    constraints, the least modal work that meets them.
 
     Parameters
     ----------

@@ -42,7 +42,8 @@ def largest_pairs(operator: Callable[[Array], Array], start: Array, wanted: int)
         own, last = space[:, :known], slice(known - width, known)
         block = operator(space[:, last])
         products = np.zeros((known, width))
-        # It is orthogonal to all but its own block and the one before, to rounding, which the second time takes.
+        # By a symmetric operator the product is orthogonal to all blocks but the last two, which are taken off first;
+        # from all of them what rounding has left.
         for begin in (max(known - 2 * width, 0), 0):
             near = own[:, begin:]
             parts = near.T @ block

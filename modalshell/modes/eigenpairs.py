@@ -145,9 +145,10 @@ def _residuals(shell: Shell, data: Array, root: Array, modes: Array, values: Arr
     np.abs(matrix.data, out=matrix.data)
     sums = matrix @ np.concatenate([1.0 / root, np.zeros(matrix.shape[0] - root.size)])
     norm = float((sums[: root.size] / root).max(initial=0.0)) or 1.0
-    finite_answer("the stiffness over the mass", norm)
     forces = unknowns.restrict(shell.pattern.product(data, unknowns.prolong(modes)))
-    return np.asarray(np.linalg.norm(forces / root[:, None] - root[:, None] * modes * values, axis=0) / norm)
+    found = np.linalg.norm(forces / root[:, None] - root[:, None] * modes * values, axis=0) / norm
+    finite_answer("the stiffness over the mass", norm, found)
+    return np.asarray(found)
 
 
 def scaled_by_mass(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:

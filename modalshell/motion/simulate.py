@@ -86,7 +86,8 @@ def simulate(
         models; of others "composite", "sdirk2", "bdf2", "implicit", and further ones of those with every vertex free.
     tolerance : float, optional
         Error, as a share of ``mesh.moment_length``, that steps may make by their length. Each is then taken in as
-        many halves of halves as that needs; frames stay where they are.
+        many halves of halves as that needs; frames stay where they are. Under constraints it does not bound the errors
+        of the exponential rule, which does not know those that constraints cause.
     store_every : int
         Number of steps per stored frame (explicit steps are short).
     dtype : {float64, float32}
@@ -117,8 +118,8 @@ def simulate(
     OptionError
         For a duration, step, damping, store_every or bars out of range, an explicit step above its stability estimate,
         bars under self-contact, on a coarse shell with contacts or constraints, or of a shell that its supports do not
-        hold, or contacts of a model that takes none, that begin inside the shell, move too fast for the step, or are
-        of vertices alone that supports hold.
+        hold, contacts of a model that takes none, colliders that begin inside the shell or move too fast for the step,
+        or a contact whose vertices supports all hold.
     LoadError
         For loads or positions of the wrong shape or not finite.
     SupportError

@@ -40,7 +40,8 @@ _BEYOND = 3.0
 _MANY = 64
 """Parts of a step on average from which a motion says so."""
 _BLIND = (
-    "steps know no error of what constraints do, and the tolerance does not follow it: compare with steps half as long"
+    "by this rule the errors that constraints cause are not known, and the tolerance does not bound them: compare with "
+    "steps half as long"
 )
 _LEAST = 1e-300
 _STRUCK = 0.125

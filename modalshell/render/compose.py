@@ -133,7 +133,7 @@ class Page:
         colorbar.formatter.set_powerlimits((-3, 4))
         colorbar.update_ticks()
         if self.bar_label:
-            colorbar.set_label(self.bar_label, fontsize=0.9 * self.font)
+            colorbar.set_label(self.bar_label, fontsize=0.9 * self.font, parse_math=False)
 
     def _text(self, x: float, y: float, text: str, size: float, **style: Any) -> None:
         options: dict[str, Any] = {"ha": "center", "va": "top", "color": "0.1", "linespacing": 1.15, **style}

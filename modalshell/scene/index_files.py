@@ -56,7 +56,7 @@ def _indices(file: Path, path: str, name: str) -> list[int] | list[bool]:
         return list(numbers.tolist())
     except ValueError as error:
         raise SceneError(
-            f"{file}: {path}: must be a file of vertex indices, .npy or text with one per line, or of a mask, .npy "
+            f"{file}: {path}: must be a file of vertex indices (.npy, or text with one per line) or of a mask (.npy) "
             f"(got {name!r:.60}: {error})"
         ) from error
 

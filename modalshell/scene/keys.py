@@ -54,7 +54,8 @@ def scene_keys(table: str | None = None) -> list[KeyTable]:
     load_plugins()
     made = _tables()
     if table is not None and table not in made:
-        raise OptionError(f"a scene has the tables {', '.join(made)} (got {table!r:.60})")
+        known = ", ".join(name for name in made if name != "scene")
+        raise OptionError(f"a scene has the tables {known}, and 'scene' before them (got {table!r:.60})")
     return [one for name in (made if table is None else [table]) for one in made[name]()]
 
 
@@ -178,7 +179,8 @@ def _as_text(hint: Any) -> str:
     if origin is tuple:
         return f"[{', '.join(_as_text(part) for part in arguments)}]"
     if origin is list:
-        return f"list of: {_as_text(arguments[0])}"
+        held = _as_text(arguments[0])
+        return f"list of: ({held})" if " or " in held else f"list of: {held}"
     if origin is dict:
         return "table"
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):

@@ -57,8 +57,8 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
     -------
     Statics
         Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the
-        load's size lets it be. A minimum that has wound up is
-        no answer that the model can hold, and says so.
+        load's size lets it be; without a load it is over the start's ``|Lambda q|``. A minimum that has wound up is no
+        answer that the model can hold, and says so.
     """
     basis = model.basis
     elastic = slice(basis.rigid_modes, None)

@@ -15,6 +15,7 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
+from modalshell.mesh.selection import mixes_masks
 from modalshell.supports.unknowns import Unknowns
 
 Target = ArrayLike | Callable[[float], ArrayLike]
@@ -44,8 +45,11 @@ class Constraint(ReadOnlyArrays):
             given = np.atleast_1d(np.asarray(vertices))
         except ValueError:  # rows of unequal length
             given = np.empty(0)
+        self._masked = given.size if given.dtype == bool else None
         if given.dtype == bool:
             given = np.flatnonzero(given)
+        elif mixes_masks(vertices):
+            given = np.empty(0)
         if given.ndim != 1 or given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise OptionError(f"vertices of a constraint must be one index, some, or a mask (got {shown(vertices)})")
         self.vertices: Index = read_only(np.unique(given.astype(np.int64)))
@@ -144,6 +148,8 @@ def checked_constraints(constraints: Sequence[Constraint] | None, unknowns: Unkn
     for constraint in given:
         if not isinstance(constraint, Constraint):
             raise OptionError(f"constraints must be position or orientation constraints (got {shown(constraint)})")
+        if constraint._masked not in (None, count):
+            raise SupportError(f"the mask of a constraint must have {count} entries (got {constraint._masked})")
         outside = constraint.vertices[(constraint.vertices < 0) | (constraint.vertices >= count)]
         if outside.size:
             raise SupportError(f"a constraint names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")

@@ -425,7 +425,7 @@ def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
 
 
 HELD_OUT_SCENES = (1, 2, 7, 21)
-"""Of the study's, each asked for all of its errors: a panel, strips, one that snaps; test_near_snap.py has a panel."""
+"""Of the study's, each asked for all of its errors: a panel, strips, and one that snaps."""
 
 
 @pytest.mark.slow

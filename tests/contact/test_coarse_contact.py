@@ -59,6 +59,16 @@ def off(run, truth, shell, begin=20):
 
 
 @pytest.mark.slow
+def test_a_contact_of_fine_vertices_next_to_held_coarse_ones_puts_these_out():
+    """It was refused, as if its coarse vertices, which cannot move, had been given."""
+    fine, coarse = shell_of((8, 2)), shell_of((4, 1))
+    contacts = [ms.Contact(ms.Plane((0.0, 0.0, 1.0), -1e-4), sel="x < 0.2")]
+    answer = ms.CoarseDiscreteShell(fine, coarse).equilibrium(gravity=(0.0, 0.0, -0.1), contacts=contacts)
+    assert answer.converged
+    assert answer.deepest == 0.0
+    assert answer.positions[fine.mesh.vertices[:, 0] < 0.2, 2].min() >= -1e-4 - 1e-12
+
+
 def test_steps_in_parts_state_the_whole_impulse_of_a_coarse_shell():
     """Half of it was stated: what touches sums up the parts of a step, and was summed up again."""
     model, given = ms.CoarseDiscreteShell(shell_of((8, 2)), shell_of((4, 1))), {"gravity": (0.0, 0.0, -3.0)}

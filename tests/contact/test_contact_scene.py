@@ -108,7 +108,7 @@ def test_a_mesh_that_is_touched_comes_from_a_file(scene_file, tmp_path):
         (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
         (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
         (FLOOR + 'sel = "x > 9"\n', "contacts[0].sel: selects no vertex"),
-        (FLOOR + 'sel = "x < 0.026"\n', "contacts[0].sel: must name a vertex that can move"),
+        (FLOOR + 'sel = "x < 0.026"\n', "contacts[0].sel: must name a vertex that supports do not hold"),
         (FLOOR + "path = { times = [0, 1] }\n", "contacts[0].path"),
         ("[contacts]\nkind = 'plane'\n", "contacts: must be a list of tables"),
     ],

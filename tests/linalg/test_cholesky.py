@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import modalshell as ms
-from modalshell.kernels.packed import dot
+from modalshell.kernels.packed import LANES, dot
 from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError, multifrontal
 from modalshell.linalg.cholesky import without_zeros
 from modalshell.modes.factorisation import Factoriser
@@ -226,6 +226,11 @@ def test_supernodes_wider_than_a_panel_keep_no_rows_above_it(block):
     for chosen in (slice(None), slice(0, 2), 0):
         found = analysis.factorise(matrix).solve((matrix @ exact)[:, chosen])
         np.testing.assert_allclose(found, exact[:, chosen], rtol=0, atol=1e-12)
+    many = rng.standard_normal((size * block, 18))  # whole registers of right sides, and two alone
+    for single in (False, True):
+        factor = analysis.factorise(matrix, single=single)
+        assert factor._values.size == analysis.entries + 2 * LANES  # without the room that updates waited in
+        np.testing.assert_allclose(factor.solve(matrix @ many), many, rtol=0, atol=1e-3 if single else 1e-12)
     last = int(analysis.order[-5])
     matrix[last, last] *= -1.0
     with pytest.raises(NotPositiveDefiniteError) as caught:

@@ -31,7 +31,9 @@ def test_keys_have_types_defaults_and_units():
 
 
 def test_another_name_is_refused_with_the_tables():
-    with pytest.raises(ms.OptionError, match=r"a scene has the tables scene, mesh, material, .* \(got 'ball'\)"):
+    with pytest.raises(
+        ms.OptionError, match=r"has the tables mesh, material, .* and 'scene' before them \(got 'ball'\)"
+    ):
         scene_keys("ball")
 
 

@@ -210,7 +210,7 @@ def test_an_answer_without_load_is_one_for_those_who_begin_there():
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("touching", [False, True])
 def test_without_a_load_shells_come_back_to_rest_in_any_unit_of_length(size, touching):
-    """Residuals were over 1 N and 1 J there: modal models of micrometres rested 10 % of a length away, at once."""
+    """Residuals were over 1 N or 1 J^(1/2): modal models of micrometres rested 10 % of a length away, at once."""
     sheet = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
     mesh = ms.TriangleMesh(size * sheet.vertices, sheet.faces)
     shell = ms.Shell(mesh, ms.Isotropic(1.0, 0.3, 0.01 * size, 1e-6), sheet.vertices[:, 0] < 1e-9)

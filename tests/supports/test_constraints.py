@@ -255,6 +255,7 @@ def test_a_constraint_does_what_a_force_at_its_vertex_does(basis, tip):
     ("make", "error", "words"),
     [
         (lambda _: ms.PositionConstraint([], [0, 0, 0]), ms.OptionError, "one index, some, or a mask"),
+        (lambda _: ms.PositionConstraint([True, 3], [0, 0, 0]), ms.OptionError, "one index, some, or a mask"),
         (lambda tip: ms.PositionConstraint(tip, [0, 0]), ms.OptionError, "shape"),
         (lambda tip: ms.PositionConstraint(tip, [0, np.nan, 0]), ms.OptionError, "finite"),
         (lambda tip: ms.OrientationConstraint(tip, lambda _: "up"), ms.OptionError, "numbers"),
@@ -283,6 +284,8 @@ def test_bad_constraints_are_refused_before_any_step(shell, basis, tip):
         truth.equilibrium(constraints=[ms.OrientationConstraint(tip, [0, 1, 0])])
     with pytest.raises(ms.OptionError, match="share a vertex"):
         truth.equilibrium(constraints=[good, ms.PositionConstraint([tip, tip - 1], [0.9, 0, 0])])
+    with pytest.raises(ms.SupportError, match=r"mask of a constraint must have \d+ entries \(got 3\)"):
+        truth.equilibrium(constraints=[ms.PositionConstraint(np.array([False, False, True]), [0.9, 0, 0])])
     free = ms.ModalWarping(ms.solve_modes(ms.Shell(shell.mesh, shell.material), 10))
     with pytest.raises(ms.OptionError, match="supports hold"):
         free.equilibrium(constraints=[good])

@@ -79,8 +79,8 @@ class Auto(Model):
     On supports that move all levels step in their frame. A check is valid for accelerations and turns of the supports
     like those of the checked states. Under constraints DS takes all steps: RSW with static shapes took as long.
 
-    Parts without supports fly, without contacts, by MWTS in frames of their own or by DS; centres and momenta are
-    handed on. Displacements are bends, after the rigid motion that fits best, and every three steps are checked.
+    Parts without supports fly by MWTS in frames of their own or by DS, and take no contacts; centres and momenta are
+    handed on. Displacements are those left after the rigid motion that fits best; a check comes every three steps.
 
     ``error`` is what is added to the error that steps of ``dt`` cost: a stiff panel in a wind whose modes have few
     steps a period is off whatever the level, and so are the first frames under a load, in which high vibrations begin.

@@ -124,16 +124,20 @@ class LeveledStepper(Stepper):
 
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
         """Let the level that took a part of a step take note of it; see :meth:`Stepper.took_part`."""
-        level, inner = self.model.inner(state)
+        level, inner = self._taken_by(state)
         self._stepper(level).took_part(inner, time, dt, begin)
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], by the level that took the step to it."""
         if not self.setup.contacts:
             return None
-        last = self._last
-        level, inner = last[1:] if last is not None and last[0] is state else self.model.inner(state)
+        level, inner = self._taken_by(state)
         return self._stepper(level).touched(inner, time)
+
+    def _taken_by(self, state: MotionState) -> tuple[int, MotionState]:
+        """The level that took the step to a state, and its own state there."""
+        last = self._last
+        return last[1:] if last is not None and last[0] is state else self.model.inner(state)
 
     def loaded_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] on which loads do their work."""

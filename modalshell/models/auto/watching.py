@@ -27,9 +27,9 @@ _GROWN, _CALM = 1.5, 0.02
 """Factor of a displacement on that of the last check from which a modal rung is checked at once, and the root of its
 mean square, in sizes of the shell, up to which it may wait."""
 _ROUNDING = 1e-9
-"""Share of factors of loads that is rounding."""
+"""Relative difference of factors of loads that is rounding."""
 _ANSWERED = 0.9
-"""Share of the linear answer to a load that modes have of one which they answer."""
+"""Least length of the modes' answer to a load that they answer, over that of the whole linear answer."""
 _ALIKE = 1.2
 """Factor of the modal answer to a load on the linear one at the last look, up to which it is alike."""
 
@@ -274,11 +274,10 @@ class Watch:
         check allows: a load that acts at once has then left energy that the next level would keep. None is looked for
         where checks vouch for the linear answer to the load.
         """
-        first = memory["ahead"][0] == 0.0
-        if not self._fixed and self._is_vouched_for(load, memory, grown=not first):
+        if not self._fixed and self._is_vouched_for(load, memory):
             memory["ahead"] = np.array([load.whole])
             return None
-        if first and not self._fixed:
+        if memory["ahead"][0] == 0.0 and not self._fixed:
             coming = self._loads.coming(dead)
             most = self._loads.most(dead)
             if len(coming) == 1 and np.allclose(load.factors, coming[0].factors, rtol=_ROUNDING, atol=0.0):
@@ -288,13 +287,13 @@ class Watch:
                 return None
         return self._bar(level, load, memory, 1.0 if memory["since"][0] < FRAMES else 0.0, time)
 
-    def _is_vouched_for(self, load: Coming, memory: dict[str, Array], *, grown: bool) -> bool:
-        """Whether the state of rest of the modes' linear answer to a load is known.
+    def _is_vouched_for(self, load: Coming, memory: dict[str, Array]) -> bool:
+        """Whether the state of rest of the modes' linear answer to a load is known, if modes answer that load.
 
-        One that has ``grown`` must be a load that modes answer: along a sheet it may buckle it, and moves no mode.
+        One along a sheet may buckle it, and moves no mode.
         """
         q = self._model.answered_by_modes(load.force)
-        if grown and not math.sqrt(q @ q) >= _ANSWERED * load.whole:
+        if not math.sqrt(q @ q) >= _ANSWERED * load.whole:
             return False
         return self._states.holds(memory["known"], np.concatenate([q, np.zeros_like(q), load.factors]))
 

@@ -59,15 +59,15 @@ _ROUNDING = 1e-10
 class FullModel(Model):
     """A model in which every vertex is an unknown; its energies are those of its shell's elements.
 
-    Statics is Newton's method; ``residual`` is the out-of-balance force over the load, accepted at 1e-7. From a start
-    (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
-    from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
-    step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
-    shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch. A saddle
-    on the way is left along its unstable mode, to the lower of both sides, and ``message`` says so. Patches under
-    constraints are led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
-    Parts that may drift bear dead loads in balance, put back where they were; other loads push them away. The
-    parameters are those of :class:`modalshell.DiscreteShell`.
+    Statics is Newton's method; ``residual`` is the out-of-balance force over the load, or without one over the forces
+    at the start, accepted at 1e-7. From a start (a cheaper model's answer, say) the whole load is tried at once, and
+    where that fails the potential is minimised from there. Without a start the load is applied in steps that grow and
+    shrink with the solver's success; where a step ends at no minimum (the shell snaps) the potential is minimised from
+    the last stable state instead, as the shell would move in a thick fluid; ``message`` names the limit point or
+    bifurcation that ends the branch. A saddle on the way is left along its unstable mode, to the lower of both sides,
+    and ``message`` says so. Patches under constraints are led to their targets as moving boundaries; ``residual`` there
+    is relative to load and reactions. Parts that may drift bear dead loads in balance, put back where they were; other
+    loads push them away. The parameters are those of :class:`modalshell.DiscreteShell`.
 
     Attributes
     ----------

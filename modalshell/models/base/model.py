@@ -99,8 +99,8 @@ class Model(ABC):
             For loads or positions of the wrong shape or not finite.
         OptionError
             For constraints or contacts of a model that takes none, for constraints that contradict one another or the
-            supports, for a start inside a collider, a contact of held vertices alone, or for a ``bar`` under contacts
-            with friction, or of a shell that its supports do not hold.
+            supports, for a start inside a collider, for a contact whose vertices supports all hold, or for a ``bar``
+            under contacts with friction, or of a shell that its supports do not hold.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """

@@ -51,8 +51,9 @@ class TurnedTriangles(UnstretchedModel):
 
     So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
     triangles. Statics minimises ``q . Lambda q / 2 - f . u(q)`` in the elastic modes, rigid ones staying at zero;
-    ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. With constraints, the least modal work
-    that meets them. ``modal`` (tiles, m, 6 * 128) are turn and strain of the triangles in every mode.
+    ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, without a load over the start's
+    ``|Lambda q|``. With constraints, the least modal work that meets them. ``modal`` (tiles, m, 6 * 128) are turn and
+    strain of the triangles in every mode.
     """
 
     def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:

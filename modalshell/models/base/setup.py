@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def given_contacts(contacts: Sequence[Contact] | None, shell: Shell) -> tuple[Any, ...]:
-    """The contacts that a caller gives, as a tuple; OptionError for what is none, or of vertices that never move."""
+    """The contacts that a caller gives, as a tuple; OptionError for no list of them, or one of held vertices alone."""
     if not contacts:
         return ()
     from modalshell.contact.touching import listed_contacts  # not without contacts
@@ -28,7 +28,7 @@ def given_contacts(contacts: Sequence[Contact] | None, shell: Shell) -> tuple[An
     listed = listed_contacts(contacts)
     for contact in listed:
         if not (contact.vertices(shell.mesh) & ~shell.unknowns.held).any():
-            raise OptionError(f"sel must name a vertex that can move (got {shown(contact.sel)}, held by supports)")
+            raise OptionError(f"sel must name a vertex that supports do not hold (got {shown(contact.sel)})")
     return listed
 
 

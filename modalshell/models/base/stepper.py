@@ -263,7 +263,7 @@ class ContactStepper(Stepper):
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
         """Take note of the impulses of a part of a step; see :meth:`Stepper.took_part`."""
         found, (known, given) = self._touched_last(state, time), self._given
-        if found is not None and self._presses:  # of others what touches sums up the parts itself
+        if found is not None and self._presses:  # else the frame's forces are those of all parts already
             self._given = begin, (given if known == begin else 0.0) + dt * found.forces
 
     def _touched_last(self, state: MotionState, time: float) -> TouchedFrame | None:

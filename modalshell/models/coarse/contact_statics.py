@@ -40,7 +40,8 @@ def coarse_equilibrium_on_contacts(
         begin = None
         if start is not None:
             begin = put_out(under, model.sampled(start), np.array([not contact.push_out for contact in given]))
-        answer = model.coarse.equilibrium(force=model.restrict(load), start=begin, contacts=own)
+        below = model.coarse.shell.loading(force=model.restrict(load))
+        answer = model.coarse._solve_touching(below, begin, own, ())  # of which some may have no vertex that moves
         x = put_out(fine, model.prolong(answer.positions), np.ones(len(given), dtype=bool))
         forces, touches = model.spread(answer.contact_forces, answer.in_contact)
         return replace(

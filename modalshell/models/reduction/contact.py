@@ -81,11 +81,14 @@ def settle(
     scale: float,
     goal: float,
     stresses: list[Array] | None = None,
+    *,
+    at_start: float = 1.0,
 ) -> Settled:
     """Least potential outside the colliders, by mixed Newton with contacts from ``begin``.
 
     ``problem`` is a :class:`~modalshell.models.reduction.reduced_potential.ReducedPotential`, ``scale`` the size of its
-    load, to which the residual relates, ``stresses`` those predicted at the beginning.
+    load, to which the residual relates, ``stresses`` those predicted at the beginning. Without a load and contact
+    forces the residual is over the forces ``at_start``.
     """
     pressed, residual = begin, np.inf
     for count in range(_MOST + 1):
@@ -94,7 +97,7 @@ def settle(
         state = pressing.state(z, pushes, pressed.local)
         x = pressing.positions(z) + state.local
         out = gradient - pressing.pull(z, pressing.touching.forces(x, pushes))
-        whole = max(scale, problem.measure(gradient - out)) or 1.0
+        whole = max(scale, problem.measure(gradient - out)) or at_start
         residual = problem.measure(out) / whole
         if not np.isfinite(residual) or (pressed.solved and residual <= goal) or count == _MOST:
             break
@@ -154,12 +157,13 @@ def _rest(model: Any, pressing: ModalContacts, load: Array, start: Array | None)
         z = model.coordinates_of(start)
     x = model.positions_at(z)
     pressed, steps, iterations = Pressed(z, np.zeros_like(x), np.zeros(rows), False), Steps(), 0
-    scale = model.statics_of(load).scale_at(z)
+    whole = model.statics_of(load)
+    scale, at_start = whole.measure(whole.push), whole.scale_at(z)
     while steps.fraction < 1.0:
         problem = model.statics_of(steps.target * load)
         goal = method.ACCEPTED if steps.target == 1.0 else problem.path_goal
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            found = settle(problem, pressing, pressed, scale, goal)
+            found = settle(problem, pressing, pressed, scale, goal, at_start=at_start)
         iterations += found.iterations
         reached = model.positions_at(found.pressed.q) + found.pressed.local
         if not found.solved or pressing.touching.crossed(x, reached):
