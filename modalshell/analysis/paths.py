@@ -212,9 +212,8 @@ def equilibrium_path(
     LoadError
         For loads or positions of the wrong shape or not finite, or a load that moves nothing.
     OptionError
-        For a model without a potential, supports that leave the shell free, options out of range, or contacts with
-        another control than the load, with branches, with friction, of models that are not of all vertices, or
-        whose vertices supports all hold.
+        For a model without a potential, supports that leave the shell free, options out of range, or contacts of held
+        vertices alone, or with another control than the load, branches, friction, or models not of all vertices.
     SolverError
         If there is no equilibrium to begin from.
 

@@ -227,7 +227,7 @@ class RunFollower:
         elif given.is_dir():
             name = _only_run(given)
             self._path = None if name is None else given / f"{name}{_FRAMES}"
-        elif given.exists():
+        elif given.exists() and not given.is_dir():  # which may just have been made
             raise OptionError(
                 f"a run must be its output folder, its scene file (.toml) or its file of frames (.frames) (got {given})"
             )

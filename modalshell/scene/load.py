@@ -49,7 +49,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     ------
     SceneError
         For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, the value and what is allowed. Values that depend on the mesh are checked by
+        key's path, the value and what is allowed. What depends on the mesh, and options of models, are checked by
         :meth:`ShellScene.build`.
     """
     file = checked_folder("path", path)
