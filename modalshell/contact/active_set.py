@@ -86,6 +86,11 @@ class ActiveSet:
         self.problem, self.touching, self._load, self._friction = problem, touching, scale, friction
         self._at_start, self._deep = at_start, EXACT_GAP * touching.size
 
+    @classmethod
+    def at_rest(cls, problem: Potential, touching: Touching, start: Array) -> ActiveSet:
+        """Those of statics under the problem's own load, from ``start`` (n, 3) [m]."""
+        return cls(problem, touching, problem.measure(problem.push), at_start=problem.scale_at(start))
+
     def near(self, x: Array) -> Mask:
         """Rows (r,) that touch at positions x (n, 3)."""
         return self._movable(x, self.touching.distances(x) <= self._deep)

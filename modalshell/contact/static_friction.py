@@ -150,7 +150,7 @@ def _slowly(problem: Potential, touching: Touching, before: Rubbed) -> Rubbed:
 
     It has no end if it drifts off.
     """
-    drag = first_drag(FrictionStep(problem, touching, before.rest.point).solver, before.rest.point)[1]
+    drag = first_drag(ActiveSet.at_rest(problem, touching, before.rest.point), before.rest.point)[1]
     reached, failures, iterations = before, 0, 0
     for _ in range(_SUB_STEPS):
         x = reached.rest.point
@@ -183,8 +183,7 @@ class FrictionStep:
 
     def __init__(self, problem: Potential, touching: Touching, begin: Array) -> None:
         self._problem, self._touching, self._begin = problem, touching, begin
-        load = problem.measure(problem.push)
-        self.solver = ActiveSet(problem, touching, load, at_start=problem.scale_at(begin))
+        self._solver = ActiveSet.at_rest(problem, touching, begin)
         self._friction = np.where(touching.distances(begin) <= INSIDE * touching.size, touching.friction, 0.0)
         self._axes = touching.at(touching.time)  # rows of the normals, and two of each along the surface
         self._axes.vertices = np.tile(touching.vertices, 3)
@@ -219,7 +218,7 @@ class FrictionStep:
         answer is ``accepted``, the end has no verdict.
         """
         x, touching, message = (self._begin if first is None else first).copy(), self._touching, ""
-        pushes, active, stresses = before.rest.pushes, self.solver.near(self._begin), None
+        pushes, active, stresses = before.rest.pushes, self._solver.near(self._begin), None
         sticks = active & (self._friction > 0.0) & ~(before.sets.active & ~before.sets.sticks)
         sets = replace(before.sets, active=active, sticks=sticks)
         size, best, allowed, repeated, solved = np.inf, np.inf, 0.0, False, False
@@ -227,7 +226,7 @@ class FrictionStep:
             gradient, hessian = self._problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
             gradient = gradient - self._on_unknowns(sets.drag)
             equations, normals, rows = self._equations(x, gradient, hessian, sets, pushes)
-            size = float(np.linalg.norm(equations.unbalanced(gradient))) / self.solver.scale(pushes)
+            size = float(np.linalg.norm(equations.unbalanced(gradient))) / self._solver.scale(pushes)
             solved = repeated and size <= max(accepted, allowed)
             least = accepted > method.ACCEPTED or size <= method.GOAL or size > 0.5 * best  # of rounding
             if (solved and least) or not np.isfinite(size) or iteration == most:
@@ -242,10 +241,10 @@ class FrictionStep:
             if far:
                 message = SLIDES
                 break
-            x, share, allowed, stresses = self.solver.moved(x, hessian, direction, rows)
+            x, share, allowed, stresses = self._solver.moved(x, hessian, direction, rows)
             last = sets
             sets, pushes = self._next(x, sets, (equations.frames.rows, found), normals, diagonal)
-            allowed /= self.solver.scale(pushes)
+            allowed /= self._solver.scale(pushes)
             repeated = share > 0.999 and sets.same(last)
         limited = size > method.ACCEPTED
         rest = Rest(x, sets.active, np.where(sets.active, pushes, 0.0), size, iteration, solved, limited=limited)
@@ -297,8 +296,8 @@ class FrictionStep:
         of_axes = np.zeros(3 * count)
         of_axes[found[0]] = found[1]
         pushes, first, second = of_axes.reshape(3, count)
-        active = sets.active & (pushes > -_PULL * self.solver.scale(pushes))
-        entered = self.solver.entered(x, sets.active)
+        active = sets.active & (pushes > -_PULL * self._solver.scale(pushes))
+        entered = self._solver.entered(x, sets.active)
         pushes = np.where(active, np.maximum(pushes, 0.0), 0.0)
         held, slides = np.flatnonzero(sets.sticks), np.flatnonzero(sets.active & ~sets.sticks)
         along, trial = _along(normals[held]), sets.drag.copy()

@@ -123,14 +123,9 @@ def sides_note(touching: Touching, start: Array) -> str:
     return ""
 
 
-def _active_set(problem: Potential, touching: Touching, start: Array) -> ActiveSet:
-    """Active sets whose residuals are over the load, the contact forces, or without either the forces at the start."""
-    return ActiveSet(problem, touching, problem.measure(problem.push), at_start=problem.scale_at(start))
-
-
 def _directly(problem: Potential, touching: Touching, start: Array) -> Rest:
     """Where Newton's steps with active sets lead from a start; not stable where they lead through a collider."""
-    solver = _active_set(problem, touching, start)
+    solver = ActiveSet.at_rest(problem, touching, start)
     rest = solver.settled(solver.iterate(start, solver.near(start), rules_of(problem, method.GOAL, DIRECT)))
     return replace(rest, stable=False) if rest.stable and touching.crossed(start, rest.point) else rest
 
@@ -161,6 +156,6 @@ def _from_guess(problem: Potential, touching: Touching, start: Array, guess: Arr
 
 def _slowly(problem: Potential, touching: Touching, start: Array, iterations: int) -> Rest:
     """Where the way downhill leads, after some ``iterations`` in vain."""
-    solver = _active_set(problem, touching, start)
+    solver = ActiveSet.at_rest(problem, touching, start)
     rest = descend(solver, start, rules_of(problem, method.GOAL, DIRECT))
     return replace(rest, iterations=iterations + rest.iterations)

@@ -41,10 +41,8 @@ def shown(value: Any) -> str:
     """A value for a message: its ``repr`` on one line, shortened, or its type if it has no plain ``repr``."""
     if not isinstance(value, _PLAIN):
         return f"an object of type {type(value).__name__}"
-    if isinstance(value, np.ndarray) and 0 < value.size <= _SHOWN and value.ndim:
+    if isinstance(value, np.ndarray) and value.ndim and value.size <= _SHOWN and (value.size or value.ndim == 1):
         value = value.tolist()
-    elif isinstance(value, np.ndarray) and value.shape == (0,):
-        value = []
     elif isinstance(value, np.generic) and value.dtype.kind in "iufc":  # of others the type may be what is wrong
         value = value.item()
     try:
