@@ -44,14 +44,18 @@ def full_name(value: Any) -> str:
 
 
 @cache
+def load_features() -> None:
+    """Import this package's own features that register models or kinds of scenes, and are not imported at once."""
+    for feature in filter(importlib.util.find_spec, _OWN):
+        importlib.import_module(feature)
+
+
+@cache
 def load_plugins() -> tuple[str, ...]:
     """Import the modules that installed packages name in the entry-point group ``modalshell``; return their names.
 
-    This package's own features, which it does not import at once, come first. Classes with a key register themselves
-    when their module is imported. OptionError if the import of another package's fails.
+    Classes with a key register themselves when their module is imported. OptionError if an import fails.
     """
-    for feature in filter(importlib.util.find_spec, _OWN):
-        importlib.import_module(feature)
     names = []
     for entry in entry_points(group="modalshell"):
         try:

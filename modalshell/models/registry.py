@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Literal, final, get_args
 
 from modalshell.core.errors import OptionError
-from modalshell.core.registry import Registry, load_plugins
+from modalshell.core.registry import Registry, load_features, load_plugins
 from modalshell.core.typing import Array
 from modalshell.models.auto.auto import Auto
 from modalshell.models.base.model import Model
@@ -125,6 +125,7 @@ def register(spec: ModelSpec) -> ModelSpec:
 
 def models() -> Mapping[str, ModelSpec]:
     """Every model by its key, cheapest first, those of installed packages included; see :class:`ModelSpec`."""
+    load_features()
     load_plugins()
     return MappingProxyType({spec.key: spec for spec in sorted(MODELS.values(), key=lambda spec: spec.cost)})
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import msgspec
 
 from modalshell.core.errors import OptionError
-from modalshell.core.registry import load_plugins
+from modalshell.core.registry import load_features, load_plugins
 from modalshell.scene import tables
 from modalshell.scene.kinds import KINDS
 from modalshell.scene.models import model_tables
@@ -51,6 +51,7 @@ _OWN = (
 
 def scene_keys(table: str | None = None) -> list[KeyTable]:
     """The tables of a scene file, or those of one name such as ``contacts``; OptionError for another name."""
+    load_features()
     load_plugins()
     made = _tables()
     if table is not None and table not in made:

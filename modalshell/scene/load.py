@@ -12,7 +12,7 @@ import msgspec
 
 from modalshell.core.checks import checked_folder
 from modalshell.core.errors import SceneError
-from modalshell.core.registry import load_plugins
+from modalshell.core.registry import load_features, load_plugins
 from modalshell.core.units import SI, UnitSystem
 from modalshell.scene import tables
 from modalshell.scene.index_files import with_index_files
@@ -61,6 +61,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
 
     SceneError as :func:`load_scene`.
     """
+    load_features()
     load_plugins()
     raw = with_index_files(file, raw)
     single = single_tables()
