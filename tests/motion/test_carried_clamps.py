@@ -50,7 +50,7 @@ def built(key, shell):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2), family="alternating")
     coarse = CoarseMesh(mesh, "8x2", shell.material)
     factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -1.0)), lambda *_: coarse)
-    table, few = model_tables()[key], {"modes": 3, "rank": 4}
+    table, few = model_tables()[key], {"modes": 3, "rank": 4, "motions": 4}
     return table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)
 
 
