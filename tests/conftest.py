@@ -67,7 +67,11 @@ SHORTER = {
         "studies.motion_scenes.LED_TIMES": (2.5, 3.0),
         "studies.motion_scenes.SWING_FINE": 2,
     },
-    "stability_atlas": {"studies.stability_atlas.FEWEST": 4, "studies.stability_atlas.MOST": 6},
+    "stability_atlas": {
+        "studies.stability_atlas.FEWEST": 4,
+        "studies.stability_atlas.MOST": 6,
+        "studies.stability_atlas.PATIENCE": 1,
+    },
     "tradeoff": {"studies.tradeoff.REPEATS": 1, "modalshell.models.hybrid.measures:Measures.motions": 4},
     "validity_map": {"studies.validity_map.MOTIONS": 4},
 }
