@@ -58,6 +58,7 @@ SHORTER = {
     "blind_motions": {"studies.blind_motions.QUICK": 2, "studies.blind_motions.FRAMES": 45},
     "cloth_scaling": {"studies.cloth_scaling.SIDES": (25, 50)},
     "engines": {"studies.engines._FRAMES": 2},
+    "held_out_advice": {"modalshell.models.hybrid.measures:Measures.motions": 8},
     "integrator_drift": {"studies.integrator_drift.CYCLES": 3},
     "motion_truth": {
         "studies.motion_limits.COST_FINE": 320,
