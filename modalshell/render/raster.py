@@ -55,7 +55,7 @@ def outline(left, right, drawn, flat, seen, shown):  # type: ignore[no-untyped-d
 
 @_kernel
 def _clipped(value, most):  # type: ignore[no-untyped-def]
-    """``value`` (float) between 0 and ``most`` (float); numba's min and max are compiled anew for each caller."""
+    """``value`` (float) between 0 and ``most`` (float); numba's min and max are compiled for each caller."""
     low = value if value > 0.0 else 0.0
     return low if low < most else most
 
