@@ -36,4 +36,4 @@ def collect_again() -> None:
 
 if is_command(sys.orig_argv):
     sys.excepthook = _hook
-    gc.disable()  # imports make objects by the hundred thousand: to look for cycles is a twentieth of their time and more
+    gc.disable()  # imports make objects by the hundred thousand: to look for cycles is a twentieth of their time
