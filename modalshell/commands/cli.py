@@ -22,6 +22,7 @@ from modalshell.commands.terminal import CONSOLE, converted, progress, say, show
 from modalshell.compare import MODES
 from modalshell.core.checks import printable, shortened
 from modalshell.core.errors import ModalShellError
+from modalshell.core.interruption import collect_again
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
@@ -193,6 +194,7 @@ def licences() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: 0 is success, 1 work that did not converge or complete, 2 a refusal, one line on standard error."""
+    collect_again()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     if debug:

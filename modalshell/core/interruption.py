@@ -1,7 +1,11 @@
-"""Handle Ctrl-C during import: the command ends with one line. The package imports this module first."""
+"""While a command is imported Ctrl-C ends it with one line, and no cyclic garbage is looked for.
+
+The package imports this module first.
+"""
 
 from __future__ import annotations
 
+import gc
 import sys
 from pathlib import Path
 from types import TracebackType
@@ -23,5 +27,13 @@ def is_command(arguments: list[str]) -> bool:
     return any(Path(argument).stem == "modalshell" for argument in arguments[:2])
 
 
+def collect_again() -> None:
+    """Look for cyclic garbage from now on, among what is made from now on, if this process is the command."""
+    if is_command(sys.orig_argv):
+        gc.freeze()  # what was imported stays
+        gc.enable()
+
+
 if is_command(sys.orig_argv):
     sys.excepthook = _hook
+    gc.disable()  # imports make objects by the hundred thousand: to look for cycles is a twentieth of their time

@@ -247,7 +247,8 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
     ``A = sum |P|^2 I - P P^T``, then the mean over the triangles at each vertex. Triangles that have collapsed to a
     line have no rotation and do not count.
     """
-    count = np.zeros(positions.shape[0])
+    count = np.empty(positions.shape[0])
+    count[:] = 0.0
     out[:] = 0.0
     for face in range(faces.shape[0]):
         xx = yy = zz = xy = xz = yz = bx = by = bz = 0.0

@@ -54,6 +54,13 @@ def outline(left, right, drawn, flat, seen, shown):  # type: ignore[no-untyped-d
 
 
 @_kernel
+def _clipped(value, most):  # type: ignore[no-untyped-def]
+    """``value`` (float) between 0 and ``most`` (float); numba's min and max are compiled for each caller."""
+    low = value if value > 0.0 else 0.0
+    return low if low < most else most
+
+
+@_kernel
 def shade(faces, normals, by_vertex, seen, colors, lights, ambient, out):  # type: ignore[no-untyped-def]
     """Shaded colours at the corners of the faces into ``out`` (T, 3, 3), the same from both sides.
 
@@ -69,9 +76,9 @@ def shade(faces, normals, by_vertex, seen, colors, lights, ambient, out):  # typ
                 cosine = 0.0
                 for c in range(3):
                     cosine += side * normals[at, c] * lights[k, c]
-                light += lights[k, 3] * max(cosine, 0.0)
+                light += lights[k, 3] * (cosine if cosine > 0.0 else 0.0)
             for c in range(3):
-                out[t, corner, c] = min(max(colors[vertex, c] * light, 0.0), 1.0)
+                out[t, corner, c] = _clipped(colors[vertex, c] * light, 1.0)
 
 
 @_kernel
@@ -82,14 +89,15 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
     ``near`` (h, w), ``color`` (h, w, 3) and ``alpha`` (h, w) are written to; ``box`` (4,), first and last row and
     column drawn to, grows.
     """
-    rows, columns = near.shape
+    rows, columns = float(near.shape[0]), float(near.shape[1])
     for t in range(corners.shape[0]):
         x0, y0, x1, y1 = corners[t, 0, 0], corners[t, 0, 1], corners[t, 1, 0], corners[t, 1, 1]
         x2, y2 = corners[t, 2, 0], corners[t, 2, 1]
-        low, high = min(y0, y1, y2), max(y0, y1, y2)
+        low, high = (y0, y1) if y0 < y1 else (y1, y0)
+        low, high = y2 if y2 < low else low, y2 if y2 > high else high
         if not (low < rows and high > 0.0 and abs(x0) + abs(x1) + abs(x2) < 1e12 and abs(low) + abs(high) < 1e12):
             continue
-        top, foot = max(math.ceil(low - 0.5), 0), min(math.ceil(high - 0.5), rows)
+        top, foot = math.ceil(_clipped(low - 0.5, rows)), math.ceil(_clipped(high - 0.5, rows))
         ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
         area = ax * by - ay * bx
         inverse = 1.0 / area if abs(area) > 1e-12 else 0.0
@@ -113,15 +121,15 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
                     px, py, qx, qy = qx, qy, px, py
                 if py <= middle < qy:
                     column = px + (middle - py) / (qy - py) * (qx - px)
-                    left, right = min(left, column), max(right, column)
+                    left, right = column if column < left else left, column if column > right else right
             if not left <= right:
                 continue
-            begin = int(min(max(math.ceil(left - 0.5), 0.0), columns))
-            end = int(min(max(math.ceil(right - 0.5), 0.0), columns))
+            begin = math.ceil(_clipped(left - 0.5, columns))
+            end = math.ceil(_clipped(right - 0.5, columns))
             if end <= begin:
                 continue
-            box[0], box[1] = min(box[0], row), max(box[1], row)
-            box[2], box[3] = min(box[2], begin), max(box[3], end - 1)
+            box[0], box[1] = row if row < box[0] else box[0], row if row > box[1] else box[1]
+            box[2], box[3] = begin if begin < box[2] else box[2], end - 1 if end > box[3] else box[3]
             down = row + 0.5 - y0
             first, red = heights[t, 0] + down * nearer_down, shades[t, 0, 0] + down * redder_down
             green, blue = shades[t, 0, 1] + down * greener_down, shades[t, 0, 2] + down * bluer_down
@@ -130,9 +138,9 @@ def draw_triangles(corners, heights, shades, opacity, near, color, alpha, box): 
                 height = first + across * nearer
                 if height >= near[row, column]:
                     near[row, column], alpha[row, column] = height, opacity
-                    color[row, column, 0] = min(max(red + across * redder, 0.0), 1.0)
-                    color[row, column, 1] = min(max(green + across * greener, 0.0), 1.0)
-                    color[row, column, 2] = min(max(blue + across * bluer, 0.0), 1.0)
+                    color[row, column, 0] = _clipped(red + across * redder, 1.0)
+                    color[row, column, 1] = _clipped(green + across * greener, 1.0)
+                    color[row, column, 2] = _clipped(blue + across * bluer, 1.0)
 
 
 @njit(error_model="numpy", fastmath=False)

@@ -121,7 +121,7 @@ def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
 @njit(**OPTIONS)
 def add_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, strides: Any, data: Any) -> None:
     """Add ``sum couple Hess theta`` to the CSR values ``data``."""
-    local, none = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
+    local = np.empty(UNKNOWNS)
     packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
     block = np.empty((3 * VERTICES, 3 * VERTICES))
     for hinge in range(hinges.shape[0]):
@@ -129,7 +129,7 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, strides: 
         if couple == 0.0:
             continue
         second_derivatives(*relative(x, hinges, hinge), local, packed)
-        fill_block(VERTICES, 0.0, none, couple, packed, block)
+        fill_block(VERTICES, 0.0, local, couple, packed, block)
         add_block(hinges, hinge, VERTICES, block, slots, strides, data)
 
 
@@ -139,7 +139,6 @@ def add_convex_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, st
 
     A kernel of its own, as many scenes need only the other and each takes a second to compile.
     """
-    none = np.zeros(UNKNOWNS)
     packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
     block = np.empty((3 * VERTICES, 3 * VERTICES))
     factors, squares = np.empty(0), np.empty((0, UNKNOWNS))
@@ -155,7 +154,7 @@ def add_convex_fold_curvatures(x: Any, hinges: Any, couples: Any, slots: Any, st
         sign = 1.0 if couple > 0.0 else -1.0
         convex_rows(*relative(x, hinges, hinge), sign, factors, squares, firsts, seconds, rows)
         pack_products(rows, PRODUCTS, UNKNOWNS, packed)
-        fill_block(VERTICES, 0.0, none, abs(couple), packed, block)
+        fill_block(VERTICES, 0.0, rows[0], abs(couple), packed, block)
         add_block(hinges, hinge, VERTICES, block, slots, strides, data)
 
 
