@@ -87,5 +87,5 @@ def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> 
 
 def area_vectors(vertices: Array, faces: NDArray[np.integer]) -> Array:
     """Vectors (T, 3) along the normals of triangles, twice their areas [m^2] long."""
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    first, second, third = (vertices[own] for own in faces.T)
+    return np.cross(second - first, third - first)

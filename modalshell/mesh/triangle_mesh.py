@@ -163,8 +163,8 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
     @cached_property
     def edge_lengths(self) -> FloatArray:
         """Edge lengths at rest [m], shape (E,)."""
-        ends = self.vertices[self.edges]
-        return read_only(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        first, second = self.edges.T
+        return read_only(np.linalg.norm(self.vertices[second] - self.vertices[first], axis=1))
 
     @cached_property
     def _twice_area_vectors(self) -> FloatArray:
@@ -267,9 +267,8 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
     def shared_among_corners(self, face_values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum at each vertex (n,) of a third of every adjacent triangle's value (T,), as lumped masses are made."""
         values = checked_vectors("face_values", face_values, (len(self.faces),), MeshError)
-        total = np.zeros(len(self.vertices))
-        np.add.at(total, self.faces, values[:, None] / 3.0)
-        return total
+        shares = np.repeat(values / 3.0, 3)
+        return np.asarray(np.bincount(self.faces.ravel(), shares, len(self.vertices)), dtype=np.float64)
 
     def weld(self, tolerance: float | None = None) -> TriangleMesh:
         """Return the mesh with coincident vertices merged.

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from modalshell.core.checks import as_array
 from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
+from modalshell.core.in_parts import fill_in_parts
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
 
@@ -161,7 +162,12 @@ def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
 
 def degenerate(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> BoolArray:
     """Which faces (T,) have a height of at most ``limit`` times their length; without it, those without area."""
-    corners = vertices[faces]
+    flat = np.empty(len(faces), dtype=np.bool_)
+    fill_in_parts(flat, lambda own: _degenerate(vertices[own], limit), faces)
+    return flat
+
+
+def _degenerate(corners: FloatArray, limit: float) -> BoolArray:
     sides = corners[:, [1, 2, 0]] - corners
     # Each triangle is brought to unit size first, so that no product under- or overflows.
     size = np.abs(sides).max(axis=(1, 2))

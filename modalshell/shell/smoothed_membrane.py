@@ -155,9 +155,10 @@ def strained_elements(
     shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
     strain = np.empty((len(hinges), 3, 5))
     fill_in_parts(strain, functools.partial(_strain_of_pairs, mesh), hinges, shares)
-    sides = np.array([0, 0, 1, 1])
-    after = mesh.face_edges[both[:, sides], (corners[:, sides] + others) % 3]
-    numbers = np.column_stack([edges, after])
+    numbers = np.empty((len(edges), 5), dtype=np.int64)
+    numbers[:, 0] = edges
+    for k, side in enumerate((0, 0, 1, 1)):
+        numbers[:, 1 + k] = mesh.face_edges[both[:, side], (corners[:, side] + others[:, k]) % 3]
     found = [Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, areas, both)]
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]

@@ -57,7 +57,7 @@ def paired_triangles(
     Returns
     -------
     ndarray of int64, shape (P, 2)
-        Triangles of every pair; -1 after one that is single.
+        Triangles of every pair, then single ones with -1 after them.
     ndarray of int64, shape (P, 2)
         The corners opposite their common edge; of single triangles the first.
     """
@@ -104,12 +104,20 @@ def alike_edges(
 def _distances_from_middle(mesh: TriangleMesh, edges: Index) -> Array:
     """Distance of the middles of ``edges`` from the centroid of their component, over its mean edge length (E,)."""
     of_faces, of_edges = mesh.components[mesh.faces[:, 0]], mesh.components[mesh.edges[:, 0]]
-    weighted = mesh.face_areas[:, None] * mesh.vertices[mesh.faces].mean(axis=1)
+    weighted = mesh.face_areas[:, None] * _middles(mesh, mesh.faces)
     area, *moments = (np.bincount(of_faces, weights) for weights in (mesh.face_areas, *weighted.T))
     own = of_edges[edges]
     middles = np.stack(moments, axis=1)[own] / area[own, None]
     mean = np.bincount(of_edges, mesh.edge_lengths)[own] / np.bincount(of_edges)[own]
-    return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[edges]].mean(axis=1) - middles, axis=1) / mean)
+    return np.asarray(np.linalg.norm(_middles(mesh, mesh.edges[edges]) - middles, axis=1) / mean)
+
+
+def _middles(mesh: TriangleMesh, corners: Index) -> Array:
+    """Means (k, 3) of the vertices ``corners`` (k, c)."""
+    total = mesh.vertices[corners[:, 0]]
+    for further in corners.T[1:]:
+        total += mesh.vertices[further]
+    return total / corners.shape[1]
 
 
 def fold_moments(
@@ -121,24 +129,22 @@ def fold_moments(
     free: NDArray[np.bool_],
     bending: Elasticity | None = None,
 ) -> Any:
-    """Stiffness (P, 5, 5) of pairs and single triangles by their folds, ``free`` ones (P, 5) condensed out.
+    """Stiffness (P, 5, 5) of pairs, then single triangles, by their folds, ``free`` ones (P, 5) condensed out.
 
     Folds are those at the common edge, at the two edges of the first triangle after it and at those of the second. Of a
     single triangle the last two have none. Constants are those of every triangle (T,), complex ones too; in place of
     them ``bending`` is the elasticity of a sheet that is not isotropic.
     """
-    paired = faces[:, 1] >= 0
+    count = np.count_nonzero(faces[:, 1] >= 0)
     used = (rigidity, poisson) if bending is None else (bending.matrices, bending.directions)
     moments = np.zeros((len(faces), 5, 5), dtype=np.result_type(*used))
     if bending is None:
-        alone = _single(mesh, faces[~paired, 0], rigidity, poisson)
+        alone = _single(mesh, faces[count:, 0], rigidity, poisson)
     else:
-        alone = _single_directed(mesh, faces[~paired, 0], bending)
-    moments[~paired, :3, :3] = _condensed(alone, free[~paired, :3])
-    joined = np.empty((int(paired.sum()), 5, 5), dtype=moments.dtype)
-    constants = mesh, rigidity, poisson, bending
-    fill_in_parts(joined, functools.partial(_joined, constants), faces[paired], corners[paired], free[paired])
-    moments[paired] = joined
+        alone = _single_directed(mesh, faces[count:, 0], bending)
+    moments[count:, :3, :3] = _condensed(alone, free[count:, :3])
+    joined = functools.partial(_joined, (mesh, rigidity, poisson, bending))
+    fill_in_parts(moments[:count], joined, faces[:count], corners[:count], free[:count])
     return moments
 
 

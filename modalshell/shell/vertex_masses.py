@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
@@ -54,9 +56,9 @@ def vertex_masses(
             [np.bincount(corners.ravel(), one.ravel(), count) for one in np.moveaxis(values, -1, 0)], axis=1
         )
 
-    points = mesh.vertices[mesh.faces]
-    sides = np.roll(points, -1, axis=1) - points
-    reach = gathered((density * areas / 24.0)[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
+    values = np.empty((*corners.shape, 3))
+    fill_in_parts(values, functools.partial(_reach, mesh), mesh.faces, density * areas / 24.0)
+    reach = gathered(values)
     normals = gathered(areas[:, None, None] * _alike(mesh, corners))
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     vertex = np.empty(count, dtype=np.int64)
@@ -66,10 +68,9 @@ def vertex_masses(
         if (plane := support.mirror()) is not None:
             even = support.vertices(mesh)[vertex] & (2.0 * np.arcsin(np.minimum(np.abs(normals @ plane), 1.0)) <= SHARP)
             reach[even] -= (reach[even] @ plane)[:, None] * plane
-    # grad of a corner's hat function is that of its height over the opposite side.
-    gradients = np.cross(mesh.face_normals[:, None], np.roll(sides, -1, axis=1)) / 2.0
-    meeting = np.bincount(corners.ravel(), np.repeat(areas, 3), count)
-    moved = np.einsum("tcx,tvx->tcv", (reach / meeting[:, None])[corners], gradients)
+    reach /= np.bincount(corners.ravel(), np.repeat(areas, 3), count)[:, None]
+    moved = values
+    fill_in_parts(moved, functools.partial(_moved, mesh, reach), mesh.faces, mesh.face_normals, corners)
     # Sums of a group at a vertex are at least those of its negative parts: few vertices can come to lack mass.
     least, kept = np.ones(count), (1.0 - _LEAST) * thirds
     negative = np.bincount(mesh.faces.ravel(), np.minimum(moved, 0.0).sum(axis=1).ravel(), thirds.size)
@@ -83,6 +84,27 @@ def vertex_masses(
     np.minimum.at(least, np.repeat(np.arange(count), np.diff(moves.indptr))[taken], share[givers])
     moved *= least[corners][:, :, None]
     return np.asarray(thirds + np.bincount(mesh.faces.ravel(), moved.sum(axis=1).ravel(), thirds.size))
+
+
+def _sides(mesh: TriangleMesh, faces: Index) -> Array:
+    """Vectors (T, 3, 3) [m] from each corner to the next."""
+    points = mesh.vertices[faces]
+    return np.asarray(np.roll(points, -1, axis=1) - points)
+
+
+def _reach(mesh: TriangleMesh, faces: Index, weight: Array) -> Array:
+    """At each corner the sides to both others, times a weight (T,)."""
+    sides = _sides(mesh, faces)
+    return np.asarray(weight[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
+
+
+def _moved(mesh: TriangleMesh, reach: Array, faces: Index, normals: Array, corners: Index) -> Array:
+    """What each corner's group gives to the triangle's vertices (T, 3, 3), by the gradients of their hat functions.
+
+    These are those of the heights over the opposite sides.
+    """
+    gradients = np.cross(normals[:, None], np.roll(_sides(mesh, faces), -1, axis=1)) / 2.0
+    return np.asarray(np.einsum("tcx,tvx->tcv", reach[corners], gradients))
 
 
 def _alike(mesh: TriangleMesh, corners: Index) -> Array:
