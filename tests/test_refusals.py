@@ -30,7 +30,6 @@ EXCEPTIONS = {
 NOT_FINITE = ("one not a number", "infinite")
 BETWEEN_PARTS = {
     "check_step",
-    "meet_constraints",
     "decay_rate",
     "dragged",
     "factor",
