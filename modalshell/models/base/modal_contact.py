@@ -371,10 +371,8 @@ class ModalContactMotion(ModalPressedMotion):
         implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, ends)
         free, _, ahead = ends
         if drag is not None:  # it falls from the rates of the beginning to those of the end
-            pull, compliance = (
-                (free - q) / compliance + drag @ rates,
-                np.linalg.inv(np.diag(1.0 / compliance) + drag / dt),
-            )
+            pull, stiffness = (free - q) / compliance + drag @ rates, np.diag(1.0 / compliance) + drag / dt
+            compliance = np.asarray(np.linalg.inv(stiffness), np.float64)
             free = q + compliance @ pull
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
         if self._targets is None:
