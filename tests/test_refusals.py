@@ -30,6 +30,7 @@ EXCEPTIONS = {
 NOT_FINITE = ("one not a number", "infinite")
 BETWEEN_PARTS = {
     "check_step",
+    "impulse",
     "decay_rate",
     "dragged",
     "factor",
