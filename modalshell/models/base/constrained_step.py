@@ -34,7 +34,7 @@ def force_held(
 ) -> ForceInTime:
     """The ``force`` of a step where constraints leave the shell if they push as in the step before.
 
-    Where they do not let it go the load is another, and a shell would come to rest beside its equilibrium. ``step`` is
+    Where they do not let it go the load is another, and a shell would come to rest off its equilibrium. ``step`` is
     its length [s] and the damping. ``falls`` are rates (m,), if any, at which the force was asked for, and its fall
     (m, m) with them: those of the shell without constraints, as the end is that it corrects.
     """
